@@ -29,7 +29,8 @@ _UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "micron": 1e-6, "microns"
 _HEIGHTS: Final = {"deep", "depth", "high", "height", "tall"}
 _MADE_OF: Final = {("made", "of"), ("made", "from"), ("out", "of")}
 _PICTURE_WORDS: Final = re.compile(
-    r"close[- ]?up|top.down|(?:natural|studio|ambient|street)[- ]?lights?|high[- ]res\w*|fine[- ]detail\w*|soft\w* light\w*"
+    r"close[- ]?up|top.down|(?:natural|studio|ambient|street)[- ]?lights?|high[- ]res\w*"
+    r"|fine[- ]detail\w*|soft\w* light\w*"
 )
 _FINISHED: Final = ("metal", "gravel")
 """Kinds whose finish decides which variant is nearest."""
