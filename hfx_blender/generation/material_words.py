@@ -264,6 +264,63 @@ _TABLE: Final = (
      "breadboard, dashboard trim, humidor, baseball bat, cue, cabinetry, ukulele, drawer, clog"),
     ("wood-veneer", 0.6, 2.0, "cork", 3,
      "cork, corkboard, cork board"),
+    # Things and places that are named for their material
+    ("gravel-sharp", 1.0, 1.0, "grey", 2,
+     "mountain, rock face, cliff face, cave wall, meteorite, asteroid, moon rock, geode, "
+     "crystal, stalactite, ruin, lunar, crater, glacier moraine, landslide, construction site, "
+     "demolition, canyon, ravine, dry stone wall, cairn"),
+    ("gravel-coarse", 0.75, 1.0, "grey", 2,
+     "roadside, path, forest track, stream, flowerbed, graveyard, playground, parking, verge, "
+     "lane, embankment, seabed, lakeside, coast, patio, terrace, farm track, drainage, walkway"),
+    ("gravel-fine", 1.0, 1.0, "grey", 3,
+     "kitty litter, pea shingle, screed, gritstone, seashell, shell, popcorn, bean, lentil, "
+     "rice, corn, seed, coffee bean, peppercorn, granola, crumb, breadcrumb, pellet, bead, "
+     "marble chip, gravel bed"),
+    ("gravel-fine", 0.5, 0.4, "grey", 2,
+     "castle, temple, pyramid, cathedral, monument, fountain, bunker, dungeon, chimney, "
+     "fireplace, pottery, flowerpot, kiln, hearth, tomb"),
+    ("metal-brushed", 1.0, 1.0, "silver", 2,
+     "bicycle, submarine, spaceship, spacecraft, satellite, vault, safe, zipper, hammer, axe "
+     "head, rocket, tractor, truck, train, motorbike, motorcycle, garage door, shutter, ladle, "
+     "tongs, thermos, flask, bucket, watering can, wrecking ball, escalator, wheel rim, "
+     "piston, gear, cog, gun, rifle, pistol, bullet, drill bit, solder, hinge, handcuff, "
+     "staple, needle, pin"),
+    ("metal-cast", 0.5, 3.0, "steel", 2,
+     "grille, grill, barbecue, cage, fencing wire, sieve, colander, drain cover, mesh, spring, "
+     "netting wire, strainer, whisk, escalator step"),
+    ("metal-cast", 1.0, 1.0, "iron", 2,
+     "engine block, manhole cover, lamp post, cogwheel, fire hydrant, plough, plow, hydrant, "
+     "bollard, stove plate, sewing machine, weight plate, kettlebell"),
+    ("fabric-shirting", 1.0, 1.0, "white", 2,
+     "hospital gown, nightgown, nightie, petticoat, wedding dress, veil, bandana, turban, "
+     "uniform shirt, chef jacket, collar, cuff, sleeve, hankie, wrap, shroud, toga, costume, "
+     "doily, bunting, bib, sling, diaper, nappy, pouch, polo shirt, underwear, underpants, "
+     "boxers, tunic, smock, canopy"),
+    ("fabric-basket", 1.5, 1.2, "wool", 2,
+     "hoody, sweatshirt, bobble hat, woolly hat, mitt, car seat, train seat, cinema seat, "
+     "tracksuit, doormat weave, pillow cover, sleeping bag, dishrag, flannel cloth, poncho "
+     "wool, settee, ottoman, footstool, beanbag, headband, leg warmer, dressing gown, nest"),
+    ("fabric-satin", 1.0, 1.0, "cream", 2,
+     "swimsuit, leotard, tutu, bow, pyjama set, bra, pantyhose, tracksuit top, raincoat, "
+     "anorak, flag silk, sash, parasol, kite"),
+    ("fabric-satin", 1.5, 1.5, "brown", 2,
+     "saddle, wallet, handbag, purse, boot, shoe, football, baseball glove, steering wheel, "
+     "glove leather, briefcase, bag leather"),
+    ("fabric-corduroy", 0.35, 0.5, "red", 2,
+     "theatre curtain, theater curtain, teddy, stuffed animal, cat, dog, cuddly toy, slipper, "
+     "felt hat, tennis ball, beret, jewellery box, puppet"),
+    ("wood-oak", 1.0, 1.0, "oak", 2,
+     "workbench, church pew, staircase, bannister, cupboard, bed frame, mantelpiece, rocking "
+     "chair, cradle, coffin, casket, mallet, oar, paddle, canoe, walking stick, bowling alley, "
+     "dance floor, pub table, butcher block, butcher, sideboard, treehouse, floor board, door "
+     "frame, window frame, bat, ballroom floor, picture frame, bookend, gavel"),
+    ("wood-pine", 1.0, 1.0, "pine", 3,
+     "cedar shingle, wooden shingle, shake roof, timber frame, plasterboard lath, sawmill, "
+     "matchwood, kindling, log wall, chalet, wooden box, sauna bench, ski hut, boarding, "
+     "weatherboard"),
+    ("wood-weathered", 1.0, 1.0, "driftwood", 2,
+     "woodpile, old barn, ghost town, old boat, fishing boat, windmill, water wheel, hayloft, "
+     "stable, haystack, straw, thatch, gatepost, signpost, railway tie, old cask, beaver dam"),
 )  # fmt: skip
 
 

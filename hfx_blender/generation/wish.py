@@ -29,7 +29,8 @@ _UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "micron": 1e-6, "microns"
 _HEIGHTS: Final = {"deep", "depth", "high", "height", "tall"}
 _MADE_OF: Final = {("made", "of"), ("made", "from"), ("out", "of")}
 _PICTURE_WORDS: Final = re.compile(
-    r"close[- ]?up|top.down|high[- ]res\w*|fine[- ]detail\w*|soft\w* light\w*"
+    r"close[- ]?up|top.down|(?:natural|studio|ambient|street)[- ]?lights?|high[- ]res\w*"
+    r"|fine[- ]detail\w*|soft\w* light\w*"
 )
 _FINISHED: Final = ("metal", "gravel")
 """Kinds whose finish decides which variant is nearest."""
@@ -106,6 +107,8 @@ class Wish:
                 f"for {', '.join(KINDS)}" + _listed(self.unknown)
             )
         mine = [each for each in self.materials if each.meaning.kind == kind]
+        tints = [each.word for each in self.materials if each.word in COLOURS and each not in mine]
+        self.colour = self.colour or (tints[0] if tints else None)  # silk, gold
         told = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
         finishes = [each.meaning for each in mine if each.meaning.weight == 1]
         shape = finishes[-1] if finishes and kind in _FINISHED else told.meaning

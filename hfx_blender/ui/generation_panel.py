@@ -19,7 +19,7 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
     """A material that can be felt, from words or from any picture"""
 
     bl_label = "Material from Words or Picture"
-    bl_order = 3
+    bl_order = 1
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -54,18 +54,17 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
 
     @staticmethod
     def _draw_results(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+        obj = context.object
+        is_felt = obj is not None and obj.hfx.surface.source == "GENERATED"
+        if is_felt and obj.hfx.kind == "SURFACE":
+            layout.operator("hfx.stroke_pad", icon="GREASEPENCIL")
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         for number, record in enumerate(generation.results):
             column = grid.column(align=True)
             column.template_icon(icon_value=_icon(record), scale=5.0)
             column.operator("hfx.use_generated").number = number
-        if not generation.results:
-            return
-        obj = context.object
-        if obj is not None and obj.hfx.surface.source == "GENERATED":
-            layout.operator("hfx.stroke_pad", icon="GREASEPENCIL")
-            if obj.hfx.surface.note:
-                draw_text(context, layout, obj.hfx.surface.note, "INFO")
+        if is_felt and obj.hfx.surface.note:
+            draw_text(context, layout, obj.hfx.surface.note, "INFO")
 
 
 def _icon(record: Any) -> int:

@@ -131,3 +131,19 @@ def test_generation_is_cancelled_at_once(tmp_path: Path) -> None:
     assert child.is_running
     child.cancel()
     assert not child.records and not list(tmp_path.iterdir())
+
+
+def test_a_material_is_undone_and_redone(registered: Any, wanted: Any) -> None:
+    bpy = registered
+    wanted.variations = 1
+    name = plane(bpy, 0.1).name
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.hfx.generate_surface() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="made")
+    bpy.ops.ed.undo()
+    obj = bpy.data.objects[name]
+    assert obj.active_material is None and not surfaces.is_surface(obj)
+    bpy.ops.ed.redo()
+    obj = bpy.data.objects[name]
+    assert obj.active_material.name == "oak"
+    assert surfaces.map_of(obj).intensity.max() > 0.0

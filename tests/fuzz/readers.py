@@ -30,6 +30,7 @@ from hfx_blender.formats.clip import rules as clip_rules
 from hfx_blender.formats.clip.container import sealed
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.hjif import reader, text, to_signals
+from hfx_blender.generation.picture_prompts import prompt_of
 
 Reader = Callable[[bytes], None]
 
@@ -152,6 +153,7 @@ def _members(content: bytes) -> dict[str, bytes]:
 def _png(folder: Path, content: bytes) -> None:
     path = folder / "x.png"
     path.write_bytes(content)
+    prompt_of(png.texts(path))
     png.read(path)
 
 

@@ -109,12 +109,19 @@ def _maps(folder: Path) -> list[bytes]:
 def _pngs(folder: Path) -> list[bytes]:
     """PNG files of every depth, kind of colour and filter."""
     found = []
+    node = b'{"1": {"inputs": {"seed": 1, "positive": ["2", 0]}}, "2": {"inputs": {"text": "a"}}}'
+    words = b"a\nNegative prompt: b\nSteps: 2, Seed: 3, Model: c"
+    texts = (
+        (b"tEXt", b"prompt\0" + node),
+        (b"zTXt", b"parameters\0\0" + zlib.compress(words)),
+        (b"iTXt", b"workflow\0\0\0\0\0" + b'{"nodes": [{"id": 1, "inputs": []}], "links": [[1]]}'),
+    )
     for colour, channels in ((0, 1), (2, 3), (4, 2), (6, 4)):
         for depth in (8, 16):
             unit = channels * depth // 8
             rows = b"".join(bytes([k]) + bytes(range(3 * unit)) for k in range(5))
             head = struct.pack(">IIBBBBB", 3, 5, depth, colour, 0, 0, 0)
-            parts = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+            parts = ((b"IHDR", head), *texts, (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
             found.append(b"\x89PNG\r\n\x1a\n" + b"".join(png_part(*each) for each in parts))
     return found
 
