@@ -20,6 +20,10 @@ CHILDREN = (
     "devices.live.render_worker",
     "devices.live.script_worker",
     "engine.parallel.evaluation_worker",
+    "engine.texture.relief_worker",
+    "generation.worker",
+    "maintenance.relief.data_set",
+    "maintenance.relief.training",
 )
 """Modules that are run as processes."""
 

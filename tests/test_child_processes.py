@@ -59,7 +59,8 @@ def test_no_child_runs_what_lies_in_the_current_folder(
     ) as process:
         _, err = process.communicate(timeout=120)
     assert RAN not in err and process.returncode != 77
-    assert "hfx_blender.errors" in err, "it came to its own imports"
+    is_at_imports = "hfx_blender.errors" in err or "No module named 'torch'" in err  # not ours
+    assert is_at_imports, "it came to its own imports"
 
 
 def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 from bpy.props import BoolProperty, FloatVectorProperty
 
-from ..authoring import relief_estimation, surface_uv
 from ..errors import InputError
 from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ..authoring.relief_estimation import ReliefEstimation
 
 _PAUSE_S = 0.1
 
@@ -42,10 +46,14 @@ class HFX_OT_estimate_relief(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
+        from ..authoring import relief_estimation
+
         found = relief_estimation.picture_of(context.object)
         return cls.needs(found, "Select a mesh whose material has a picture as its base colour")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        from ..authoring import surface_uv
+
         self._is_invoked = True
         if not self.properties.is_property_set("size_mm"):
             try:
@@ -62,9 +70,13 @@ class HFX_OT_estimate_relief(HfxOperator):
         return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import relief_estimation
+
         return relief_estimation.take(context.object, self._started(context))
 
-    def _started(self, context: bpy.types.Context) -> relief_estimation.ReliefEstimation:
+    def _started(self, context: bpy.types.Context) -> ReliefEstimation:
+        from ..authoring import relief_estimation
+
         picture = relief_estimation.picture_of(context.object)
         return relief_estimation.ReliefEstimation(picture, tuple(self.size_mm), self.tiles)
 
@@ -90,9 +102,9 @@ class HFX_OT_estimate_relief(HfxOperator):
         self.cancel(context)
         return self.reported(lambda: self._taken(context, estimation))
 
-    def _taken(
-        self, context: bpy.types.Context, estimation: relief_estimation.ReliefEstimation
-    ) -> str:
+    def _taken(self, context: bpy.types.Context, estimation: ReliefEstimation) -> str:
+        from ..authoring import relief_estimation
+
         obj = context.scene.objects.get(self._owner)
         if obj is None:
             estimation.stop()

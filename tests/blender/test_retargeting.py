@@ -95,13 +95,14 @@ def test_positions_are_as_blender_deforms_the_painted_mesh(
     rig, skin = anna
     bend(rig)
     effect = oracle.add_painted("Felt", "pressure", rig)
-    canvas = painting.begin(bpy.context, effect)
     evaluation = oracle.evaluate(scene, record=("positions",), rate_hz=10)
     assert isinstance(evaluation.reader.description.bodies[0].binding, SkinBinding)
     for index in evaluation.reader.sample_indices.tolist():
         oracle.set_time(scene, evaluation.reader.time.frame(index))
         positions = evaluation.of("Felt", index).positions
+        canvas = painting.begin(bpy.context, effect)  # in the pose of this frame
         expected = oracle.world_vertices(scene, canvas)
+        painting.end(effect)
         assert np.linalg.norm(positions - expected, axis=1).max() < 1e-5
         assert np.percentile(world_surface_distance(skin, positions[::40]), 95) < 0.003
 
@@ -247,7 +248,7 @@ def test_without_scipy_it_is_told_what_to_install(
 ) -> None:
     rig, skin = own_avatar(scene, centimetres=False)
     before = everything(rig)
-    monkeypatch.setattr(retargeting, "find_spec", lambda name: None)
+    monkeypatch.setattr(bodies, "find_spec", lambda name: None)
     with pytest.raises(RuntimeError, match="needs the Python package scipy"):
         mark(rig, skin)
     assert everything(rig) == before
