@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -15,6 +17,8 @@ from hfx_blender.authoring import image_values, surfaces
 from hfx_blender.cli import run
 from hfx_blender.engine.texture.relief_estimate import estimate
 from hfx_blender.formats import png, texture_map
+from hfx_blender.operators.shared import HfxOperator
+from hfx_blender.operators.surface_relief import HFX_OT_estimate_relief
 
 
 @pytest.fixture
@@ -106,3 +110,57 @@ def test_without_a_picture_the_button_is_off(painted: Any) -> None:
     tree = painted.active_material.node_tree
     tree.links.remove(tree.nodes["Principled BSDF"].inputs["Base Color"].links[0])
     assert not bpy.ops.hfx.estimate_relief.poll()
+
+
+class Window:
+    """What the dialog's operator uses of a window: it counts timers and keeps reports."""
+
+    def __init__(self) -> None:
+        self.object, self.scene = bpy.context.object, bpy.context.scene
+        self.window, self.workspace, self.window_manager = None, self, self
+        self.timers, self.reports = 0, []
+
+    def event_timer_add(self, _pause: float, window: object) -> int:
+        self.timers += 1
+        return self.timers
+
+    def event_timer_remove(self, _timer: int) -> None:
+        self.timers -= 1
+
+    def modal_handler_add(self, _operator: object) -> None: ...
+    def status_text_set(self, _text: object) -> None: ...
+
+
+def dialog(window: Window) -> Any:
+    """The operator as its dialog has begun it, without Blender's own part of it."""
+    methods = {**HfxOperator.__dict__, **HFX_OT_estimate_relief.__dict__}
+    keep = ("_begin", "_started", "_taken", "modal", "cancel", "reported", "_estimation", "_timer")
+    operator = type("Dialog", (), {name: methods[name] for name in keep})()
+    operator.size_mm, operator.tiles = (20.0, 10.0), True
+    operator.report = lambda level, text: window.reports.append((level, text))
+    assert operator.reported(lambda: operator._begin(window)) == {"FINISHED"}
+    return operator
+
+
+def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
+    window = Window()
+    operator = dialog(window)
+    assert operator._estimation.is_running
+    moved, tick = SimpleNamespace(type="MOUSEMOVE"), SimpleNamespace(type="TIMER")
+    assert operator.modal(window, moved) == {"PASS_THROUGH"}
+    bpy.context.view_layer.objects.active = None  # it is made on the object that was active
+    until = time.monotonic() + 120.0
+    while (state := operator.modal(window, tick)) == {"PASS_THROUGH"} and time.monotonic() < until:
+        time.sleep(0.05)
+    assert state == {"FINISHED"} and window.timers == 0
+    assert painted.hfx.surface.image_kind == "ESTIMATE" and not surfaces.is_stale(painted)
+
+
+def test_esc_ends_the_process_and_leaves_the_object_alone(painted: Any) -> None:
+    window = Window()
+    operator = dialog(window)
+    process = operator._estimation._process
+    esc = SimpleNamespace(type="ESC", value="PRESS")
+    assert operator.modal(window, esc) == {"CANCELLED"}
+    assert process.poll() is not None and window.timers == 0
+    assert not surfaces.is_surface(painted)

@@ -23,6 +23,9 @@ STRIDE: Final = 16
 WEIGHTS: Final = Path(__file__).with_suffix(".npz")
 
 _DARK: Final = 0.02  # light that is added before logarithms are taken
+_FLAT: Final = 0.03
+"""Slope below which most texels are flat: the network, whose slopes are above 0, says no less."""
+
 _ROWS: Final = 64  # of a convolution done together
 
 Weights = dict[str, F32]
@@ -76,7 +79,9 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
         found = np.rot90(found, -turns, (1, 2))
         total = found.copy() if total is None else np.add(total, found, out=total)
     assert total is not None
-    return Estimate(*(total * np.float32(0.25)))
+    heights, slope, roughness = total * np.float32(0.25)
+    # Gently, so that the faint pattern of a smooth surface is kept.
+    return Estimate(heights, slope * (slope / (slope + np.float32(_FLAT))), roughness)
 
 
 def forward(x: F32, weights: Weights, tiles: bool) -> F32:
