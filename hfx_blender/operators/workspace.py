@@ -14,9 +14,10 @@ from .shared import HfxOperator
 NAME = "HFX"
 TAB = "HFX"
 
-_NLA_SHARE = 0.28  # of the viewport's height
+_NLA_SHARE = 0.4  # of the viewport's height: five effects at 1280 x 800, two rows each
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
+_DRAWN_S = 0.5
 _PATIENCE_S = 30.0
 
 
@@ -137,9 +138,25 @@ def _arrange(window: bpy.types.Window) -> None:
                 lower, upper = sorted((area, viewport), key=lambda each: each.y)
                 lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
                 lower.spaces.active.show_region_ui = False
+                lower.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
+                _frame_clips_soon(window, lower)
     viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
     viewport.spaces.active.show_region_ui = True
     _show_tab(viewport)
+
+
+def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
+    """Show all clips, once the editor knows how large it is."""
+
+    def frame_clips() -> None:
+        try:
+            region = next(region for region in editor.regions if region.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=editor, region=region):
+                bpy.ops.nla.view_all()
+        except (ReferenceError, StopIteration, RuntimeError):  # closed meanwhile
+            return
+
+    bpy.app.timers.register(frame_clips, first_interval=_DRAWN_S)
 
 
 def _show_tab(viewport: bpy.types.Area) -> None:

@@ -4,7 +4,7 @@
 ``python tests/engine/freeze_contacts.py write DIR`` evaluates scenes made from seeds and of the
 benches, all that a sample holds, in full precision: one file for each. At another commit do the
 same into another folder; ``... compare DIR OTHER`` then names each scene whose weights or details
-differ by more than 1e-6. ``write --only random,bodies`` leaves out what needs Blender. Not
+differ by more than 1e-6. ``write --only random,bodies,moving`` leaves out what needs Blender. Not
 part of the test suite: it is for changes that should change nothing.
 """
 
@@ -13,13 +13,17 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from distorted_scenes import DistortedScene, load
+from moving_scenes import moving_scene
 from random_contacts import RandomContact
 
+from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.samples import Sample, SampleRun
+from hfx_blender.engine.scene import SceneDescription
 from hfx_blender.engine.tolerance import EXACT, PAPER, PRESETS, PREVIEW, STANDARD, Tolerance
 
 NEAR = 1e-6
@@ -54,6 +58,22 @@ def of_bodies() -> Scenes:
                 return make(load(f"hfx-{modality}-1"), seed, 0.4).runs(it)
 
             yield f"body-{modality}-{tolerance.name}", evaluated
+
+
+def of_moving() -> Scenes:
+    """The shipped models, and volumes that turn, fly and change shape; and bodies that turn."""
+    for modality in ("temperature", "pressure"):
+        for seed, (strength, speed) in enumerate(((0.0, 1.0), (0.3, 0.1), (0.1, 0.4))):
+            for tolerance in (STANDARD, EXACT):
+
+                def evaluated(
+                    modality: str = modality, drawn: tuple = (seed, strength, speed),
+                    it: Tolerance = tolerance,
+                ) -> list[SampleRun]:  # fmt: skip
+                    scene, block = moving_scene(load(f"hfx-{modality}-1"), *drawn)
+                    return Engine(scene, models=load, tolerance=it).evaluate(block)
+
+                yield f"moving-{modality}-{seed}-{tolerance.name}", evaluated
 
 
 def of_blender() -> Scenes:
@@ -92,7 +112,6 @@ def _of_scene(
 ) -> list[SampleRun]:
     import bpy
 
-    from hfx_blender.engine.evaluate import Engine
     from hfx_blender.reading.scene_reader import SceneReader
 
     build()
@@ -110,10 +129,18 @@ def _of_scene(
     engine = Engine(reader.description, record=record, tolerance=tolerance)
     volumes = {each.id for each in reader.description.effects if each.kind == "volume"}
     runs = (run for block in reader.blocks() for run in engine.evaluate(block))
-    return [run for run in runs if run.stream.effect_id in volumes]
+    return [_named(run, reader.description) for run in runs if run.stream.effect_id in volumes]
 
 
-GROUPS = {"random": of_seeds, "bodies": of_bodies, "blender": of_blender}
+def _named(run: SampleRun, scene: SceneDescription) -> SampleRun:
+    """A run whose stream has names instead of ids, which are others each time a scene is built."""
+    names = {each.id: each.name for each in (*scene.bodies, *scene.effects)}
+    own = run.stream
+    named = replace(own, effect_id=names[own.effect_id], body_id=names[own.body_id])
+    return replace(run, stream=named)
+
+
+GROUPS = {"random": of_seeds, "bodies": of_bodies, "moving": of_moving, "blender": of_blender}
 
 
 def write(folder: Path, groups: list[str]) -> int:

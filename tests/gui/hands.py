@@ -97,8 +97,8 @@ def adjust(h: Any, values: dict[int, str], shot: str = "") -> Iterator[float]:
         h.shot(shot)
 
 
-def fill_part(h: Any, row: int, shot: str = "") -> Iterator[float]:
-    """Fill Body Part in the sidebar: a row of its menu."""
+def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]:
+    """Fill Body Part in the sidebar: a column and a row of its menu."""
     paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
     menus = yield from h.choices(h.region("UI"))
     yield from h.click(*next(place for place in menus if place[1] > paint[1]))
@@ -106,7 +106,14 @@ def fill_part(h: Any, row: int, shot: str = "") -> Iterator[float]:
     if shot:
         h.shot(shot)
     parts = yield from h.menu_rows()
-    yield from h.click(*parts[row])
+    columns: list[list[tuple[float, float]]] = []
+    for place in sorted(parts):
+        if columns and place[0] - columns[-1][-1][0] < 20:
+            columns[-1].append(place)
+        else:
+            columns.append([place])
+    column, row = entry
+    yield from h.click(*sorted(columns[column], key=lambda place: place[1])[row])
     yield 0.8
 
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from both_ways import in_numpy, needs_library
-from test_compiled_contact import TOLERANCES, load, moving_scene
+from moving_scenes import moving_scene
+from test_compiled_contact import TOLERANCES, load
 
 from hfx_blender.engine.active_rows import FARTHEST, followed
 from hfx_blender.engine.contact import block_broad_phase, compiled_broad_phase, contacts

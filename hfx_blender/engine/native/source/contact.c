@@ -223,7 +223,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_bones *bones, const hfx_target *target,
                                  const hfx_drift *drift, hfx_found *found, double *room,
                                  event *events) {
-  look at = {.table = table, .target = target, .bones = bones};
+  look at = {.table = table, .target = target, .bones = bones, .on_the_way_of = -1};
   at.steepest = hfx_steepest(target), at.allowed_m = pairs->allowed_m;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];

@@ -8,13 +8,14 @@
 #include "analytic.h"
 #include "broad.h"
 
-// Where a point is after each of some steps of an interval, (steps + 1, 3). `from_before` and
-// `from_after` are (steps + 1, intervals, 4, 4); a straight way, of one step, asks for none.
+// Where a point is after each of some steps of an interval, (steps + 1, 3): at both ends, and from place
+// `low` to `high`. `from_before` and `from_after` are (steps + 1, intervals, 4, 4); a straight way, of
+// one step, asks for none.
 static inline void hfx_path(const double *from_before, const double *from_after, int64_t intervals,
-                            int64_t interval, int64_t steps, const double before[3],
-                            const double after[3], double path[][3]) {
+                            int64_t interval, int64_t steps, int64_t low, int64_t high,
+                            const double before[3], const double after[3], double path[][3]) {
   for (int i = 0; i < 3; i++) path[0][i] = before[i], path[steps][i] = after[i];
-  for (int64_t k = 1; k < steps; k++) {
+  for (int64_t k = low > 1 ? low : 1; k < steps && k <= high; k++) {
     double share = (double)k / (double)steps;
     const double *one = from_before + 16 * (k * intervals + interval);
     const double *other = from_after + 16 * (k * intervals + interval);

@@ -112,7 +112,8 @@ static int way_of(const hfx_surface *surface, const hfx_ways *ways, int64_t n, d
     before[k] = ways->before[k * ways->count + n];
     after[k] = ways->after[k * ways->count + n];
   }
-  hfx_path(ways->from_before, ways->from_after, ways->all, ways->interval[n], ways->steps, before, after, path);
+  hfx_path(ways->from_before, ways->from_after, ways->all, ways->interval[n], ways->steps, 0, ways->steps,
+           before, after, path);
   for (int64_t s = 0; s <= ways->steps; ++s)
     for (int k = 0; k < 3; ++k) sum += path[s][k] -= surface->middle[k];
   return isfinite(sum) != 0;

@@ -22,10 +22,18 @@ typedef struct {
   double when, change;  // of how much is inside
 } event;
 
-// Where a point is on the way, (steps + 1, 3).
+#define EVERY_STEP (~(uint64_t)0)
+
+// Where a point is on the way, (steps + 1, 3): from the first to the last of the `open` steps, which
+// has a bit for each.
 static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int64_t interval,
-                    const double before[3], const double after[3], double path[][3]) {
-  hfx_path(drift->before[kind], drift->after[kind], drift->intervals, interval, steps, before, after, path);
+                           uint64_t open, const double before[3], const double after[3],
+                           double path[][3]) {
+  int64_t low = 0, high = steps - 1;
+  while (low < high && !(open >> low & 1)) low++;
+  while (low < high && !(open >> high & 1)) high--;
+  hfx_path(drift->before[kind], drift->after[kind], drift->intervals, interval, steps, low, high + 1,
+           before, after, path);
 }
 
 // See swept._along.
@@ -49,17 +57,26 @@ static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t ste
   return 0;
 }
 
-// See swept._entered: adds when something on a path was inside. The number of events then.
-static inline int64_t enter(const look *at, const double (*path)[3], int64_t steps, double share,
-                     event *events, int64_t count) {
+// Adds when something on a path was inside, as engine/contact/continuous_collision.py does in
+// _entered. The number of events then. Only `open` steps, one bit each, are looked at.
+static inline int64_t enter(const look *at, const double (*path)[3], int64_t steps, uint64_t open,
+                     double share, event *events, int64_t count) {
   double first = INFINITY, last = -INFINITY;
-  for (int64_t k = 0; k < steps; k++) {
-    hfx_times t = hfx_passage(at->shape, path[k], path[k + 1]);
+  int64_t begin = 0;
+  for (; begin < steps && first == INFINITY; begin++) {
+    if (!(open >> begin & 1)) continue;
+    hfx_times t = hfx_passage(at->shape, path[begin], path[begin + 1]);
     if (!(t.first <= t.last)) continue;
-    if (first == INFINITY) first = ((double)k + t.first) / (double)steps;
-    last = ((double)k + t.last) / (double)steps;
+    first = ((double)begin + t.first) / (double)steps, last = ((double)begin + t.last) / (double)steps;
   }
   if (first == INFINITY) return count;
+  for (int64_t k = steps - 1; k >= begin; k--) {  // from the end: what is between does not matter
+    if (!(open >> k & 1)) continue;
+    hfx_times t = hfx_passage(at->shape, path[k], path[k + 1]);
+    if (!(t.first <= t.last)) continue;
+    last = ((double)k + t.last) / (double)steps;
+    break;
+  }
   double strength = 1.0;
   if (!at->target->is_flat) {
     strength = 0.0;
@@ -90,8 +107,14 @@ static inline void sift(event *events, int64_t root, int64_t count) {
   events[root] = moved;
 }
 
-// The most that was inside at one moment; see Crossings.peaks.
+// The most that was inside at one moment; see Crossings.peaks. Events come in pairs: in, and out.
 static inline double peak_of(event *events, int64_t count) {
+  double latest = -INFINITY, earliest = INFINITY, all = 0.0;
+  for (int64_t k = 0; k < count; k += 2) {
+    latest = hfx_larger(latest, events[k].when), earliest = hfx_smaller(earliest, events[k + 1].when);
+    all += events[k].change;
+  }
+  if (latest <= earliest) return all > WHOLE ? 1.0 : all;  // all are inside at once
   for (int64_t root = count / 2; root-- > 0;) sift(events, root, count);
   for (int64_t last = count - 1; last > 0; last--) {
     event largest = events[0];
@@ -104,6 +127,93 @@ static inline double peak_of(event *events, int64_t count) {
     if (inside > peak) peak = inside;
   }
   return peak > WHOLE ? 1.0 : peak;
+}
+
+// How much points may be stretched on the way to each end of a step, (steps + 1,).
+static inline const double *stretches_of(look *at, const hfx_drift *drift, int64_t steps, int kind,
+                                         int64_t interval) {
+  double *stretches = at->on_the_way;
+  if (at->on_the_way_of == interval * STEP_KINDS + kind) return stretches;
+  at->on_the_way_of = interval * STEP_KINDS + kind;
+  for (int64_t k = 0; k <= steps; k++) {
+    int64_t matrix = 16 * (k * drift->intervals + interval);
+    stretches[k] = hfx_larger(hfx_stretch(drift->before[kind] + matrix, 4),
+                              hfx_stretch(drift->after[kind] + matrix, 4));
+  }
+  return stretches;
+}
+
+// Steps, one bit each, in which skin of a quad may meet the volume, between its triangles `a` and `b`
+// at both rows. At the end of a step each flat place of it is in the triangle of its corners there: a
+// plane beside the volume that parts the corners of both ends from it, parts all of the step. Skin
+// bulges no farther than its height, stretched as the corners are.
+static inline uint64_t open_steps(look *at, const hfx_drift *drift, int64_t steps, int kind,
+                                  int64_t interval, int64_t quad, const triangle *a, const triangle *b) {
+  const hfx_quad *curved = at->table->quads + quad;
+  double path[3][MOST_STEPS + 1][3], margins[MOST_STEPS + 1];
+  for (int c = 0; c < 3; c++)
+    path_of(drift, steps, kind, interval, EVERY_STEP, a->corners[c], b->corners[c], path[c]);
+  // A height is at most a third of the largest bulge, in the middle of a triangle.
+  double height = hfx_larger(fabs(curved->to_one), hfx_larger(fabs(curved->to_two), fabs(curved->between)));
+  height *= sqrt(hfx_larger(hfx_dot(a->out, a->out), hfx_dot(b->out, b->out))) / 3.0;
+  const double *stretches = height > 0.0 ? stretches_of(at, drift, steps, kind, interval) : NULL;
+  for (int64_t k = 0; k <= steps; k++) margins[k] = stretches ? SLACK * height * stretches[k] : 0.0;
+  uint64_t open = 0;
+  for (int64_t k = 0; k < steps; k++) {
+    double ends[6][3];
+    for (int c = 0; c < 6; c++)
+      for (int i = 0; i < 3; i++) ends[c][i] = path[c % 3][k + c / 3][i];
+    double margin = hfx_larger(margins[k], margins[k + 1]);
+    if (!hfx_parted(at->shape, (const double(*)[3])ends, 6, margin)) open |= (uint64_t)1 << k;
+  }
+  return open;
+}
+
+// Whether the skin of a quad surely stays outside on a straight way. Where a corner is inside, nothing
+// parts them.
+static inline int stays_outside(const look *at, const side *before, const side *now, int64_t unit,
+                                int64_t quad, const triangle *a, const triangle *b) {
+  const hfx_table *table = at->table;
+  double shallowest = hfx_smaller(before->clear[unit], now->clear[unit]), corners[6][3];
+  for (int k = 0; k < 2; k++) {
+    int64_t corner = table->around[2 * quad + k] - at->first;
+    shallowest = hfx_smaller(shallowest, hfx_smaller(before->clear[corner], now->clear[corner]));
+  }
+  if (shallowest <= 0.0) return 0;
+  for (int k = 0; k < 3; k++)
+    for (int i = 0; i < 3; i++) corners[k][i] = a->corners[k][i], corners[3 + k][i] = b->corners[k][i];
+  double stretch = hfx_larger(at->stretch, hfx_stretch(at->target->to_shape + 16 * before->row, 4));
+  return hfx_parted(at->shape, (const double(*)[3])corners, 6, table->bulge_m[at->number] * stretch);
+}
+
+// What of a quad of a unit entered on the way from one pair to the next. The number of events then.
+static inline int64_t follow_quad(look *at, side *before, side *now, int64_t unit, int64_t quad,
+                                  int64_t steps, int kind, const hfx_drift *drift, event *events,
+                                  int64_t count) {
+  int64_t interval = now->row - 1;
+  uint64_t open = EVERY_STEP;
+  triangle a, b;
+  corners_of(at, before, unit, quad, a.corners);
+  corners_of(at, now, unit, quad, b.corners);
+  if (steps == 1 && stays_outside(at, before, now, unit, quad, &a, &b)) return count;
+  // Samples of the start stand outwards as the skin did there.
+  at->has_turns = 0;
+  find_edges(at, interval, quad, &a);
+  at->has_turns = 0;
+  find_edges(at, now->row, quad, &b);
+  if (steps > 1) open = open_steps(at, drift, steps, kind, interval, quad, &a, &b);
+  if (!open) return count;
+  int64_t number = steps_of(at, before, quad, &a), later = steps_of(at, now, quad, &b);
+  number = number > later ? number : later;
+  for (int64_t k = 0; k < number * number; k++) {
+    hfx_sample s = sample_of(at->table, quad, number, k);
+    double start[3], end[3], path[MOST_STEPS + 1][3];
+    place_sample(&s, &a, start);
+    place_sample(&s, &b, end);
+    path_of(drift, steps, kind, interval, open, start, end, path);
+    count = enter(at, (const double(*)[3])path, steps, open, s.share, events, count);
+  }
+  return count;
 }
 
 // See swept.passing and swept.crossings: what of a unit entered on the way from one pair to the
@@ -132,47 +242,16 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
     double length = sqrt(hfx_dot(way, way)), spare = SPARE * (fabs(clear) + length);
     if (clear - length > bound + spare) return count;
   }
-  path_of(drift, steps, kind, interval, one, other, path);
+  path_of(drift, steps, kind, interval, EVERY_STEP, one, other, path);
   if (!may_meet(at->shape, (const double(*)[3])path, steps, 0.5 * bound)) return count;
   double reach = hfx_larger(reach_of(at, before, unit), reach_of(at, now, unit));
   if (!may_meet(at->shape, (const double(*)[3])path, steps, reach)) return count;
   int told = is_told(at, now, unit, from, to, &cells[1]) && is_told(at, before, unit, from, to, &cells[0]);
   double share = told ? table->unit_shares[place] : table->vertex_shares[place];
-  count = enter(at, (const double(*)[3])path, steps, share, events, count);
+  count = enter(at, (const double(*)[3])path, steps, EVERY_STEP, share, events, count);
   if (told || !table->is_split) return count;
-  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
-    triangle a, b;
-    corners_of(at, before, unit, q, a.corners);
-    corners_of(at, now, unit, q, b.corners);
-    double shallowest = hfx_smaller(before->clear[unit], now->clear[unit]);
-    for (int k = 0; k < 2; k++) {
-      int64_t corner = table->around[2 * q + k] - at->first;
-      shallowest = hfx_smaller(shallowest, hfx_smaller(before->clear[corner], now->clear[corner]));
-    }
-    if (steps == 1 && !(shallowest <= 0.0)) {  // else a corner is inside
-      double corners[6][3];
-      for (int k = 0; k < 3; k++)
-        for (int i = 0; i < 3; i++) corners[k][i] = a.corners[k][i], corners[3 + k][i] = b.corners[k][i];
-      double stretch = hfx_larger(at->stretch, hfx_stretch(at->target->to_shape + 16 * interval, 4));
-      if (hfx_parted(at->shape, (const double(*)[3])corners, 6, table->bulge_m[at->number] * stretch))
-        continue;
-    }
-    // Samples of the start stand outwards as the skin did there.
-    at->has_turns = 0;
-    find_edges(at, interval, q, &a);
-    at->has_turns = 0;
-    find_edges(at, now->row, q, &b);
-    int64_t number = steps_of(at, before, q, &a), later = steps_of(at, now, q, &b);
-    number = number > later ? number : later;
-    for (int64_t k = 0; k < number * number; k++) {
-      hfx_sample s = sample_of(table, q, number, k);
-      double start[3], end[3];
-      place_sample(&s, &a, start);
-      place_sample(&s, &b, end);
-      path_of(drift, steps, kind, interval, start, end, path);
-      count = enter(at, (const double(*)[3])path, steps, s.share, events, count);
-    }
-  }
+  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++)
+    count = follow_quad(at, before, now, unit, q, steps, kind, drift, events, count);
   return count;
 }
 

@@ -53,6 +53,8 @@ typedef struct {
   int64_t posed;          // places
   double limit;           // mean distance within which vertices tell enough
   double steepest;
+  double on_the_way[MOST_STEPS + 1];  // see stretches_of
+  int64_t on_the_way_of;              // which way; below 0: none
   const double *allowed_m;  // of pairs, or NULL: as bones stretch the cluster
 } look;
 
