@@ -155,6 +155,8 @@ def look() -> None:
     global _compared_for_s, _compared_s
     if getattr(bpy.context, "scene", None) is None:  # at this moment
         return
+    if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
+        return  # nothing may be tagged; the next drawing looks again
     begun = time.perf_counter()
     unreported.tag(bpy.context.scene, bpy.context.view_layer)  # Blender evaluates it next
     _compared_s = time.perf_counter()
