@@ -388,6 +388,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
 
 
+TIME_UNITS = (
+    ("FRAMES", "Frames", "Times of clips in frames, as in the timeline"),
+    ("SECONDS", "Seconds", "Times of clips in seconds; frame 0 is at 0 s, as in the timeline"),
+)
+
 PALETTES = (
     ("PAPER", "Red, Green, Blue", "Vibration red, pressure green, temperature blue"),
     ("WARM_COLD", "Warm and Cold", "The same, but warmth orange and cold blue"),
@@ -494,6 +499,12 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         "error of motion plus the time that its approach takes for the error of the edge",
         items=TOLERANCES,
         default="STANDARD",
+    )
+    time_unit: EnumProperty(
+        name="Times",
+        description="Unit of the times of clips in every panel",
+        items=TIME_UNITS,
+        default="FRAMES",
     )
     palette: EnumProperty(
         name="Colours",

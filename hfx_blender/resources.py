@@ -93,6 +93,11 @@ def surface_calibration() -> Path:
     return _user_data() / "surface_calibration.json"
 
 
+def kept_fits() -> Path:
+    """Folder of the fits to the user's avatars, which may be deleted; it need not exist."""
+    return _user_data() / "fits"
+
+
 def _user_data() -> Path:
     """Folder for our user data by the platform's convention, or by the variable
     ``HFX_USER_DATA``.

@@ -22,3 +22,16 @@ def finish(steps: Generator[float, None, _T], progress: Progress = lambda share:
         except StopIteration as end:
             result: _T = end.value
             return result
+
+
+def within(
+    steps: Generator[float, None, _T], start: float, end: float
+) -> Generator[float, None, _T]:
+    """Steps as a part of longer work, of which they do the shares from ``start`` to ``end``."""
+    while True:
+        try:
+            share = next(steps)
+        except StopIteration as done:
+            result: _T = done.value
+            return result
+        yield start + (end - start) * share

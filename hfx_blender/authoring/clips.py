@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor
+from math import ceil, floor
 
 import bpy
 
@@ -84,25 +84,68 @@ def add_heartbeat(
     frame_start: float,
     frame_end: float,
     *,
-    beats_per_second: float = 1.2,
+    beats_per_minute: float = 72.0,
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat."""
+    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat.
+
+    It has whole beats, at least one, and ends with the last of them near ``frame_end``.
+    """
     scene = bpy.context.scene
     fps = fps_of(scene)
-    beat = fps / beats_per_second
+    beat = 60.0 * fps / beats_per_minute
+    beats = max(round((frame_end - frame_start) / beat), 1)
     shape = ((0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0))
     return add_clip(
         effect,
         frame_start,
-        frame_end,
+        frame_start + beats * beat,
         name="Heartbeat",
         fade_in=fade_in,
         fade_out=fade_out,
         profile=[(share * beat, value) for share, value in shape],
-        repeat=(frame_end - frame_start) / beat,
+        repeat=float(beats),
     )
+
+
+def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
+    """Activation over a clip: its curve with repeats, fades and drawn influence.
+
+    Returns
+    -------
+    list of (frame, value)
+        ``count`` of them, evenly from the clip's start to its end.
+    """
+    curve = next((c for c in compat.strip_fcurves(strip) if c.data_path == DATA_PATH), None)
+    drawn = strip.fcurves.find("influence") if strip.use_animated_influence else None
+    start, length = strip.frame_start, strip.frame_end - strip.frame_start
+    found = []
+    for step in range(count):
+        past = length * step / max(count - 1, 1)
+        value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, past))
+        if drawn is not None:
+            value *= drawn.evaluate(start + past)
+        else:
+            value *= _fade(past, strip.blend_in) * _fade(length - past, strip.blend_out)
+        found.append((start + past, min(max(value, 0.0), 1.0)))
+    return found
+
+
+def _action_frame(strip: bpy.types.NlaStrip, past: float) -> float:
+    """Frame of a strip's action, some frames after the strip's start."""
+    length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
+    played = past / max(strip.scale, 1e-6)
+    whole = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
+    into = min(played - whole * length, length)
+    if strip.use_reverse:
+        return strip.action_frame_end - into
+    return strip.action_frame_start + into
+
+
+def _fade(past: float, fade: float) -> float:
+    """Share of full strength within a fade, some frames after its start."""
+    return min(past / fade, 1.0) if fade > 0.0 else 1.0
 
 
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:

@@ -40,8 +40,7 @@ def apply(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
 
 
 def _relief(made: GeneratedFiles) -> surface_sources.Relief:
-    more = {} if made.slope is None else {"slope": made.slope}
-    return surface_sources.Relief(made.height, made.roughness, notes=made.notes, **more)
+    return surface_sources.Relief(made.height, made.roughness, notes=made.notes, slope=made.slope)
 
 
 def _material(made: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:

@@ -54,15 +54,23 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     return canvas
 
 
-def spacing(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
-    """Distance between the vertices of a mesh that is painted on, Blender's units."""
+def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
+    """Distance between the vertices of a mesh that is painted on, Blender's units.
+
+    Parameters
+    ----------
+    vertex : int, optional
+        Where; else the median. Fingertips have vertices ten times as dense as the back.
+    """
     import numpy as np
 
     from ..engine.body.model import load_model
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
     # Vertices stand about as far apart as the sides of their equal triangles are long.
-    spacing_m = float(np.sqrt(np.median(model.areas_m2) * (2.0 / np.sqrt(3.0))))
+    is_there = vertex is not None and vertex < len(model)  # not if the mesh was edited
+    area_m2 = model.areas_m2[vertex] if is_there else np.median(model.areas_m2)
+    spacing_m = float(np.sqrt(area_m2 * (2.0 / np.sqrt(3.0))))
     return spacing_m * _units_a_metre(canvas, model)
 
 

@@ -8,7 +8,7 @@ are numbered mesh after mesh in that order.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from typing import TYPE_CHECKING
 
 import bpy
@@ -16,6 +16,7 @@ from mathutils import Matrix
 
 from ..errors import InputError
 from ..scene_units import metres_of
+from ..stepwise import within
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,23 +81,35 @@ def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
     return None
 
 
-def skin_among(
+def choosing(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
-) -> list[bpy.types.Object]:
-    """Meshes of an armature that together show the body, or its skin if that is chosen."""
+) -> Generator[float, None, list[bpy.types.Object]]:
+    """Choose the meshes of an armature that together show the body, or its skin if that layer is
+    chosen, in steps.
+    """
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import skin_parts
+    from . import kept_fits
 
     if len(meshes) < 2:
         return list(meshes)
-    targets = [read_mesh(armature, mesh) for mesh in meshes]
+    targets = []
+    for number, mesh in enumerate(meshes):
+        yield 0.5 * number / len(meshes)
+        targets.append(read_mesh(armature, mesh))
     body = _of_the_body(armature, dict(zip(meshes, targets, strict=True)), mapping)
-    meshes, targets = list(body), list(body.values())
-    found = [
-        meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping, layer_of(armature))
-    ]
+    meshes, targets, layer = list(body), list(body.values()), layer_of(armature)
+    key = kept_fits.key_of("meshes", targets, mapping, layer)
+    kept = kept_fits.read(key)
+    if kept is None:
+        choice = skin_parts.skin_of(load_avatar(), targets, mapping, layer)
+        found = yield from within(choice, 0.5, 1.0)
+        kept_fits.write(key, {"found": found}, {})
+    else:
+        found = kept[0]["found"]
     # Where nothing follows the bones, the largest is tried, and its fault is reported.
-    return found or [max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))]
+    largest = max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))
+    return [meshes[k] for k in found] or [largest]
 
 
 def layer_of(armature: bpy.types.Object) -> Layer:
@@ -130,10 +143,10 @@ def _of_the_body(
     }
 
 
-def read_meshes(
+def reading(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]
-) -> list[TargetAvatar]:
-    """All meshes of an avatar in the rest space of its armature.
+) -> Generator[float, None, list[TargetAvatar]]:
+    """Read all meshes of an avatar in the rest space of its armature, in steps.
 
     Raises
     ------
@@ -141,7 +154,10 @@ def read_meshes(
         Armature or mesh are being edited, or scaled by zero or a negative number; one of
         several meshes has no faces or follows no bone.
     """
-    targets = [read_mesh(armature, mesh) for mesh in meshes]
+    targets = []
+    for number, mesh in enumerate(meshes):
+        yield number / len(meshes)
+        targets.append(read_mesh(armature, mesh))
     if len(meshes) > 1:
         for mesh, target in zip(meshes, targets, strict=True):
             fault = None if len(target.triangles) else "has no faces"

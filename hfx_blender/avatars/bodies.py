@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import sys
 import uuid
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from importlib.util import find_spec
 
 import bpy
 import numpy as np
@@ -16,6 +18,7 @@ from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_ava
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of
+from ..stepwise import finish
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
@@ -58,7 +61,16 @@ def add_body(
     avatar: bpy.types.Object | None,
     parts: Sequence[bpy.types.Object] = (),
 ) -> list[str]:
-    """Make an avatar a haptic body: the perceptual models are fitted to it.
+    """:func:`adding_body` at once."""
+    return finish(adding_body(armature, avatar, parts))
+
+
+def adding_body(
+    armature: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    parts: Sequence[bpy.types.Object] = (),
+) -> Generator[float, None, list[str]]:
+    """Make an avatar a haptic body, in steps: the perceptual models are fitted to it.
 
     The canonical armature needs no fit. Nothing is changed if the avatar cannot be used. A body
     that is fitted again keeps its id, and with the vertex ids what is painted on it.
@@ -91,17 +103,23 @@ def add_body(
             f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
             "mesh and then its armature."
         )
-    retargeting.check_scipy()
+    check_scipy()
     mapping = bone_table.mapping_of(armature)
-    fit = retargeting.fit_body(armature, meshes, mapping)
+    yield 0.0
+    # Fitting has half of this module's imports, and Blender's start must not wait for it.
+    from .fitting import fitting
+
+    fit = yield from fitting(armature, meshes, mapping)
     retargeting.store(armature, fit)
     bone_table.keep(armature, mapping)
     mark_body(armature, fit.meshes)
     return [*fit.notes, *fit.warnings]
 
 
-def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes to fit a body to: the selected ones, or those that form the skin.
+def choosing_meshes(
+    context: bpy.types.Context, armature: bpy.types.Object
+) -> Generator[float, None, list[bpy.types.Object]]:
+    """Choose the meshes to fit a body to, in steps: the selected ones, or those that form the skin.
 
     Without a selection these are, of the visible meshes that the armature deforms or carries,
     those that show the body: clothes and the skin beside them, or the skin alone if that layer is
@@ -119,22 +137,37 @@ def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[b
     ]
     if selected:
         return _largest_first(selected)
-    return meshes_again(context, armature)
+    return (yield from choosing_again(context, armature))
 
 
-def meshes_again(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes of a body; without any, or if another layer was chosen since, those that show it."""
+def choosing_again(
+    context: bpy.types.Context, armature: bpy.types.Object
+) -> Generator[float, None, list[bpy.types.Object]]:
+    """Take the meshes of a body; without any, or if another layer was chosen since, choose those
+    that show it, in steps.
+    """
     known = avatar_meshes.meshes_of(armature)
     if known and armature.hfx.role == "BODY" and not retargeting.is_of_other_layer(armature):
         return known
     found = avatar_meshes.meshes_on(context, armature)
     if len(found) < 2 or body_binding.from_canonical(armature) is None:
         return _largest_first(found)[:1]
-    return avatar_meshes.skin_among(armature, found, bone_table.mapping_of(armature))
+    mapping = bone_table.mapping_of(armature)
+    return (yield from avatar_meshes.choosing(armature, found, mapping))
 
 
 def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
     return sorted(meshes, key=lambda mesh: (-len(mesh.data.vertices), mesh.name))
+
+
+def check_scipy() -> None:
+    """Raise an error with instructions if scipy is missing."""
+    if find_spec("scipy") is None:
+        raise InputError(
+            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
+            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
+            "avatar."
+        )
 
 
 def check_armature(armature: bpy.types.Object) -> None:

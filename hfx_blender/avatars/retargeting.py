@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fits body models to a user's own avatar, and stores the fit in the .blend.
+"""Stores the fit of body models to a user's own avatar in the .blend, and reads it.
 
 The fit is stored on the armature object as typed ID-property arrays, which go wherever the
 object goes (copy, append, link) and are read without a loop: about 3 MB for the three shipped
@@ -9,30 +9,23 @@ is kept on a mesh of this file, which nobody sees, that ``hfx.fit_kept`` points 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from importlib.util import find_spec
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
 import numpy as np
 
 from ..engine.arrays import F64
-from ..engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
-from ..engine.body.rigs.mapping import BoneMapping
+from ..engine.body.model import PerceptualModel, SkinWeights, load_model
 from ..engine.modality import MODALITIES
-from ..engine.retargeting import skin_parts
-from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.quality import (
     AREA_RATIOS,
     FARTHEST_MM,
     IN_PLACE,
     PartQuality,
     Quality,
-    joint_faults,
 )
-from ..engine.retargeting.target import TargetAvatar
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
 from . import avatar_meshes
@@ -50,12 +43,6 @@ _ARRAYS = {
     "places": np.float32,
     "heights": np.float32,
 }
-_ONLY_BONES = (
-    "felt by its bones only, because {reason}: the haptic body has the standard shape, stretched "
-    "to this rig's joints, and not the shape of the mesh, so touches are approximate, and hair, "
-    "clothes or a large head beyond it are not felt; join the pieces to one closed skin, or select "
-    "other meshes, for a fit to the surface"
-)
 _MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
 
 
@@ -74,118 +61,6 @@ class Fit:
 def model_ids() -> list[str]:
     """Ids of the perceptual models that the modalities are felt on."""
     return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
-
-
-def fit_body(
-    armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
-) -> Fit:
-    """Fit all perceptual models to an avatar; nothing in the scene is changed.
-
-    Parameters
-    ----------
-    meshes : sequence of Object
-        The avatar's skin, in any order.
-
-    Raises
-    ------
-    InputError
-        The avatar cannot be fitted to.
-    """
-    # Fitting is half of this module's imports, and Blender's start must not wait for it.
-    from ..engine.retargeting import by_bones, retarget
-
-    avatar = load_avatar()
-    targets, notes = _facing_out(meshes, avatar_meshes.read_meshes(armature, meshes))
-    name = meshes[0].name
-    layer = avatar_meshes.layer_of(armature)
-    if len(meshes) > 1:
-        order = skin_parts.ranked(avatar, targets, mapping, layer)
-        meshes, targets = [meshes[k] for k in order], [targets[k] for k in order]
-        name = f"{meshes[0].name} and {len(meshes) - 1} more"
-    target = skin_parts.joined(targets)
-    no_surface = retarget_target.check(target, name) or _why_rigid(armature, meshes, targets)
-    models = [load_model(model_id) for model_id in model_ids()]
-    try:
-        if no_surface is None:
-            warped = retarget.warp(avatar, target, mapping, layer)
-            fits = [retarget.fit(model, warped) for model in models]
-            qualities = [quality for _, quality in fits]
-            if (lost := by_bones.lost_part(qualities)) is not None:
-                no_surface = (
-                    f"only {100 * lost.in_place:.0f} % of its {lost.part.replace('_', ' ')} is "
-                    f"found on that part of '{name}'"
-                )
-        if no_surface is None:
-            fitted, warnings = [model for model, _ in fits], _folded(qualities)
-        else:
-            fitted, qualities = by_bones.fit_by_bones(models, avatar, target, mapping), []
-            warnings = [_ONLY_BONES.format(reason=no_surface)]
-    except InputError as error:
-        raise InputError(f"Armature '{armature.name}': {error}") from None
-    return Fit(
-        tuple(meshes),
-        tuple(fitted),
-        tuple(qualities),
-        (*notes, *warnings),
-        mapping.report,
-        no_surface is not None,
-    )
-
-
-def _facing_out(
-    meshes: Sequence[bpy.types.Object], targets: Sequence[TargetAvatar]
-) -> tuple[list[TargetAvatar], list[str]]:
-    """Turn meshes whose faces look inwards, for the fit; with a sentence about each."""
-    turned, notes = [], []
-    for mesh, target in zip(meshes, targets, strict=True):
-        if retarget_target.is_inside_out(target):
-            target = replace(target, triangles=target.triangles[:, ::-1])
-            notes.append(
-                f"the normals of '{mesh.name}' point inwards: it was read turned inside out; "
-                "correct it with Mesh > Normals > Recalculate Outside"
-            )
-        turned.append(target)
-    return turned, notes
-
-
-def _why_rigid(
-    armature: bpy.types.Object,
-    meshes: Sequence[bpy.types.Object],
-    targets: Sequence[TargetAvatar],
-) -> str | None:
-    """Why rigid pieces are no skin, where they are most of an avatar's surface."""
-    areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
-    rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
-    if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
-        return None
-    return f"{sum(rigid)} of its {len(meshes)} meshes are rigid pieces that hang on bones"
-
-
-def _folded(qualities: Sequence[Quality]) -> list[str]:
-    """Faults of a fit, one line for each body part, the worst part first."""
-    lines = [
-        f"{part.part.replace('_', ' ')} {', '.join(part.faults)}"
-        for part in worst_first(qualities)
-        if part.faults
-    ]
-    lines += joint_faults(qualities)
-    whole = dict.fromkeys(fault for quality in qualities for fault in quality.whole_faults)
-    if lines:
-        lines.append(
-            "look at these parts with Show Perceptual Model; other meshes (select them first) or "
-            "corrected bones may fit better"
-        )
-    return [*whole, *lines]
-
-
-def check_scipy() -> None:
-    """Raise an error with instructions if scipy is missing."""
-    if find_spec("scipy") is None:
-        raise InputError(
-            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
-            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
-            "avatar."
-        )
 
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
@@ -264,6 +139,11 @@ def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
 
 
 def _stored(fitted: FittedModel) -> dict[str, object]:
+    return {"hash": fitted.model_hash, **arrays_of(fitted)}
+
+
+def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
+    """Flat arrays that a fitted model is stored as."""
     weights, anchors = fitted.weights, fitted.anchors
     arrays = {
         "vertices": fitted.vertices,
@@ -274,8 +154,26 @@ def _stored(fitted: FittedModel) -> dict[str, object]:
         "places": anchors.weights,
         "heights": anchors.offset_m,
     }
-    flat = {name: np.ascontiguousarray(arrays[name], _ARRAYS[name]).ravel() for name in _ARRAYS}
-    return {"hash": fitted.model_hash, **flat}
+    return {name: np.ascontiguousarray(arrays[name], _ARRAYS[name]).ravel() for name in _ARRAYS}
+
+
+def fitted_of(
+    model_id: str, model_hash: str, bone_names: tuple[str, ...], stored: Mapping[str, Any]
+) -> FittedModel:
+    """Fitted model of the arrays of :func:`arrays_of`."""
+    arrays = {name: np.array(stored[name], kind) for name, kind in _ARRAYS.items()}
+    return FittedModel(
+        model_id=model_id,
+        model_hash=model_hash,
+        vertices=arrays["vertices"].reshape(-1, 3),
+        bone_names=bone_names,
+        weights=SkinWeights(arrays["offsets"], arrays["bones"], arrays["values"]),
+        anchors=SurfaceAnchors(
+            arrays["corners"].reshape(-1, 3),
+            arrays["places"].reshape(-1, 3).astype(np.float64),
+            arrays["heights"].astype(np.float64),
+        ),
+    )
 
 
 def forget(armature: bpy.types.Object) -> None:
@@ -330,19 +228,7 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
         raise InputError(
             f"Body '{armature.name}': it was fitted for another edition of '{model_id}'{again}"
         )
-    arrays = {name: np.array(stored[name], kind) for name, kind in _ARRAYS.items()}
-    return FittedModel(
-        model_id=model_id,
-        model_hash=stored["hash"],
-        vertices=arrays["vertices"].reshape(-1, 3),
-        bone_names=tuple(fit["bones"].split("\n")),
-        weights=SkinWeights(arrays["offsets"], arrays["bones"], arrays["values"]),
-        anchors=SurfaceAnchors(
-            arrays["corners"].reshape(-1, 3),
-            arrays["places"].reshape(-1, 3).astype(np.float64),
-            arrays["heights"].astype(np.float64),
-        ),
-    )
+    return fitted_of(model_id, stored["hash"], tuple(fit["bones"].split("\n")), stored)
 
 
 def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:

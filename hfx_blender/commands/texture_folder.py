@@ -26,10 +26,6 @@ _LOOK_S: Final = 0.5
 
 def run(options: argparse.Namespace, console: Console, keep: Keep) -> int:
     """Convert one picture, or those of a folder; 5 if some of several could not be read."""
-    from ..generation.picture_conversion import ways
-
-    if options.way is not None and options.way not in ways():
-        raise UsageError(f"--from {options.way}: this installation has {', '.join(ways())}")
     if options.watch is not None and options.picture is not None:
         raise UsageError("give --watch or --picture, not both")
     if options.picture is not None:
@@ -69,7 +65,7 @@ def _generated(picture: Path, options: argparse.Namespace) -> Generated:
     size = options.size
     return picture_folder.generate(
         picture,
-        _pixels,
+        pixels,
         size_m=None if size is None else (size[0] / 1000.0, size[1] / 1000.0),
         depth_m=options.height / 1000.0,
         tiles=options.tiles,
@@ -78,7 +74,8 @@ def _generated(picture: Path, options: argparse.Namespace) -> Generated:
     )
 
 
-def _pixels(path: Path) -> F64:
+def pixels(path: Path) -> F64:
+    """Colours (H, W, 3) of a picture of any format that Blender reads, sRGB, bottom row first."""
     blender_session.start()
     import bpy
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..console import Console
 from ..errors import UsageError
-from . import texture_folder, texture_source
+from . import texture_diffusers, texture_folder, texture_source
 
 if TYPE_CHECKING:
     from ..formats.written import Written
     from ..generation.generated import Generated
 
-BACK_ENDS: Final = ("library", "folder")
+BACK_ENDS: Final = ("library", "folder", "diffusers")
 _MOST_VARIATIONS: Final = 64
 
 _DESCRIPTION: Final = """\
@@ -28,6 +28,7 @@ surface, and a record of the making (NAME.generated.json).
             weave, direction and colour; it does not paint. Offline, at once. The default.
   folder    takes each picture that comes into a folder from any other generator (--watch), or one
             (--picture), with the words that AUTOMATIC1111 or ComfyUI wrote into it.
+  diffusers runs a diffusion model of your own (--model), offline; needs the extra 'generate'.
 """
 
 
@@ -58,7 +59,11 @@ def add_parser(actions: Any) -> None:
     pictures.add_argument("--once", action="store_true", help="end when all there are is made")
     pictures.add_argument("--picture", type=Path, metavar="FILE", help="only this one")
     pictures.add_argument(
-        "--from", dest="way", choices=("relief", "sobel"), help="way of conversion (the best)"
+        "--from",
+        dest="way",
+        choices=("relief", "sobel"),
+        default="relief",
+        help="relief: a network's estimate (default); sobel: bright is high",
     )
     pictures.add_argument(
         "--size",
@@ -70,6 +75,7 @@ def add_parser(actions: Any) -> None:
         "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
     )
     pictures.add_argument("--tiles", action="store_true", help="opposite edges match")
+    texture_diffusers.add_arguments(parser)
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=_run)
@@ -86,6 +92,8 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
     if has_pictures:
         return texture_folder.run(options, console, keep)
+    if options.back_end == "diffusers":
+        return _make_all(texture_diffusers.maker(options, console), options, console)
     return _library(options, console)
 
 

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +14,15 @@ from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
 from ..engine.texture.linear_light import height_from_colour
 from ..engine.texture.mcha import MapSettings, make_map
+from ..engine.texture.relief_estimate import estimate
 
 Way = Literal["relief", "sobel"]
 
-_ESTIMATE: Final = f"{__package__.rpartition('.')[0]}.engine.texture.relief_estimate"
+WAYS: Final[tuple[Way, ...]] = ("relief", "sobel")
+"""Ways of conversion, the best first."""
+
 _TOLD: Final = {
-    "relief": "the relief was estimated from the picture by the network of 'hfx texture build "
-    "--from relief'",
+    "relief": "the relief was estimated from the picture by a network",
     "sobel": "the picture's brightness was taken as heights (the map paper's way): prints and "
     "shadows are felt as ridges",
 }
@@ -40,16 +40,7 @@ class PictureSurface:
 
     def map(self, settings: MapSettings) -> HapticMap:
         """Haptic map; an estimated slope takes the place of the heights' own."""
-        make: Any = make_map
-        more = {} if self.slope is None else {"slope": self.slope}
-        made: HapticMap = make(self.field, self.roughness, settings, **more)
-        return made
-
-
-def ways() -> tuple[Way, ...]:
-    """Ways of conversion that this installation has, the best first."""
-    has_network = importlib.util.find_spec(_ESTIMATE) is not None
-    return ("relief", "sobel") if has_network else ("sobel",)
+        return make_map(self.field, self.roughness, settings, self.slope)
 
 
 def surface_of(
@@ -58,7 +49,7 @@ def surface_of(
     *,
     depth_m: float,
     tiles: bool,
-    way: Way | None = None,
+    way: Way = WAYS[0],
 ) -> PictureSurface:
     """Surface of a picture (H, W, 3) of sRGB 0..1, bottom row first.
 
@@ -68,19 +59,16 @@ def surface_of(
         Width and height of what it shows.
     depth_m : float
         Of white over black, for the way ``sobel``; the network states heights of its own.
-    way : str, optional
-        The best one that there is, by default.
 
     Raises
     ------
     InputError
         It is no picture, or has no size.
     """
-    chosen = way or ways()[0]
-    if chosen == "relief":
-        made = importlib.import_module(_ESTIMATE).estimate(srgb, size_m, tiles=tiles)
+    if way == "relief":
+        made = estimate(srgb, size_m, tiles=tiles)
         roughness = np.asarray(made.roughness, np.float64)
-        return PictureSurface(made.field, roughness, chosen, _TOLD[chosen], made.slope)
+        return PictureSurface(made.field, roughness, way, _TOLD[way], made.slope)
     field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
     roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
-    return PictureSurface(field, roughness, chosen, _TOLD[chosen])
+    return PictureSurface(field, roughness, way, _TOLD[way])

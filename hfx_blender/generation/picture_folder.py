@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..file_hash import sha256_of
 from ..formats import png
 from .generated import RECORD, Generated, name_of
-from .picture_conversion import Way, surface_of
+from .picture_conversion import WAYS, Way, surface_of
 from .picture_prompts import prompt_of
 
 NAME: Final = "folder"
@@ -91,7 +91,7 @@ def generate(
     size_m: tuple[float, float] | None,
     depth_m: float,
     tiles: bool = False,
-    way: Way | None = None,
+    way: Way = WAYS[0],
     steps: NoticeableSteps | None = None,
 ) -> Generated:
     """Surface of a picture, with the words that it was made of where it tells them.

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
 
@@ -12,6 +14,7 @@ from ..engine.modality import MODALITIES
 from ..errors import InputError
 from ..printable import printable
 from ..properties import FELT_LAYERS
+from ..stepwise import within
 from . import framing
 from .shared import (
     EnumItems,
@@ -22,6 +25,7 @@ from .shared import (
     active_effect,
     select_only,
 )
+from .stepwise_operator import StepwiseOperator
 
 _shown_people: EnumItems = []  # Blender does not keep the strings itself
 _shown_bodies: EnumItems = []
@@ -80,7 +84,14 @@ class HFX_OT_add_avatar(HfxOperator):
         return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
 
 
-class HFX_OT_mark_body(HfxOperator):
+class _FittingOperator(StepwiseOperator):
+    """Base of the operators that fit a body to an avatar."""
+
+    doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
+    cancelled = "Fit cancelled: nothing was changed"
+
+
+class HFX_OT_mark_body(_FittingOperator):
     """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
 those that cover its skin"""
 
@@ -95,15 +106,21 @@ those that cover its skin"""
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
 
         body = _armature_for(context)
         context.view_layer.update()
+        before = body.hfx.felt_layer
         if self.properties.is_property_set("layer"):
             body.hfx.felt_layer = self.layer
-        meshes = bodies.meshes_for(context, body)
-        message = _add(self, context, body, meshes)
+        try:
+            choice = bodies.choosing_meshes(context, body)
+            meshes = yield from within(choice, 0.0, 0.3)
+            message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
+        except BaseException:  # Esc closes this generator
+            body.hfx.felt_layer = before
+            raise
         framing.frame(context, [body, *meshes])
         return message + _take_over(context, body)
 
@@ -124,16 +141,17 @@ def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
     return f"; took {taken} effects along" if taken else ""
 
 
-def _add(
+def _adding(
     operator: HfxOperator,
     context: bpy.types.Context,
     body: bpy.types.Object,
     meshes: list[bpy.types.Object],
-) -> str:
+) -> Generator[float, None, str]:
     from ..avatars import bodies
 
     first = meshes[0] if meshes else None
-    for warning in bodies.add_body(body, first, parts=meshes[1:]):
+    warnings = yield from bodies.adding_body(body, first, parts=meshes[1:])
+    for warning in warnings:
         operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
     taken = avatar_meshes.meshes_of(body)
     others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
@@ -184,7 +202,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
         return f"Moved {effects.move_to_body(found, body)} effects to '{body.name}'"
 
 
-class HFX_OT_fit_body(HfxOperator):
+class HFX_OT_fit_body(_FittingOperator):
     """Fit the active haptic body to its avatar again, with the bones of the table; its id and \
 what is painted on it stay"""
 
@@ -200,14 +218,15 @@ what is painted on it stay"""
             return False
         return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
 
         body = active_body(context)
         context.view_layer.update()
-        meshes = bodies.meshes_again(context, body)
+        choice = bodies.choosing_again(context, body)
+        meshes = yield from within(choice, 0.0, 0.3)
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = _add(self, context, body, meshes)
+        message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message

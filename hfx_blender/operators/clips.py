@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import ClassVar
+
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
@@ -18,7 +21,37 @@ class _OfEffect(HfxOperator):
         return cls.needs(active_effect(context), "Select a haptic effect")
 
 
+def _shown(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator], float]:
+    """Getter of a time in the scene's unit."""
+
+    def get(operator: bpy.types.Operator) -> float:
+        return float(getattr(operator, name)) * _unit_per(in_frames)
+
+    return get
+
+
+def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator, float], None]:
+    """Setter of a time in the scene's unit."""
+
+    def set_time(operator: bpy.types.Operator, value: float) -> None:
+        setattr(operator, name, value / _unit_per(in_frames))
+
+    return set_time
+
+
+def _unit_per(in_frames: bool) -> float:
+    """How many of the scene's unit of time a frame or a second is."""
+    scene = bpy.context.scene
+    frames_per_second = fps_of(scene)
+    shows_frames = scene.hfx.time_unit == "FRAMES"
+    if shows_frames == in_frames:
+        return 1.0
+    return frames_per_second if shows_frames else 1.0 / frames_per_second
+
+
 class _ClipOperator(_OfEffect):
+    last_field: ClassVar[str]
+
     start: FloatProperty(
         name="Start Frame",
         description="Frame at which the clip starts; below 0: the current frame",
@@ -48,6 +81,47 @@ class _ClipOperator(_OfEffect):
         unit="TIME_ABSOLUTE",
     )
 
+    shown_start: FloatProperty(
+        name="Start",
+        description="Time at which the clip starts",
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("start", True),
+        set=_stored("start", True),
+    )
+    shown_duration: FloatProperty(
+        name="Duration",
+        description="How long the effect is on",
+        min=0.001,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("duration"),
+        set=_stored("duration"),
+    )
+    shown_fade_in: FloatProperty(
+        name="Fade In",
+        description="Time to reach full strength",
+        min=0.0,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("fade_in"),
+        set=_stored("fade_in"),
+    )
+    shown_fade_out: FloatProperty(
+        name="Fade Out",
+        description="Time to fall from full strength to nothing",
+        min=0.0,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("fade_out"),
+        set=_stored("fade_out"),
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
+        for name in ("shown_start", "shown_duration", "shown_fade_in", "shown_fade_out"):
+            label = self.bl_rna.properties[name].name
+            layout.prop(self, name, text=f"{label} ({unit})")
+        layout.prop(self, self.last_field)
+
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
             self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
@@ -70,6 +144,8 @@ class HFX_OT_add_clip(_ClipOperator):
     bl_idname = "hfx.add_clip"
     bl_label = "Add Clip"
 
+    last_field = "name"
+
     name: StringProperty(
         name="Name", description="Name of the clip on the timeline", default="Clip"
     )
@@ -80,22 +156,24 @@ class HFX_OT_add_clip(_ClipOperator):
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
-    """Add a heartbeat to the effect; fades shape the whole of it, not each beat"""
+    """Add a heartbeat of whole beats to the effect; fades shape the whole of it, not each beat"""
 
     bl_idname = "hfx.add_heartbeat"
     bl_label = "Add Heartbeat"
 
-    beats_per_second: FloatProperty(
-        name="Beats per Second",
-        description="Rate of the beat; a heart at rest has 1 to 1.7",
-        default=1.2,
-        min=0.1,
-        max=20.0,
+    last_field = "beats_per_minute"
+
+    beats_per_minute: FloatProperty(
+        name="Beats per Minute",
+        description="Rate of the heart; at rest it is 60 to 100",
+        default=72.0,
+        min=6.0,
+        max=1200.0,
     )
 
     def work(self, context: bpy.types.Context) -> str:
         clips.add_heartbeat(
-            context.object, beats_per_second=self.beats_per_second, **self.span(context)
+            context.object, beats_per_minute=self.beats_per_minute, **self.span(context)
         )
         return ""
 

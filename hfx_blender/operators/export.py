@@ -60,6 +60,7 @@ class Written:
     """Files of the last export of this session, for the panel."""
 
     text: str
+    count: int
     folder: Path
 
 
@@ -206,7 +207,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.files[0].parent
-        last_written[:] = [Written(text, folder)]
+        last_written[:] = [Written(text, len(names), folder)]
         if self._is_invoked and not bpy.app.background:
             context.window_manager.popup_menu(_draw_written, title="Haptic Export", icon="EXPORT")
         return f"{text} to {folder}"

@@ -31,6 +31,8 @@ class HFX_OT_paint_begin(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
         canvas = painting.begin(context, effect)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
         paint_view.hide_others(context, canvas)
         select_only(context, canvas)
         if not bpy.app.background:
@@ -60,7 +62,7 @@ class HFX_OT_paint_end(HfxOperator):
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
         paint_view.show(context, hidden)
-        paint_view.leave(context)
+        paint_view.leave()
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
 

@@ -47,18 +47,22 @@ class HFX_OT_paint_status(bpy.types.Operator):
             with suppress(RuntimeError):  # the mesh was edited: which Finish Painting tells
                 bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # a step of its own to undo
             return self._ended(context)
-        if canvas.mode == "WEIGHT_PAINT":
-            self._brush.fit(context, canvas)
         if event.type == "MOUSEMOVE":
-            text = _part_under(context, canvas, event.mouse_x, event.mouse_y)
+            vertex = _vertex_under(context, canvas, event.mouse_x, event.mouse_y)
+            if vertex is not None:
+                effect = canvas[painting.PAINTED_EFFECT]
+                self._brush.least = painting.spacing(canvas, effect, vertex)
+            text = "" if vertex is None else part_name(canvas, vertex)
             if text != self._shown:
                 self._shown = text
                 context.workspace.status_text_set(text or None)
+        if canvas.mode == "WEIGHT_PAINT":
+            self._brush.fit(context, canvas)
         return {"PASS_THROUGH"}
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         HFX_OT_paint_status._is_running = False
-        paint_view.leave(context)
+        paint_view.leave()
         context.workspace.status_text_set(None)
         return {"FINISHED", "PASS_THROUGH"}
 
@@ -86,10 +90,10 @@ def _after_loading(*_: object) -> None:
     call_soon(_resume)
 
 
-def _part_under(
+def _vertex_under(
     context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
-) -> str:
-    """Side and body part under the mouse; "" beside the body."""
+) -> int | None:
+    """Vertex of the mesh that is painted on, under the mouse; None beside the body."""
     for area in context.screen.areas:
         if area.type != "VIEW_3D":
             continue
@@ -104,9 +108,9 @@ def _part_under(
         evaluated = canvas.evaluated_get(context.evaluated_depsgraph_get())
         hit, _, _, face = evaluated.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
         if not hit or face >= len(canvas.data.polygons):
-            return ""
-        return part_name(canvas, canvas.data.polygons[face].vertices[0])
-    return ""
+            return None
+        return int(canvas.data.polygons[face].vertices[0])
+    return None
 
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:

@@ -39,7 +39,8 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 def hidden_by(canvas: bpy.types.Object) -> list[bpy.types.Object]:
     """Objects that are hidden while a mesh is painted on."""
     names = set(canvas.get(_HIDDEN, ()))
-    return [obj for obj in bpy.data.objects if obj.name_full in names]
+    # Earlier versions marked the avatar's meshes.
+    return [o for o in bpy.data.objects if o.name_full in names or o.get(_HIDDEN) is True]
 
 
 def show(context: bpy.types.Context, hidden: list[bpy.types.Object]) -> None:
@@ -54,16 +55,19 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     area = framing.viewport(context)
     if area is None:
         return
-    overlay = area.spaces.active.overlay
+    space = area.spaces.active
+    overlay = space.overlay
+    if space.local_view is not None:
+        canvas.local_view_set(space, True)
     _before[area.as_pointer()] = framing.state(area), overlay.weight_paint_mode_opacity
     overlay.weight_paint_mode_opacity = _OPACITY
     framing.frame(context, [canvas])
 
 
-def leave(context: bpy.types.Context) -> None:
+def leave() -> None:
     """Restore the view before painting, however painting ended."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
+    for screen in bpy.data.screens:  # of other workspaces, too
+        for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])
@@ -84,13 +88,14 @@ class SceneBrush:
 
     Parameters
     ----------
-    radius, least : float
-        Radius on the skin, and the smallest that still reaches a vertex wherever it is, in
-        Blender's units.
+    radius : float
+        On the skin, Blender's units.
+    least : float
+        Smallest radius that reaches a vertex wherever the brush is, at the median spacing.
     """
 
     def __init__(self, radius: float, least: float) -> None:
-        self.radius, self._least = radius, least
+        self.radius, self.least = radius, least
         self._pixels = 0
 
     def fit(self, context: bpy.types.Context, canvas: bpy.types.Object) -> None:
@@ -101,8 +106,8 @@ class SceneBrush:
         pixels = compat.brush_radius(context)
         if self._pixels and abs(pixels - self._pixels) > 1:  # the user's choice
             self.radius = pixels / scale
-        self.radius = max(self.radius, self._least)
-        wanted = round(min(max(self.radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
+        radius = max(self.radius, self.least)
+        wanted = round(min(max(radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
         if wanted != pixels:
             compat.set_brush_radius(context, wanted)
         self._pixels = compat.brush_radius(context)

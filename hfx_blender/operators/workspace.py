@@ -14,10 +14,15 @@ from .shared import HfxOperator
 NAME = "HFX"
 TAB = "HFX"
 
-_NLA_SHARE = 0.28  # of the viewport's height
+_NLA_SHARE = 0.4  # of the viewport's height: five effects at 1280 x 800, two rows each
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
+_DRAWN_S = 0.5
 _PATIENCE_S = 30.0
+
+
+def _has_window(context: bpy.types.Context) -> bool:
+    return context.window is not None and not bpy.app.background
 
 
 class HFX_OT_workspace(HfxOperator):
@@ -30,8 +35,7 @@ timeline. It is made when it is not there yet"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        has_window = context.window is not None and not bpy.app.background
-        return cls.needs(has_window, "There is no window")
+        return cls.needs(_has_window(context), "There is no window")
 
     def work(self, context: bpy.types.Context) -> str:
         found = bpy.data.workspaces.get(NAME)
@@ -54,6 +58,10 @@ of the present file is lost"""
     bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(_has_window(context), "There is no window")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not bpy.data.is_dirty:
@@ -130,9 +138,25 @@ def _arrange(window: bpy.types.Window) -> None:
                 lower, upper = sorted((area, viewport), key=lambda each: each.y)
                 lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
                 lower.spaces.active.show_region_ui = False
+                lower.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
+                _frame_clips_soon(window, lower)
     viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
     viewport.spaces.active.show_region_ui = True
     _show_tab(viewport)
+
+
+def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
+    """Show all clips, once the editor knows how large it is."""
+
+    def frame_clips() -> None:
+        try:
+            region = next(region for region in editor.regions if region.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=editor, region=region):
+                bpy.ops.nla.view_all()
+        except (ReferenceError, StopIteration, RuntimeError):  # closed meanwhile
+            return
+
+    bpy.app.timers.register(frame_clips, first_interval=_DRAWN_S)
 
 
 def _show_tab(viewport: bpy.types.Area) -> None:

@@ -251,10 +251,10 @@ def _prepare() -> float | None:
 
 
 def redraw() -> None:
-    """Have all 3D viewports drawn again, their sidebars too."""
+    """Have all 3D viewports drawn again, their sidebars too, and the clips in timelines."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
+            if area.type in ("VIEW_3D", "DOPESHEET_EDITOR"):
                 area.tag_redraw()
 
 

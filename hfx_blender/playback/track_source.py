@@ -102,6 +102,6 @@ def summary(scene: bpy.types.Scene, source: TrackSource) -> str:
     first = track.time.scene_start + track.start_s * fps_of(scene)
     count = len(track.header.effects)
     return (
-        f"{count} effect{'' if count == 1 else 's'}, {length_s:.1f} s: "
-        f"frames {first:.0f} to {last - 1:.0f}"
+        f"{count} effect{'' if count == 1 else 's'}, {length_s:.1f} s, "
+        f"frames {first:.0f}-{last - 1:.0f}"
     )

@@ -14,6 +14,7 @@ def _modules() -> tuple[ModuleType, ...]:
         asset_library,
         blender_command,
         body_panel,
+        clip_rows,
         effect_list,
         effects_panel,
         generation_panel,
@@ -34,6 +35,7 @@ def _modules() -> tuple[ModuleType, ...]:
     return (
         menus,
         effect_list,
+        clip_rows,
         effects_panel,
         panels,
         path_panel,

@@ -34,9 +34,9 @@ class HFX_UL_bones(bpy.types.UIList):
         _active_property: str,
     ) -> None:
         armature = hfx.id_data
-        split = layout.split(factor=0.45)
+        split = layout.split(factor=0.55)  # a field to choose in would leave no room for names
         split.label(text=label_of(row.name), icon=icon_of(row, armature))
-        split.prop_search(row, "bone", armature.data, "bones", text="", icon="BONE_DATA")
+        split.label(text=row.bone)
 
     def filter_items(
         self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
@@ -154,6 +154,7 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
         layout.template_list("HFX_UL_bones", "", hfx, "bone_map", hfx, "bone_map_active", rows=8)
         if 0 <= hfx.bone_map_active < len(hfx.bone_map):
             chosen = hfx.bone_map[hfx.bone_map_active]
+            layout.prop_search(chosen, "bone", armature.data, "bones", text="", icon="BONE_DATA")
             draw_text(context, layout, sentence_of(chosen, armature), icon_of(chosen, armature))
         if retargeting.is_fitted(armature):
             layout.operator("hfx.fit_body", text="Fit with These Bones", icon="FILE_REFRESH")

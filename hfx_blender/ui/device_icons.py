@@ -17,7 +17,8 @@ def icon_of(picture: Path) -> int:
         _loaded.append(bpy.utils.previews.new())
     known, name = _loaded[0], str(picture)
     if name not in known:
-        known.load(name, name, "IMAGE")
+        found = known.load(name, name, "IMAGE")
+        found.image_size[:]  # loads it now: nothing else would draw the panel again
     return int(known[name].icon_id)
 
 

@@ -98,27 +98,34 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         found = clips.strips_of(context.object)
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
-        for _, strip in found:
-            self._draw_clip(layout.box(), strip)
+            layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        # Rows are made after a clip is added or another effect selected, just before this is drawn
+        # again.
+        for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
+            self._draw_clip(layout.box(), strip, times)
         if not found:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
     @staticmethod
-    def _draw_clip(box: bpy.types.UILayout, strip: bpy.types.NlaStrip) -> None:
+    def _draw_clip(
+        box: bpy.types.UILayout,
+        strip: bpy.types.NlaStrip,
+        times: bpy.types.PropertyGroup,
+    ) -> None:
         row = box.row(align=True)
         row.prop(strip, "name", text="")
         row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
         row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
         row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
         row = box.row(align=True)
-        row.prop(strip, "frame_start_ui", text="Start")
-        row.prop(strip, "frame_end_ui", text="End")
+        row.prop(times, "start", text="Start")
+        row.prop(times, "end", text="End")
         column = box.column(align=True)
         if strip.use_animated_influence:
             column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
         else:
-            column.prop(strip, "blend_in", text="Fade In (frames)")
-            column.prop(strip, "blend_out", text="Fade Out (frames)")
+            column.prop(times, "fade_in")
+            column.prop(times, "fade_out")
         column.prop(strip, "repeat", text="Repeat")
 
 

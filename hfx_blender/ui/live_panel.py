@@ -26,6 +26,7 @@ STATES = {
     "lost": ("Lost", "UNLINKED"),
     "closed": ("Closed", "UNLINKED"),
 }
+_LONG = 9  # letters of an actuator's name that two columns have room for
 _MOST_ACTUATORS = 40  # of which bars and pulses are shown
 
 
@@ -57,7 +58,10 @@ def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
         column.operator("hfx.record_track", text="Play a Recorded Track Instead", icon="REC")
     column.operator("hfx.hide_meshes", icon="HIDE_ON")
     if context.window_manager.hfx_preview:
-        column.prop(context.window_manager, "hfx_preview", toggle=True, icon="HIDE_OFF")
+        text = "Stop Showing What Is Felt"
+        column.prop(
+            context.window_manager, "hfx_preview", text=text, invert_checkbox=True, toggle=1
+        )
     draw_text(context, box, "Then press Play: devices begin from silence")
 
 
@@ -93,7 +97,9 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         row.operator("hfx.live_find", icon="VIEWZOOM")
         row.operator("hfx.live_import", text="", icon="IMPORT")
         if context.scene.hfx.devices:
-            layout.prop(context.scene.hfx, "play_space")
+            column = layout.column(align=True)
+            column.label(text="Play Space")
+            column.prop(context.scene.hfx, "play_space", text="")
 
 
 def _draw_device(
@@ -129,7 +135,8 @@ def _draw_device(
     device = live.device(item.name)
     if device is None or not state.is_armed:
         return
-    grid = box.grid_flow(columns=2, align=True, even_columns=True)
+    is_long = any(len(actuator.id) > _LONG for actuator in device.actuators)
+    grid = box.grid_flow(columns=1 if is_long else 2, align=True, even_columns=True)
     for k, actuator in enumerate(device.actuators[:_MOST_ACTUATORS]):
         level = state.levels[k] if k < len(state.levels) else 0.0
         text = f"{actuator.id}  {level:.0%}"
@@ -145,7 +152,7 @@ def _draw_facts(
 ) -> None:
     """Picture, maker, places and rendering scheme of a device."""
     if facts.picture is not None:
-        column.template_icon(icon_of(facts.picture), scale=6.0)
+        column.template_icon(icon_of(facts.picture), scale=9.0)
     for text in filter(None, (facts.maker, facts.summary)):
         draw_text(context, column, text)
     if facts.fault:

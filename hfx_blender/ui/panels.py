@@ -8,7 +8,6 @@ import bpy
 from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
 from ..operators.export import draw_devices, last_written
-from ..printable import printable
 from .effects_panel import draw_moving
 from .sidebar import HfxPanel
 
@@ -103,8 +102,11 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
         layout.operator("hfx.export", icon="EXPORT")
         for written in last_written:
             row = layout.row(align=True)
-            row.label(text=printable(written.text), icon="CHECKMARK")
-            row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(written.folder)
+            files = "1 file" if written.count == 1 else f"{written.count} files"
+            row.label(text=f"Wrote {files}", icon="CHECKMARK")
+            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
+                written.folder
+            )
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):

@@ -25,4 +25,4 @@ def draw_text(
     letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
-        column.label(text=line, icon="BLANK1" if number else icon)
+        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)

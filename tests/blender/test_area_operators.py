@@ -224,6 +224,29 @@ def test_saving_while_painting_stores_what_was_painted(effect: Any, tmp_path: Pa
     assert effects.area(effect) == ([5], [0.5])
 
 
+def test_an_area_is_saved_for_every_file_and_modality(
+    effect: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HFX_USER_DATA", str(tmp_path))
+    before = effects.area(effect)
+    assert before[0]
+    bpy.ops.hfx.save_area(name="My palm")
+    bpy.ops.hfx.area_filter(action="clear")
+    bpy.ops.hfx.fill_part(part="saved:My palm")
+    assert effects.area(effect)[0] == before[0]
+    bpy.ops.hfx.add_painted(modality="pressure", name="Other")
+    bpy.ops.hfx.fill_part(part="saved:My palm")
+    other = bpy.context.object
+    model = model_of(other)
+    inside, _ = effects.area(other)
+    near = model.part[np.array(inside)]
+    assert np.mean(near == PALM) > 0.8  # of the other model, and hardly more
+    bpy.ops.hfx.area_filter(action="clear")
+    bpy.ops.hfx.save_area(name="My palm")  # an empty one is taken away
+    with pytest.raises(TypeError):
+        bpy.ops.hfx.fill_part(part="saved:My palm")
+
+
 def test_the_part_under_the_mouse_is_named_as_people_say_it(effect: Any) -> None:
     from hfx_blender.operators.paint_status import part_name
 
@@ -253,3 +276,15 @@ def test_an_area_that_is_spoilt_is_told_and_can_be_cleared(effect: Any) -> None:
         bpy.ops.hfx.area_filter(action="grow")
     bpy.ops.hfx.area_filter(action="clear")
     bpy.ops.hfx.area_filter(action="grow")
+
+
+def test_the_brush_reaches_a_vertex_wherever_it_is(effect: Any) -> None:
+    bpy.ops.hfx.paint_begin()
+    canvas, model = bpy.context.object, load_model("hfx-pressure-1")
+    edges = model.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    lengths = np.linalg.norm(np.diff(model.vertices[edges], axis=1)[:, 0], axis=1)
+    for part in ("torso", "fingers"):
+        (vertex, *_) = np.flatnonzero(model.part == PARTS.index(part))
+        mean = lengths[(edges == vertex).any(axis=1)].mean()
+        assert painting.spacing(canvas, effect, vertex) == pytest.approx(mean, rel=0.5)
+    assert painting.spacing(canvas, effect, 10**6) == painting.spacing(canvas, effect)

@@ -13,6 +13,7 @@ import pytest
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.scene import SkinBinding, SurfaceBinding
 from hfx_blender.errors import InputError
+from hfx_blender.stepwise import finish
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -147,7 +148,7 @@ def chosen(rig: Any, *selected: Any) -> list[str]:
     """The meshes that "Add Haptic Body" takes with this selection."""
     for obj in bpy.context.scene.objects:
         obj.select_set(obj in (rig, *selected))
-    return [mesh.name for mesh in bodies.meshes_for(bpy.context, rig)]
+    return [mesh.name for mesh in finish(bodies.choosing_meshes(bpy.context, rig))]
 
 
 def names_of(rig: Any) -> list[str]:

@@ -8,10 +8,11 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring import clips, effects
+from hfx_blender.authoring import clips, drawn_fades, effects
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.reading import activation, scene_description
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_blender.ui import clip_rows
 
 
 @pytest.fixture
@@ -53,7 +54,7 @@ def test_removing_the_last_clip_leaves_the_effect_always_on(effect: Any) -> None
 
 def test_copied_clips_play_alike_and_are_independent(effect: Any) -> None:
     clips.add_clip(effect, 10, 30, fade_in=4, fade_out=10)
-    clips.add_heartbeat(effect, 50, 98, beats_per_second=2.0)
+    clips.add_heartbeat(effect, 50, 98, beats_per_minute=120.0)
     other = second()
     other.select_set(True)
     effect.select_set(True)
@@ -103,3 +104,30 @@ def test_selecting_an_effect_by_its_row(effect: Any) -> None:
     with pytest.raises(RuntimeError, match="no effect 'Nothing'"):
         bpy.ops.hfx.select_effect(name="Nothing")
     assert effects.effects_of(bpy.context.scene)
+
+
+def test_a_heartbeat_has_whole_beats(effect: Any) -> None:
+    strip = clips.add_heartbeat(effect, 10, 100, beats_per_minute=60.0)  # 3.75 s
+    assert (strip.frame_start, strip.frame_end, strip.repeat) == (10.0, 106.0, 4.0)
+
+
+def test_an_envelope_is_what_the_effect_is_evaluated_to(effect: Any) -> None:
+    clip = clips.add_heartbeat(effect, 10, 58, beats_per_minute=60.0, fade_in=10, fade_out=20)
+    drawn = clips.add_clip(effect, 70, 90, profile=[(0, 0.2), (5, 1.0), (10, 0.4)], repeat=2.0)
+    drawn_fades.draw(effect, drawn)
+    for strip in (clip, drawn):
+        for frame, value in clips.envelope(strip, 25)[:-1]:  # the end is the next clip's
+            assert value == pytest.approx(level(effect, frame), abs=0.02), (strip.name, frame)
+
+
+def test_times_of_clips_are_in_the_unit_of_the_scene(effect: Any) -> None:
+    bpy.context.view_layer.objects.active = effect
+    clips.add_clip(effect, 12, 60, fade_in=6)
+    clip_rows.refresh()
+    (row,) = bpy.context.window_manager.hfx_clips
+    assert (row.start, row.end, row.fade_in) == (12.0, 60.0, 6.0)
+    bpy.context.scene.hfx.time_unit = "SECONDS"
+    assert (row.start, row.end, row.fade_in) == (0.5, 2.5, 0.25)
+    row.fade_out = 0.5
+    ((_, strip),) = clips.strips_of(effect)
+    assert strip.blend_out == 12.0

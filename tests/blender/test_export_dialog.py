@@ -95,3 +95,39 @@ def test_steps_give_what_an_export_at_once_gives(small: Any, tmp_path: Path) -> 
             break
     assert len(shares) > 2 and shares == sorted(shares) and shares[-1] == 1.0
     assert report.as_dict()["files"] == at_once.as_dict()["files"]
+
+
+def test_every_format_has_a_check_box(registered: Any) -> None:
+    from hfx_blender.operators.export import FORMAT_ITEMS, HFX_OT_export
+
+    boxes = {f"formats_{name.replace('-', '_')}" for name, *_ in FORMAT_ITEMS}
+    assert boxes | {"record_depth"} <= set(HFX_OT_export.__annotations__)
+
+
+def test_what_is_greyed_out_has_a_reason() -> None:
+    from hfx_blender.devices.configuration import load_device
+    from hfx_blender.formats.registry import why_nothing
+
+    vest, insoles, fan = map(load_device, ("pressure_vest", "insoles", "fan_heater"))
+    assert why_nothing("hjif", []) == why_nothing("csv", [vest]) == ""
+    assert why_nothing("csv", []) == "Formats of devices need a device"
+    assert why_nothing("wav", [vest, fan]) == "No device has vibration actuators"
+    assert why_nothing("wav", [vest, insoles]) == ""
+
+
+def test_devices_that_are_not_ticked_write_nothing(small: Any, tmp_path: Path) -> None:
+    for name in ("back_pad", "insoles"):
+        small.hfx.devices.add().name = name
+    small.hfx.devices["insoles"].is_exported = False
+    small.hfx.devices["back_pad"].scheme = "nearest"
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), formats={"csv"})
+    assert names_in(tmp_path) == ["x.back_pad.csv", "x.report.json"]
+
+
+def test_the_schemes_of_a_scene_are_those_of_devices() -> None:
+    from typing import get_args
+
+    from hfx_blender.engine.rendering.device import SchemeName
+    from hfx_blender.properties import SCHEMES
+
+    assert [name for name, *_ in SCHEMES[1:]] == list(get_args(SchemeName))

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 from hfx_blender.authoring import clips, effects, painting
 from hfx_blender.avatars import bodies
@@ -246,7 +247,7 @@ def test_muted_clips_mean_off(empty: Any) -> None:
 def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
     effect = volume()
     bpy.ops.hfx.add_heartbeat(
-        start=60.0, duration=2.0, beats_per_second=2.0, fade_in=0.5, fade_out=0.5
+        start=60.0, duration=2.0, beats_per_minute=120.0, fade_in=0.5, fade_out=0.5
     )
     # Four beats of 30 frames from frame 60 on; in each, pulses of 1 at 0.08 and 0.6 at 0.38 of
     # the beat, nothing from half of it on. The fades are 30 frames at both ends of the whole.
@@ -290,9 +291,9 @@ def test_a_clip_that_cannot_be_is_refused(
 def test_more_beats_than_blender_repeats_are_refused(empty: Any) -> None:
     effect = volume()
     with pytest.raises(RuntimeError, match=r"'Ball'.*1200 repetitions"):
-        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_second=20.0)
+        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_minute=1200.0)
     assert clips.strips_of(effect) == []
-    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_second=20.0)
+    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_minute=1200.0)
     [(_, strip)] = clips.strips_of(effect)
     assert (strip.repeat, strip.scale) == pytest.approx((1000.0, 1.0))
 
@@ -421,6 +422,21 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
     group = bpy.context.object.vertex_groups[painting.GROUP]
     with pytest.raises(RuntimeError, match="not in group"):
         group.weight(int(torso[0]))
+
+
+def test_an_avatar_stands_beside_what_is_there_in_the_active_collection(empty: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=2.0)  # as in the scene that Blender starts with
+    mine = bpy.data.collections.new("Mine")
+    bpy.context.scene.collection.children.link(mine)
+    layer = bpy.context.view_layer
+    layer.active_layer_collection = layer.layer_collection.children["Mine"]
+    bpy.ops.hfx.add_avatar(stands_free=True)
+    body = bpy.context.object
+    layer.update()
+    skin = body.hfx.avatar
+    across = [(skin.matrix_world @ Vector(corner)).x for corner in skin.bound_box]
+    assert min(across) > 0.95 and min(across) < 1.5, "beside the cube, and near it"
+    assert {o.name for o in mine.objects} == {body.name, skin.name}
 
 
 def delete(body: Any) -> None:

@@ -9,7 +9,7 @@ import bpy
 import pytest
 from test_live import PAD, go, is_loud, log, play, rows, until  # noqa: F401
 
-from hfx_blender.playback import live as live_module
+from hfx_blender.devices.live.device_state import Event
 from hfx_blender.playback import live_handlers
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live
@@ -17,72 +17,70 @@ from hfx_blender.playback.live import live
 pytestmark = pytest.mark.usefixtures("patient_devices")
 
 
-@pytest.fixture
-def recorded(log: Path, monkeypatch: pytest.MonkeyPatch) -> Path:  # noqa: F811
-    """Connected pad that plays a recorded track; the scene is muted since, and not evaluated."""
+def test_a_track_plays_in_place_of_the_scene(
+    log: Path,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     play(log)
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
     bpy.ops.hfx.record_track()
-    assert bpy.context.scene.hfx.live_source == "TRACK"
-    until(lambda: not live.is_armed)
-    bpy.context.object.hfx.is_muted = True
-    evaluation.forget()
+    hfx = bpy.context.scene.hfx
+    assert hfx.live_source == "TRACK"
+    until(lambda: not live.is_armed)  # recording has stopped it; only Play plays
+    bpy.context.object.hfx.is_muted = True  # the scene itself is silent from now on
 
     def evaluated(*_: object) -> None:
         raise AssertionError("the scene was evaluated")
 
-    monkeypatch.setattr(evaluation, "describe", evaluated)
-    monkeypatch.setattr(evaluation, "runs", evaluated)
-    return log
+    with monkeypatch.context() as patched:
+        patched.setattr(evaluation, "describe", evaluated)
+        patched.setattr(evaluation, "runs", evaluated)
+        go(15)
+        assert not is_loud(log)
+        play(log)
+        until(lambda: rows(log)[-1]["values"][0] == 5.0)
+        go(5)  # before its clip
+        until(lambda: not is_loud(log))
+        go(15)
+        until(lambda: is_loud(log))
+        go(30)  # after the end
+        until(lambda: not is_loud(log))
+        go(15)
+        until(lambda: is_loud(log))
+        hfx.devices[PAD].is_muted = True
+        until(lambda: not is_loud(log))
+        hfx.devices[PAD].is_muted = False
+        until(lambda: is_loud(log))
 
-
-def test_a_track_follows_the_timeline_and_the_scene_is_not_evaluated(recorded: Path) -> None:
-    go(15)
-    assert not is_loud(recorded)  # recording has stopped it; only Play plays
-    play(recorded)
-    until(lambda: rows(recorded)[-1]["values"][0] == 5.0)
-    go(5)  # before its clip
-    until(lambda: not is_loud(recorded))
-    go(15)
-    until(lambda: is_loud(recorded))
-    go(30)  # after the end
-    until(lambda: not is_loud(recorded))
-    assert live.is_armed
-
-
-def test_a_track_stands_still_mutes_and_stops_like_a_scene(
-    recorded: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    play(recorded)
-    item = bpy.context.scene.hfx.devices[PAD]
-    item.is_muted = True
-    until(lambda: not is_loud(recorded))
-    item.is_muted = False
-    until(lambda: is_loud(recorded))
-    monkeypatch.setattr(live_module, "HOLD_S", 0.0)
-    until(lambda: not is_loud(recorded))
-    bpy.ops.hfx.live_stop_all()
-    until(lambda: "stop" in rows(recorded)[-1] and not live.is_armed)
-
-
-def test_a_damaged_track_is_silence_and_says_why(recorded: Path, tmp_path: Path) -> None:
-    play(recorded)
-    whole = Path(bpy.context.scene.hfx.live_track).read_bytes()
+    whole = Path(hfx.live_track).read_bytes()
     cut = tmp_path / "cut.hfxtrack"
     cut.write_bytes(whole[: len(whole) // 2])
-    bpy.context.scene.hfx.live_track = str(cut)
-    until(lambda: "stop" in rows(recorded)[-1] and not live.is_armed)
+    hfx.live_track = str(cut)
+    until(lambda: "stop" in rows(log)[-1] and not live.is_armed)
     assert "cut.hfxtrack: not a HapticTrack" in live.fault
-
-
-def test_the_way_back_to_the_scene_is_silence_at_first(
-    recorded: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    play(recorded)
-    monkeypatch.undo()
-    bpy.context.scene.hfx.live_source = "SCENE"
-    until(lambda: not is_loud(recorded))
-    live_handlers._describe()
+    hfx.live_source = "SCENE"
     bpy.context.object.hfx.is_muted = False
     bpy.context.view_layer.update()
-    until(lambda: is_loud(recorded))
+    play(log)
+
+
+def test_a_device_that_blender_was_too_slow_for_waits_for_play(
+    log: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    play(log)
+    text = "Blender did not answer for 250 ms"
+    for state in live.states.values():
+        state.hear(Event("frozen", state.number, text))
+    assert live.is_frozen and not live.is_armed
+    live._client.stop(PAD)  # type: ignore[union-attr]
+    until(lambda: "stop" in rows(log)[-1])
+    count = len(rows(log))
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
+    for frame in range(12, 18):  # Blender's own playback
+        go(frame)
+        live_handlers._beat()
+    assert len(rows(log)) == count and not live.is_armed
+    bpy.ops.hfx.live_play()
+    until(lambda: live.is_armed)

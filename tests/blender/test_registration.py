@@ -16,6 +16,7 @@ import hfx_blender
 from hfx_blender import own_processes
 from hfx_blender.ui import (
     blender_command,
+    clip_rows,
     effects_panel,
     menus,
     next_step,
@@ -279,7 +280,10 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     assert "No clips: on for the whole timeline" in shown
     bpy.ops.hfx.add_clip()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
-    assert {"frame_start_ui", "blend_in", "blend_out", "repeat", "hfx.remove_clip"} <= set(shown)
+    assert "time_unit" in shown and "repeat" not in shown
+    clip_rows.refresh()
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)
 
 
 def test_the_export_panel_and_the_menus(scene: Any) -> None:

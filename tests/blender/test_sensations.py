@@ -83,7 +83,7 @@ def test_effects_are_saved_and_loaded_with_all_that_they_are(body: Any, tmp_path
     tap = bpy.context.object
     effects.set_area(tap, [3, 7, 11], [0.25, 0.5, 1.0])
     tap.hfx.amplitude, tap.hfx.frequency, tap.hfx.intensity = 4.0, 80.0, 0.5
-    clips.add_heartbeat(tap, 10, 60, beats_per_second=2.0, fade_in=5, fade_out=10)
+    clips.add_heartbeat(tap, 10, 60, beats_per_minute=120.0, fade_in=5, fade_out=10)
     bpy.ops.hfx.add_volume(modality="temperature", shape="CUBOID", name="Box", size=(1, 2, 3))
     box = bpy.context.object
     box.hfx.temperature, box.hfx.temperature_reference = 12.0, "CONTACT"

@@ -191,6 +191,11 @@ class Driver:
         found = yield from self._painted("wcol_menu", region)
         return found
 
+    def toggles(self, region: bpy.types.Region) -> Iterator[float]:
+        """Centres of a region's switches, like :meth:`op_buttons`."""
+        found = yield from self._painted("wcol_toggle", region)
+        return found
+
     def enter(self, field: Point, value: str) -> Iterator[float]:
         """Type a value into a number field, as with Enter over it."""
         yield from self.move(*field)

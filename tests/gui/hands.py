@@ -12,7 +12,7 @@ import numpy as np
 
 AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
 SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
-MARGIN, ICON = 8, 20  # of the sidebar, pixels
+LIST_BELOW, LIST_ROW = 31, 21  # the list of effects below its switches, and its rows, pixels
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 
 
@@ -97,8 +97,8 @@ def adjust(h: Any, values: dict[int, str], shot: str = "") -> Iterator[float]:
         h.shot(shot)
 
 
-def fill_part(h: Any, row: int, shot: str = "") -> Iterator[float]:
-    """Fill Body Part in the sidebar: a row of its menu."""
+def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]:
+    """Fill Body Part in the sidebar: a column and a row of its menu."""
     paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
     menus = yield from h.choices(h.region("UI"))
     yield from h.click(*next(place for place in menus if place[1] > paint[1]))
@@ -106,7 +106,14 @@ def fill_part(h: Any, row: int, shot: str = "") -> Iterator[float]:
     if shot:
         h.shot(shot)
     parts = yield from h.menu_rows()
-    yield from h.click(*parts[row])
+    columns: list[list[tuple[float, float]]] = []
+    for place in sorted(parts):
+        if columns and place[0] - columns[-1][-1][0] < 20:
+            columns[-1].append(place)
+        else:
+            columns.append([place])
+    column, row = entry
+    yield from h.click(*sorted(columns[column], key=lambda place: place[1])[row])
     yield 0.8
 
 
@@ -149,12 +156,10 @@ def module(name: str) -> Any:
 
 
 def icon(h: Any, row: int, which: int) -> Iterator[float]:
-    """Centre of an effect's star (0) or loudspeaker (1), squares beside the button of its name."""
+    """Centre of the star (0) or loudspeaker (1) in a row of the list of effects."""
     region = h.region("UI")
-    buttons = yield from h.op_buttons(region)  # the names of the effects are the first
-    x, y = buttons[row]
-    right = 2 * x - (region.x + MARGIN)  # where the name ends: as far from its middle
-    return right + ICON * (which + 0.5), y
+    (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first
+    return region.x + region.width - (79, 57)[which], switches + LIST_BELOW + LIST_ROW * row
 
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:

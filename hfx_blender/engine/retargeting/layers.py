@@ -8,6 +8,7 @@ felt where there is a head under them.
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import Final, Literal
 
 import numpy as np
@@ -33,16 +34,19 @@ _ASIDE_M: Final = 0.014
 _ALIKE: Final = 0.3
 """Least cosine between the normals of two layers of the same skin."""
 
+_NEAR_M: Final = 0.16
+"""Farthest from the body that layers are looked for: no fit reaches farther (big heads, capes)."""
+
 _LARGE: Final = 0.004
 """Share of the surface from which a piece hides what lies under it: no button, no eyelash."""
 
 _HEAD: Final = REGIONS.index("head")
 
 
-def left_out(
+def leaving_out(
     surface: TargetSurface, layer: Layer, body: F64, normals: F64, shares: F64
-) -> npt.NDArray[np.bool_]:
-    """Cut triangles of a surface that are not felt, (N,).
+) -> Generator[float, None, npt.NDArray[np.bool_]]:
+    """Find the cut triangles of a surface that are not felt, (N,), in steps.
 
     Parameters
     ----------
@@ -51,6 +55,8 @@ def left_out(
     shares : (V, R) float64
         Its regions.
     """
+    from scipy.spatial import cKDTree
+
     pieces = connected_pieces(weld(surface.points)[surface.triangles])
     areas = np.bincount(pieces, areas_of(surface.points, surface.triangles))
     out = np.zeros(len(surface.parent), bool)
@@ -58,7 +64,9 @@ def left_out(
         return out
     piece, region = pieces[surface.parent], surface.region[surface.parent]
     is_large = areas[piece] >= _LARGE * areas.sum()
-    inner, outer = _pairs(surface, np.flatnonzero(is_large | (region == _HEAD)), piece, region)
+    far, _ = cKDTree(body).query(surface.centres, distance_upper_bound=_NEAR_M, workers=-1)
+    asked = np.flatnonzero((is_large | (region == _HEAD)) & (far < np.inf))
+    inner, outer = yield from _pairs(surface, asked, piece, region)
     on_head = region[inner] == _HEAD
     out[(inner if layer == "visible" else outer)[~on_head]] = True
     head = _head_piece(surface, pieces, body, normals, shares)
@@ -68,17 +76,20 @@ def left_out(
     return out
 
 
-def _pairs(surface: TargetSurface, asked: I64, piece: I64, region: I64) -> tuple[I64, I64]:
-    """Cut triangles of which the second lies over the first."""
+def _pairs(
+    surface: TargetSurface, asked: I64, piece: I64, region: I64
+) -> Generator[float, None, tuple[I64, I64]]:
+    """Find cut triangles of which the second lies over the first, in steps."""
     from scipy.spatial import cKDTree
 
     centres, normals = surface.centres[asked], surface.flat_normals[surface.parent[asked]]
     tree = cKDTree(centres)
     inner, outer = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for depth_m in (*_DEPTHS_M, *(-depth_m for depth_m in _DEPTHS_M)):  # out, then inwards
-        _, near = tree.query(
-            centres + depth_m * normals, k=6, distance_upper_bound=_ASIDE_M + 0.3 * abs(depth_m)
-        )
+    depths = (*_DEPTHS_M, *(-depth_m for depth_m in _DEPTHS_M))  # out, then inwards
+    for number, depth_m in enumerate(depths):
+        yield number / len(depths)
+        places, reach_m = centres + depth_m * normals, _ASIDE_M + 0.3 * abs(depth_m)
+        _, near = tree.query(places, k=6, distance_upper_bound=reach_m, workers=-1)
         row, column = np.nonzero(near < len(asked))
         other = near[row, column]
         way = centres[other] - centres[row]

@@ -14,12 +14,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...stepwise import finish
+from ...stepwise import finish, within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
 from .joints import Skeletons, skeletons_of
-from .layers import Layer, left_out
+from .layers import Layer, leaving_out
 from .limbs import Limbs
 from .pose import matrices, posed
 from .quality import Quality, judge
@@ -82,42 +82,29 @@ def warping(
     """
     bodies = skeletons_of(avatar, target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
-    yield 0.1
+    yield 0.05
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
     limbs, shares = Limbs(avatar, bodies), bodies.avatar_shares
     moved, fields = matrices(avatar, bodies), fields_for(avatar)
     start = posed(avatar, moved)
-    out = left_out(surface, layer, start, vertex_normals(start, triangles), shares)
+    layers = leaving_out(surface, layer, start, vertex_normals(start, triangles), shares)
+    out = yield from within(layers, 0.1, 0.3)
     same = _same_mesh(avatar, target)
     if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[out])):
         vertices = start = bodies.points[same]
     else:
         same = None
         surface.leave_out(out)
-        yield 0.2
         vertices = start
         if fields is not None:
-            steps = shape(fields, moved, start, triangles, bodies, surface, limbs)
-            vertices = yield from _within(steps, 0.2, 0.6)
-        steps = pull(vertices, triangles, shares, limbs.axes, surface)
-        vertices = yield from _within(steps, 0.6, 1.0)
+            shaping = shape(fields, moved, start, triangles, bodies, surface, limbs)
+            vertices = yield from within(shaping, 0.3, 0.65)
+        pulling = pull(vertices, triangles, shares, limbs.axes, surface)
+        vertices = yield from within(pulling, 0.65, 1.0)
         vertices = limbs.seated(vertices, start)
     normals = vertex_normals(vertices, triangles)
     return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
-
-
-def _within(
-    steps: Generator[float, None, F64], start: float, end: float
-) -> Generator[float, None, F64]:
-    """Steps as a part of longer work."""
-    while True:
-        try:
-            share = next(steps)
-        except StopIteration as done:
-            found: F64 = done.value
-            return found
-        yield start + (end - start) * share
 
 
 def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:

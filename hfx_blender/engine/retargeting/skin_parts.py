@@ -8,7 +8,7 @@ hair over a head, a sword) is left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import F64
 from ..body.model import Avatar, SkinWeights
 from .joints import dominant, skeletons_of
-from .layers import Layer, left_out
+from .layers import Layer, leaving_out
 from .pose import matrices, posed
 from .regions import REGIONS
 from .surface import TargetSurface, vertex_normals
@@ -32,16 +32,16 @@ _REACH_M: Final = 0.12
 
 def ranked(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
-) -> list[int]:
-    """Indices of all meshes, the one that shows most of the body first."""
-    shown = _shown(avatar, targets, mapping, layer).sum(axis=1)
+) -> Generator[float, None, list[int]]:
+    """Sort all meshes, the one that shows most of the body first, in steps; their indices."""
+    shown = (yield from _shown(avatar, targets, mapping, layer)).sum(axis=1)
     return sorted(range(len(targets)), key=lambda k: (-shown[k], k))
 
 
 def skin_of(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
-) -> list[int]:
-    """Indices of the meshes that show the body's surface, in the order of :func:`ranked`.
+) -> Generator[float, None, list[int]]:
+    """Find the meshes that show the body's surface, in steps; their indices, as :func:`ranked`.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def skin_of(
     InputError
         The joints are missing, or are not a person's.
     """
-    shown = _shown(avatar, targets, mapping, layer)
+    shown = yield from _shown(avatar, targets, mapping, layer)
     whole = np.maximum(shown.sum(axis=0), 1e-30)
     needed = (shown / whole >= _SHOWS).any(axis=1)
     return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if needed[k]]
@@ -63,8 +63,10 @@ def skin_of(
 
 def _shown(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer
-) -> F64:
-    """Area of each region of the posed canonical body that is nearest to each mesh, (M, R)."""
+) -> Generator[float, None, F64]:
+    """Find the area of each region of the posed canonical body that is nearest to each mesh,
+    (M, R), in steps.
+    """
     found = np.zeros((len(targets), len(REGIONS)))
     used = [k for k, t in enumerate(targets) if len(t.triangles) and len(t.weights.bones)]
     if not used:
@@ -76,7 +78,7 @@ def _shown(
     body, shares = posed(avatar, matrices(avatar, bodies)), bodies.avatar_shares
     normals = vertex_normals(body, triangles)
     surface = TargetSurface(bodies.points, union.triangles, bodies.target_shares)
-    surface.leave_out(left_out(surface, layer, body, normals, shares))
+    surface.leave_out((yield from leaving_out(surface, layer, body, normals, shares)))
     places = surface.nearest(body, normals, shares, _REACH_M)
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
     areas = np.repeat(areas_of(body, triangles) / 3.0, 3)

@@ -100,7 +100,7 @@ class TargetSurface:
             if tree is None:
                 continue
             tries = min(_CANDIDATES, len(members))
-            _, near = tree.query(points[asked], k=tries)
+            _, near = tree.query(points[asked], k=tries, workers=-1)
             piece = members[np.reshape(near, (len(asked), tries))].ravel()
             point = np.repeat(asked, tries)
             bary = barycentric(points[point], self._pieces[piece])

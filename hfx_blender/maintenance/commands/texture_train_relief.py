@@ -44,7 +44,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(
             "training needs PyTorch: pip install 'hfx-blender[train]', or 'torch' for your machine"
         ) from error
-    weights = training.train(options.data, console.say, jobs=options.jobs)
+    weights = training.train(options.data, jobs=options.jobs)
     size = training.store(weights, options.output)
     console.say(f"wrote {options.output}: {size} bytes")
     console.result({"file": str(options.output), "bytes": size})

@@ -151,5 +151,5 @@ def _add_heartbeat(body: bpy.types.Object) -> None:
     heart.hfx.amplitude = 10.0
     bpy.ops.hfx.fill_part(part="torso")
     bpy.ops.hfx.add_heartbeat(
-        start=frame(13.0), duration=2.0, beats_per_second=2.0, fade_in=0.5, fade_out=0.5
+        start=frame(13.0), duration=2.0, beats_per_minute=120.0, fade_in=0.5, fade_out=0.5
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 
 import bpy
@@ -22,15 +23,20 @@ from ...atomic_files import atomic_file
 from ...authoring import effect_exchange, effect_file, effects
 from ...authoring.effect_assets import LIBRARY_FILE, SENSATION, is_worn
 from ...authoring.effect_file import SUFFIX, Sensation
-from ...engine.arrays import F64
+from ...engine.arrays import F64, Bool
 from ...engine.body.model import load_avatar, load_model
-from ...engine.colouring import Spread, overlay
+from ...engine.colouring import COLD, COLOURS, Spread
 from ...playback.preview_layers import spread_between
 from ...playback.timeline_record import record
 from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"
 SIZE = 128
+_MOMENTS = (0, 12, 24, 48)  # frames at which volumes are drawn
+_POINTS = 1500  # on the boundary of each
+_NEAR_M = 0.1
+_FAINT = 0.55
+_NEUTRAL_C = 28.0  # between air and skin: what is drawn as cold
 WORN, AROUND = "Haptics/On the Body", "Haptics/Around the Body"
 
 _SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # of names that are addresses
@@ -107,36 +113,79 @@ def picture_of(sensation: Sensation) -> F64:
     strongest: dict[str, F64] = {}
     spreads: dict[str, Spread] = {}
     for frame in range(scene.frame_start, scene.frame_end + 1):
-        runs = found.runs(frame) or []
-        for model_id in {run.stream.model_id for run in runs} - set(spreads):
+        index = found.index(frame)
+        samples = [] if index is None else found.samples(index) or []
+        used = {sample.stream.model_id for sample in samples}
+        for model_id in used - set(spreads):
             spreads[model_id] = spread_between(
                 avatar.vertices.astype(np.float64), load_model(model_id)
             )
-        if not runs:
+        if not samples:
             continue
-        used = {run.stream.model_id for run in runs}
         shares = felt_shares(
-            [sample for run in runs for sample in run],
+            samples,
             {key: spreads[key] for key in used},
             {key: len(load_model(key)) for key in used},
             contact,
         )
         for name, share in shares.items():
             strongest[name] = np.maximum(strongest.get(name, 0.0), share)
-    colours = np.tile([*SKIN, 1.0], (len(avatar.vertices), 1))
-    if strongest:
-        over = overlay(strongest)
-        colours[:, :3] += over[:, 3:] * (over[:, :3] - colours[:, :3])
     faces = avatar.faces
     quads = faces[faces[:, 3] >= 0]
     triangles = np.concatenate([faces[:, :3], quads[:, [0, 2, 3]]])
-    return _drawn(avatar.vertices.astype(np.float64), triangles, colours[:, :3])
+    points = avatar.vertices.astype(np.float64)
+    return _drawn(points, triangles, _colours(strongest, len(points)), _volumes(scene))
 
 
-def _drawn(points: F64, triangles: npt.NDArray[np.int32], colours: F64) -> F64:
-    """The avatar from the front and from behind, side by side, drawn point by point."""
+def _colours(strongest: Mapping[str, F64], count: int) -> F64:
+    """Colour of each vertex, (count, 3): the legend's of what is strongest there, never a mix."""
+    colours = np.tile(SKIN, (count, 1))
+    felt = {name: share / share.max() for name, share in strongest.items() if share.any()}
+    if felt:
+        shares = np.array(list(felt.values()))
+        legend = np.array([COLOURS[name] for name in felt])[shares.argmax(axis=0)]
+        colours += shares.max(axis=0)[:, None] * (legend - colours)
+    return colours
+
+
+def _volumes(scene: bpy.types.Scene) -> tuple[F64, F64]:
+    """Places (n, 3) on the boundaries of volumes at some moments, metres, and their colours."""
+    generator = np.random.default_rng(1)
+    places, colours = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for frame in _MOMENTS:
+        scene.frame_set(frame)
+        for obj in reversed(effects.effects_of(scene)):  # the first is seen over others
+            if obj.hfx.kind == "VOLUME":
+                inside = _boundary(obj, generator.uniform(-1.0, 1.0, (_POINTS, 3)))
+                matrix = np.array(obj.matrix_world, dtype=np.float64)
+                places.append(inside @ matrix[:3, :3].T + matrix[:3, 3])
+                is_cold = obj.hfx.modality == "temperature" and obj.hfx.temperature < _NEUTRAL_C
+                name = COLD if is_cold else obj.hfx.modality
+                colours.append(np.tile(COLOURS[name], (_POINTS, 1)))
+    return np.concatenate(places), np.concatenate(colours)
+
+
+def _boundary(obj: bpy.types.Object, found: F64) -> F64:
+    """Points in the cube from -1 to 1 pushed to the boundary of an object's shape, local space."""
+    hfx = obj.hfx
+    if hfx.shape == "CUBOID":
+        axis = np.abs(found).argmax(axis=1)
+        found[np.arange(len(found)), axis] = np.sign(found[np.arange(len(found)), axis])
+        return found * np.array(hfx.size) / 2.0
+    if hfx.shape in ("CYLINDER", "CAPSULE"):
+        found[:, :2] /= np.linalg.norm(found[:, :2], axis=1, keepdims=True)
+        return found * (hfx.radius, hfx.radius, hfx.height / 2.0)
+    return hfx.radius * found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def _drawn(
+    points: F64, triangles: npt.NDArray[np.int32], colours: F64, volumes: tuple[F64, F64]
+) -> F64:
+    """The avatar from the front and from behind, side by side, drawn point by point.
+
+    Volumes are seen beside it and, if they are wholly before it, over it.
+    """
     picture = np.zeros((SIZE, SIZE, 4))
-    middle, height = points.mean(axis=0), np.ptp(points[:, 2])
     corners, shades = points[triangles], colours[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -148,16 +197,28 @@ def _drawn(points: F64, triangles: npt.NDArray[np.int32], colours: F64) -> F64:
         seen = light > 0.0
         place, tint = at[seen].reshape(-1, 3), tints[seen].reshape(-1, 3)
         tint = np.clip(tint * np.repeat(0.45 + 0.55 * light[seen], len(shares))[:, None], 0.0, 1.0)
-        scale = 0.94 * SIZE / height
-        x = -facing * (place[:, 0] - middle[0]) * scale * 0.72 + left + SIZE / 4
-        y = SIZE * 0.97 - (place[:, 2] - points[:, 2].min()) * scale
-        inside = (x >= left) & (x < left + SIZE // 2) & (y >= 0) & (y < SIZE)
+        x, y, inside = _at_pixels(place, points, left, facing)
         order = np.argsort(-facing * place[:, 1] * -1.0)  # the nearest is drawn last
         order = order[inside[order]]
         picture[y[order].astype(int), x[order].astype(int), :3] = tint[order]
         picture[y[order].astype(int), x[order].astype(int), 3] = 1.0
+        place, tint = volumes
+        x, y, inside = _at_pixels(place, points, left, facing)
+        is_before = facing * place[:, 1] > (facing * points[:, 1]).max() - _NEAR_M
+        row, column = y.astype(int), x.astype(int)
+        inside[inside] &= is_before[inside] | (picture[row[inside], column[inside], 3] == 0.0)
+        picture[row[inside], column[inside], :3] = tint[inside]
+        picture[row[inside], column[inside], 3] = np.where(is_before[inside], 1.0, _FAINT)
     picture[..., :3] **= 1 / 2.2
     return picture
+
+
+def _at_pixels(place: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
+    """Columns and rows of places (n, 3) in one half of the picture, and whether they are in it."""
+    scale = 0.94 * SIZE / np.ptp(body[:, 2])
+    x = -facing * (place[:, 0] - body[:, 0].mean()) * scale * 0.72 + left + SIZE / 4
+    y = SIZE * 0.97 - (place[:, 2] - body[:, 2].min()) * scale
+    return x, y, (x >= left) & (x < left + SIZE // 2) & (y >= 0) & (y < SIZE)
 
 
 if __name__ == "__main__":

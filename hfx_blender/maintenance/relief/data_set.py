@@ -6,19 +6,19 @@ Sample ``k`` depends on the seed and on ``k`` only.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from multiprocessing import get_context
+import sys
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ... import own_processes
 from . import pictures
 
 TEXELS: Final = 192
 _AT_ONCE: Final = 50
+_MODULE: Final = "maintenance.relief.data_set"
 MOST_SLOPE: Final = 2.0
 """Slopes are stored as 8-bit roots up to this one."""
 
@@ -53,23 +53,57 @@ def slopes_of(stored: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
 
 
 def opened(folder: Path, count: int, seed: int, jobs: int) -> DataSet:
-    """A data set of at least ``count`` samples in a folder, made if it is not there."""
+    """A data set of ``count`` samples in a folder, made by ``jobs`` processes if it is not there.
+
+    Raises
+    ------
+    RuntimeError
+        A process failed; it said why.
+    """
     done = folder / f"{seed}-{count}.done"
-    shapes = ((3,), (), (), ())
-    paths = [folder / f"{seed}-{count}-{name}.npy" for name in DataSet._fields]
     if not done.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        kinds = (np.uint8, np.float16, np.uint8, np.uint8)
-        files = [
-            np.lib.format.open_memmap(path, "w+", kind, (count, TEXELS, TEXELS, *shape))
-            for path, kind, shape in zip(paths, kinds, shapes, strict=True)
-        ]
-        starts = range(0, count, _AT_ONCE)
-        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-            for first, parts in zip(starts, pool.map(partial(_made, seed), starts), strict=True):
-                for file, part in zip(files, parts, strict=True):
-                    file[first : first + _AT_ONCE] = part[: count - first]
-        for file in files:
-            file.flush()
+        shapes, kinds = ((3,), (), (), ()), (np.uint8, np.float16, np.uint8, np.uint8)
+        for path, kind, shape in zip(_paths(folder, count, seed), kinds, shapes, strict=True):
+            np.lib.format.open_memmap(path, "w+", kind, (count, TEXELS, TEXELS, *shape)).flush()
+        arguments = str(folder), str(count), str(seed), str(jobs)
+        run_together([own_processes.command(_MODULE, *arguments, str(job)) for job in range(jobs)])
         done.touch()
-    return DataSet(*(np.load(path, mmap_mode="r") for path in paths))
+    return DataSet(*(np.load(path, mmap_mode="r") for path in _paths(folder, count, seed)))
+
+
+def run_together(commands: list[list[str]]) -> None:
+    """Run processes and wait for all of them; the others end when one fails.
+
+    Raises
+    ------
+    RuntimeError
+        One failed.
+    """
+    running = [own_processes.start(command, {"OMP_NUM_THREADS": "1"}) for command in commands]
+    try:
+        for each in running:
+            if each.wait():
+                raise RuntimeError(f"a process ended with {each.returncode}")
+    finally:
+        for each in running:
+            each.kill()
+            each.wait()
+
+
+def _paths(folder: Path, count: int, seed: int) -> list[Path]:
+    return [folder / f"{seed}-{count}-{name}.npy" for name in DataSet._fields]
+
+
+def _fill(folder: Path, count: int, seed: int, jobs: int, job: int) -> None:
+    """Make the share of one of several processes."""
+    files = [np.load(path, mmap_mode="r+") for path in _paths(folder, count, seed)]
+    for first in range(job * _AT_ONCE, count, jobs * _AT_ONCE):
+        for file, part in zip(files, _made(seed, first), strict=True):
+            file[first : first + _AT_ONCE] = part[: count - first]
+    for file in files:
+        file.flush()
+
+
+if __name__ == "__main__":
+    _fill(Path(sys.argv[1]), *map(int, sys.argv[2:]))

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Callable
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +14,7 @@ import torch.distributed
 from torch import Tensor
 from torch.nn import functional
 
+from ... import own_processes
 from ...atomic_files import atomic_file
 from ...engine.texture.relief_network import prepared
 from . import data_set
@@ -22,7 +22,7 @@ from .network import ReliefNetwork, weights_of
 
 SEED: Final = 1
 SAMPLES: Final = 5000
-STEPS: Final = 5000
+STEPS: Final = 3050
 _WHOLE: Final = 0.25  # of the steps take whole pictures that tile, the others crops
 _BATCH: Final = {True: 4, False: 8}
 _CROP: Final = 128
@@ -34,49 +34,45 @@ _TOGETHER: Final = 10  # steps between two means of their weights
 _AVERAGED: Final = 0.98
 """Share of the mean over time that is kept at each of them; that mean is what is stored."""
 
-Say = Callable[[str], None]
+_MODULE: Final = "maintenance.relief.training"
+_MEETING: Final = "meeting"  # file by which the processes find each other
+_LATEST: Final = "latest.npz"
 
 
-def train(folder: Path, say: Say, *, jobs: int = 2, steps: int = STEPS) -> dict[str, np.ndarray]:
+def train(folder: Path, *, jobs: int = 2, steps: int = STEPS) -> dict[str, np.ndarray]:
     """Weights of a network trained on pictures that are made into ``folder``.
 
     Three processes learn from pictures of their own, and take the mean of their weights after
-    every ten steps (McMahan et al. 2017, "Communication-efficient learning").
+    every ten steps (McMahan et al. 2017, "Communication-efficient learning"). The first one
+    prints its progress.
 
     Parameters
     ----------
-    say : callable
-        Takes a line of progress.
     jobs : int
         Processes that make pictures.
     steps : int
         Of each process; fewer for a trial.
+
+    Raises
+    ------
+    RuntimeError
+        A process failed; it said why.
     """
     data_set.opened(folder, SAMPLES, SEED, jobs)
-    meeting, latest = folder / "meeting", folder / "latest.npz"
-    meeting.unlink(missing_ok=True)
-    others = [
-        get_context("spawn").Process(target=_learn, args=(rank, folder, steps, None))
-        for rank in range(1, _LEARNERS)
-    ]
-    for each in others:
-        each.start()
-    try:
-        _learn(0, folder, steps, say)
-    finally:
-        for each in others:
-            each.terminate()
-            each.join()
-    with np.load(latest) as file:
+    (folder / _MEETING).unlink(missing_ok=True)
+    data_set.run_together(
+        [own_processes.command(_MODULE, folder, str(rank), str(steps)) for rank in range(_LEARNERS)]
+    )
+    with np.load(folder / _LATEST) as file:
         return dict(file)
 
 
-def _learn(rank: int, folder: Path, steps: int, say: Say | None) -> None:
+def _learn(folder: Path, rank: int, steps: int) -> None:
     """Train in one of the processes; the first stores the mean of its weights over time."""
     torch.manual_seed(SEED)
     torch.set_num_threads(1)
     torch.distributed.init_process_group(
-        "gloo", f"file://{(folder / 'meeting').resolve()}", rank=rank, world_size=_LEARNERS
+        "gloo", f"file://{(folder / _MEETING).resolve()}", rank=rank, world_size=_LEARNERS
     )
     data, rng = data_set.opened(folder, SAMPLES, SEED, 1), np.random.default_rng([SEED, rank])
     network, mean = ReliefNetwork(), ReliefNetwork()
@@ -89,10 +85,11 @@ def _learn(rank: int, folder: Path, steps: int, say: Say | None) -> None:
         losses.append(_step(network, optimizer, data, rng))
         if (step + 1) % _TOGETHER == 0:
             _meet(network, mean, min(_AVERAGED, step / (step + 100.0)))
-        if say is not None and (step + 1) % 100 == 0:
-            np.savez(folder / "latest.npz", **weights_of(mean))
-            spent = time.monotonic() - begin
-            say(f"step {step + 1} of {steps}: loss {np.mean(losses[-100:]):.4f}, {spent:.0f} s")
+        if rank == 0 and ((step + 1) % 100 == 0 or step + 1 == steps):
+            np.savez(folder / _LATEST, **weights_of(mean))
+            spent, loss = time.monotonic() - begin, np.mean(losses[-100:])
+            sys.stderr.write(f"step {step + 1} of {steps}: loss {loss:.4f}, {spent:.0f} s\n")
+            sys.stderr.flush()
     torch.distributed.destroy_process_group()
 
 
@@ -194,3 +191,7 @@ def store(weights: dict[str, np.ndarray], path: Path) -> int:
     with atomic_file(path) as stream:
         np.savez_compressed(stream, **halves)
     return path.stat().st_size
+
+
+if __name__ == "__main__":
+    _learn(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

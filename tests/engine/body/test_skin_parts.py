@@ -16,6 +16,7 @@ from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.skin_parts import joined, ranked, skin_of
 from hfx_blender.engine.retargeting.surface import vertex_normals
 from hfx_blender.engine.retargeting.target import TargetAvatar
+from hfx_blender.stepwise import finish
 
 BONES = ("root", "spine01", "head", "wrist.L", "wrist.R")
 
@@ -144,10 +145,10 @@ def test_what_is_seen_is_taken_whatever_the_order_and_the_unit() -> None:
             )
             for name in names
         ]
-        seen = {names[k] for k in skin_of(load_avatar(), scaled, mapping)}
+        seen = {names[k] for k in finish(skin_of(load_avatar(), scaled, mapping))}
         assert seen == {"body", "shoes", "trousers"}
-        assert names[ranked(load_avatar(), scaled, mapping)[0]] == "body"
-        skin = {names[k] for k in skin_of(load_avatar(), scaled, mapping, "skin")}
+        assert names[finish(ranked(load_avatar(), scaled, mapping))[0]] == "body"
+        skin = {names[k] for k in finish(skin_of(load_avatar(), scaled, mapping, "skin"))}
         assert skin == {"body", "shoes", "underwear"}  # no foot is under the shoes
 
 

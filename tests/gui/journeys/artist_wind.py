@@ -13,7 +13,7 @@ import bpy
 import hands
 
 FPS = 24
-WHOLE_BODY_ROW = 0  # of Fill Body Part
+WHOLE_BODY = 0, 0  # column and row of Fill Body Part
 STRIKES = (126, 140, 158)  # frames
 
 
@@ -50,7 +50,7 @@ def steps(h: Any) -> Iterator[float]:
 
     pressure = hands.MODALITIES.index("pressure")
     yield from hands.add_haptic(h, hands.PAINTED_ROW, pressure)
-    yield from hands.fill_part(h, WHOLE_BODY_ROW)
+    yield from hands.fill_part(h, WHOLE_BODY)
     h.check(len(hands.painted_parts(hands.effect("pressure"))) == 11, "all parts are filled")
     starts = []
     for number, frame in enumerate(STRIKES):

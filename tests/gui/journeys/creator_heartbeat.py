@@ -15,7 +15,7 @@ import hands
 
 FPS = 24
 START = 13  # frames
-TORSO_ROW = 2  # of Fill Body Part: the whole body, the head, the torso
+TRUNK = 1, 1  # column and row of Fill Body Part
 ACTION_SECONDS = 1.5
 """A person's pace: to find the next button, go there and click, or to type a number."""
 
@@ -28,10 +28,10 @@ def steps(h: Any) -> Iterator[float]:
 
     begin, before = time.monotonic(), h.actions
     yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("vibration"))
-    yield from hands.fill_part(h, TORSO_ROW, shot="1_parts.png")
+    yield from hands.fill_part(h, TRUNK, shot="1_parts.png")
     h.check(hands.painted_parts(hands.effect("vibration")) == {"torso"}, "the torso is filled")
     yield from h.press_button("HFX_OT_add_heartbeat")
-    yield from hands.adjust(h, {1: "2", 2: "0.5", 3: "0.5", 4: "2"}, shot="2_heartbeat.png")
+    yield from hands.adjust(h, {1: "48", 2: "12", 3: "12", 4: "120"}, shot="2_heartbeat.png")
     actions = h.actions - before
     seconds = time.monotonic() - begin
     (strip,) = hands.clips_of(hands.effect("vibration"))

@@ -22,7 +22,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_avatar(h)
     vibration = hands.MODALITIES.index("vibration")
     yield from hands.add_haptic(h, hands.PAINTED_ROW, vibration)
-    yield from hands.fill_part(h, 0)
+    yield from hands.fill_part(h, (0, 0))
 
     yield from h.click(*FILE_MENU)
     yield 0.6

@@ -10,7 +10,7 @@ import bpy
 import hands
 
 FPS = 24
-WHOLE_BODY_ROW = 0
+WHOLE_BODY = 0, 0  # column and row of Fill Body Part
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -19,7 +19,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_avatar(h)
     pressure = hands.MODALITIES.index("pressure")
     yield from hands.add_haptic(h, hands.PAINTED_ROW, pressure)
-    yield from hands.fill_part(h, WHOLE_BODY_ROW)
+    yield from hands.fill_part(h, WHOLE_BODY)
     yield from hands.go_to(h, 24)
     yield from h.press_button("HFX_OT_add_clip")
     (strip,) = hands.clips_of(hands.effect("pressure"))

@@ -57,8 +57,8 @@ def steps(h: Any) -> Iterator[float]:
     before = hands.tint(pixels, h.xy_of(CHEST))
 
     x, y = yield from hands.icon(h, 0, 0)
-    above = y - 26  # the switch and, right of it, the palette
-    yield from h.click(x + 8, above)
+    above = y - hands.LIST_BELOW  # the switch and, right of it, the palette
+    yield from h.click(x + 30, above)
     yield 0.6
     h.shot("5_palettes.png")
     rows = yield from h.menu_rows()

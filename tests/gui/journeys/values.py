@@ -10,7 +10,7 @@ import bpy
 import hands
 
 FPS = 24
-WHOLE_BODY_ROW = 0
+WHOLE_BODY = 0, 0  # column and row of Fill Body Part
 DEVICES = ("pressure_vest", "waist_belt")
 
 
@@ -24,11 +24,11 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_avatar(h)
     pressure, warmth = (hands.MODALITIES.index(name) for name in ("pressure", "vibration"))
     yield from hands.add_haptic(h, hands.PAINTED_ROW, pressure)
-    yield from hands.fill_part(h, WHOLE_BODY_ROW)
+    yield from hands.fill_part(h, WHOLE_BODY)
     yield from hands.go_to(h, 24)
     yield from h.press_button("HFX_OT_add_clip")
     yield from hands.add_haptic(h, hands.PAINTED_ROW, warmth)
-    yield from hands.fill_part(h, WHOLE_BODY_ROW)
+    yield from hands.fill_part(h, WHOLE_BODY)
     yield from hands.go_to(h, 48)
     yield from h.press_button("HFX_OT_add_heartbeat")
     yield from hands.go_to(h, 12)
@@ -47,7 +47,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
     before = known.count
     x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches above it
-    yield from h.click(x - 12, y - 26)
+    yield from h.click(x - 3, y - hands.LIST_BELOW)
     yield 0.5
     h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
     yield 1.0

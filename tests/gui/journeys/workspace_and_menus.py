@@ -18,7 +18,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.empty_scene(h, FPS)
     yield from hands.add_avatar(h)
     yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("pressure"))
-    yield from hands.fill_part(h, 1)
+    yield from hands.fill_part(h, (1, 0))
 
     yield from h.click(*WINDOW_MENU)
     yield 0.6

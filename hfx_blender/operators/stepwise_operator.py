@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Base class of the operators whose work takes long: progress in the window, and Esc ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from typing import ClassVar
+
+import bpy
+
+from ..stepwise import finish
+from .shared import HfxOperator
+
+_AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
+_PAUSE_S = 0.01
+
+
+class StepwiseOperator(HfxOperator):
+    """Base of operators that work in steps (:mod:`...stepwise`).
+
+    A script gets all of them at once. In a window they are done between redraws: the status bar
+    shows the share that is done, and other actions are blocked, as the scene must not change.
+    """
+
+    doing: ClassVar[str]
+    """Name of the work in the status bar."""
+
+    doing_icon: ClassVar[str]
+
+    cancelled: ClassVar[str]
+    """Report after Esc."""
+
+    # Without annotations, which Blender would take for properties.
+    _is_invoked = False
+    _steps = None
+    _timer = None
+    _share = 0.0
+
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
+        """Check the input, and return the steps; their result is the report."""
+        raise NotImplementedError
+
+    def work(self, context: bpy.types.Context) -> str:
+        return finish(self.steps(context))
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self._is_invoked = True
+        return self.execute(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._is_invoked or bpy.app.background or context.window is None:
+            return super().execute(context)
+        begun = self.reported(lambda: self._begin(context))
+        return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
+
+    def _begin(self, context: bpy.types.Context) -> str:
+        self._steps = self.steps(context)
+        self._share = 0.0
+        window_manager = context.window_manager
+        self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
+        window_manager.modal_handler_add(self)
+        self._show(context)
+        return ""
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Handle events while the work runs."""
+        if event.type == "ESC" and event.value == "PRESS":
+            self.cancel(context)
+            self.report({"WARNING"}, self.cancelled)
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        went_on = self.reported(self._go_on)
+        if self._steps is not None and went_on == {"FINISHED"}:
+            self._show(context)
+            return {"RUNNING_MODAL"}
+        self.cancel(context)
+        return went_on
+
+    def _go_on(self) -> str:
+        """Do some more steps; returns the final report at the end."""
+        assert self._steps is not None
+        pause = time.monotonic() + _AT_ONCE_S
+        try:
+            while time.monotonic() < pause:
+                self._share = next(self._steps)
+        except StopIteration as end:
+            self._steps = None
+            return str(end.value)
+        return ""
+
+    def _show(self, context: bpy.types.Context) -> None:
+        share, doing, icon = self._share, self.doing, self.doing_icon
+
+        def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
+            row = header.layout.row()
+            row.label(text=doing, icon=icon)
+            row.progress(factor=share, text=f"{share:.0%}")
+            row.label(text="Cancel", icon="EVENT_ESC")
+
+        context.workspace.status_text_set(draw)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """End the work, with a result or without."""
+        self._is_invoked = False  # Blender's redo of the same operator is no new press of a button
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+            context.workspace.status_text_set(None)
