@@ -12,7 +12,18 @@ import numpy as np
 
 from ..arrays import F64, I64, U8, Bool
 from ..native.bounds import Outline
-from ..native.library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
+from ..native.library import (
+    BYTES,
+    DOUBLE,
+    DOUBLES,
+    INTEGER,
+    LONGS,
+    POINTER,
+    f64,
+    i64,
+    library,
+    structure,
+)
 from ..native.skin import PosedBones, UsedBones
 from .compiled_target import PlacedTarget
 
@@ -25,28 +36,32 @@ WHOLE: Final = 3
 _Pairs = structure(
     "hfx_pairs",
     count=INTEGER,
-    **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), POINTER),
+    **{"clusters": LONGS, "rows": LONGS, "how": BYTES, "steps": LONGS, "points": DOUBLES},
     total=INTEGER,
-    allowed_m=POINTER,
+    allowed_m=DOUBLES,
 )
 _Broad = structure(
     "hfx_broad",
-    **dict.fromkeys(("outline", "row", "all", "low", "high", "of_rows", "of_clusters"), POINTER),
-    **dict.fromkeys(("follows", "reported"), POINTER),
+    **{"outline": POINTER, "row": LONGS, "all": LONGS},
+    **dict.fromkeys(("low", "high", "of_rows", "of_clusters"), DOUBLES),
+    **dict.fromkeys(("follows", "reported"), BYTES),
     edge_m=DOUBLE,
     is_split=INTEGER,
-    **dict.fromkeys(("at", "flags", "near"), POINTER),
+    **{"at": LONGS, "flags": BYTES, "near": LONGS},
     near_count=INTEGER,
 )
-_Posed = structure("hfx_posed", posed=POINTER, all=INTEGER, bones=POINTER, own=POINTER)
+_Posed = structure("hfx_posed", posed=DOUBLES, all=INTEGER, bones=LONGS, own=POINTER)
 
 
 @cache
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_overlaps.argtypes = [POINTER] * 3
-        found.hfx_reach.argtypes = [POINTER] * 9
+        found.hfx_overlaps.argtypes = [POINTER, POINTER, LONGS]
+        found.hfx_reach.argtypes = [
+            *(POINTER, POINTER, POINTER, POINTER, BYTES),
+            *(POINTER, POINTER, LONGS, LONGS),
+        ]
         found.hfx_overlaps.restype, found.hfx_reach.restype = INTEGER, None
     return found
 
@@ -77,8 +92,7 @@ class Pairs:
             return self.found
         arrays = self.clusters, self.rows, self.how, self.steps, points
         total = 0 if points is None else points.shape[1]
-        found = [pointer(each) for each in arrays]
-        return _Pairs(len(self.clusters), *found, total, pointer(allowed_m))
+        return _Pairs(len(self.clusters), *arrays, total, allowed_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,20 +145,17 @@ class CompiledBroadPhase:
         self._at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
         self._target = target
         follows, reported = (np.ascontiguousarray(each, np.bool_) for each in (follows, reported))
-        self._arrays = target.rows, i64(rows), *map(f64, boxes), follows, reported
-        self._pointers = _Broad(
-            outline.address,
-            *[pointer(each) for each in self._arrays],
-            edge_m,
-            int(is_split),
-            *(pointer(self._at), pointer(self._flags), pointer(self._near)),
+        self._pointers: Any = _Broad(
+            *(outline.address, target.rows, i64(rows), *map(f64, boxes), follows, reported),
+            *(edge_m, int(is_split), self._at, self._flags, self._near),
         )
+        self._outline = outline
 
     def overlaps(self) -> I64:
         """Clusters whose boxes the volume's meets anywhere, ascending; to be called first."""
         met = np.empty(len(self._near), np.int64)
         shared = ctypes.byref(self._pointers), ctypes.byref(self._target.pointers)
-        count = _library().hfx_overlaps(*shared, pointer(met))
+        count = _library().hfx_overlaps(*shared, met)
         return met[:count]
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
@@ -171,11 +182,11 @@ class CompiledBroadPhase:
         how, is_used = np.empty(near * count, np.uint8), np.empty(len(used.ids), np.uint8)
         pairs: Any = Pairs(clusters, rows, how, steps).pointers()
         lists, counts, ids = np.empty((3, near), np.int64), np.empty(4, np.int64), used.ids
-        where = _Posed(pointer(posed), posed.shape[1], pointer(ids), own and own.address)
+        where = _Posed(posed, posed.shape[1], ids, own and own.address)
         shared = (self._pointers, self._target.pointers, where, bones.pointers)
         _library().hfx_reach(
             *map(ctypes.byref, shared),
-            *(pointer(is_used), groups, ctypes.byref(pairs), pointer(lists), pointer(counts)),
+            *(is_used, groups, ctypes.byref(pairs), lists, counts),
         )
         *numbers, most_steps = counts.tolist()
         every, wide, by_vertex = (each[:some] for each, some in zip(lists, numbers, strict=True))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, Weights
-from ..native.library import INTEGER, POINTER, f64, library, pointer, structure
+from ..native.library import ANY, DOUBLES, INTEGER, LONGS, POINTER, f64, library, structure
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
 from .compiled_broad_phase import Pairs
@@ -31,8 +31,8 @@ _Drift = structure(
 )
 _Found = structure(
     "hfx_found",
-    weights=POINTER,
-    column_of=POINTER,
+    weights=ANY,
+    column_of=LONGS,
     columns=INTEGER,
     is_single=INTEGER,
     posed=INTEGER,
@@ -43,7 +43,7 @@ _Found = structure(
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_look_at_skin.argtypes = [POINTER] * 10
+    found.hfx_look_at_skin.argtypes = [POINTER] * 8 + [DOUBLES] * 2
     found.hfx_look_at_skin.restype = None
     return found
 
@@ -112,10 +112,8 @@ def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> ctypes.S
     for number, places in drifts.items():
         for way, matrices in zip(each_way, places, strict=True):
             way[number.bit_length() - 1] = f64(matrices)
-    drift: Any = _Drift(intervals=intervals)
-    drift.before, drift.after = (
-        (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
-    )
+    addresses = ([None if m is None else DOUBLES.address(m) for m in way] for way in each_way)
+    drift: Any = _Drift(*((POINTER * _STEP_KINDS)(*way) for way in addresses), intervals)
     drift.arrays = each_way
     return drift
 
@@ -166,7 +164,7 @@ class _Look:
             *(points, allowed_m, room, events),
         )
         is_single = int(weights.dtype == np.float32)
-        self._found = _Found(pointer(weights), pointer(column_of), weights.shape[1], is_single, 0)
+        self._found = _Found(weights, column_of, weights.shape[1], is_single, 0)
         self._arguments = (
             ctypes.byref(pairs.pointers(points, allowed_m)),
             ctypes.byref(pointers),
@@ -176,8 +174,8 @@ class _Look:
             ctypes.byref(target.pointers),
             ctypes.byref(drift),
             ctypes.byref(self._found),
-            pointer(room),
-            pointer(events),
+            room,
+            events,
         )
 
     def take(self) -> int:

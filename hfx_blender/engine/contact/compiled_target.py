@@ -13,7 +13,18 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..native.library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
+from ..native.library import (
+    DOUBLE,
+    DOUBLES,
+    INTEGER,
+    INTS,
+    LONGS,
+    POINTER,
+    f64,
+    i64,
+    library,
+    structure,
+)
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.shape import Falloff, FalloffKind, Shape
 
@@ -22,12 +33,13 @@ _KINDS: Final[dict[type[Shape], int]] = {Cuboid: 0, Sphere: 1, Cylinder: 2, Caps
 _Target = structure(
     "hfx_target",
     rows=INTEGER,
-    **dict.fromkeys(("kinds", "halves", "to_shape", "to_world"), POINTER),
+    kinds=LONGS,
+    **dict.fromkeys(("halves", "to_shape", "to_world"), DOUBLES),
     is_flat=INTEGER,
     is_smooth=INTEGER,
     share=DOUBLE,
     amplitude=DOUBLE,
-    **dict.fromkeys(("matrices", "body_to_shape", "boxes", "turns"), POINTER),
+    **dict.fromkeys(("matrices", "body_to_shape", "boxes", "turns"), DOUBLES),
 )
 
 
@@ -35,7 +47,10 @@ _Target = structure(
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_place.argtypes = [POINTER] * 8 + [INTEGER, DOUBLE]
+        found.hfx_place.argtypes = [
+            *(POINTER, LONGS, DOUBLES, DOUBLES, INTS, LONGS),
+            *(DOUBLES, DOUBLES, INTEGER, DOUBLE),
+        ]
         found.hfx_place.restype = INTEGER
     return found
 
@@ -81,10 +96,9 @@ class Target:
     ) -> None:
         self.count = len(which)
         kinds, halves, _ = _formulas(shapes)
-        places = f64(to_shape), f64(to_world), f64(matrices)
-        self._arrays = kinds[which], halves[which], *places
-        *found, placing = [pointer(each) for each in self._arrays]
-        self.pointers = _Target(self.count, *found, *_rises(falloff), amplitude, placing)
+        found = kinds[which], halves[which], f64(to_shape), f64(to_world)
+        rises = *_rises(falloff), amplitude
+        self.pointers = _Target(self.count, *found, *rises, f64(matrices))
 
 
 def _rises(falloff: Falloff) -> tuple[int, int, float]:
@@ -144,7 +158,7 @@ class PlacedTarget(Target):
         self.count = count = len(rows)
         self.rows = rows = i64(rows)
         self._room = np.empty(count * _ENDS[-1])
-        first = pointer(self._room) or 0
+        first = DOUBLES.address(self._room)
         places = [first + count * end * self._room.itemsize for end in _ENDS[:-1]]
         self.pointers = _Target(count, *places[:4], *_rises(falloff), amplitude, *places[4:])
         matrices, to_world = f64(matrices), f64(to_world)
@@ -156,7 +170,7 @@ class PlacedTarget(Target):
         known = rows, matrices, to_world, shape_index, *_formulas(shapes)
         calls: Any = _calls()
         own = ctypes.byref(self.pointers)
-        self.is_usable = bool(calls.hfx_place(own, *map(pointer, known), len(shapes), farthest))
+        self.is_usable = bool(calls.hfx_place(own, *known, len(shapes), farthest))
 
     def part(self, name: str) -> F64:
         """``to_shape``, ``to_world``, ``matrices`` or ``body_to_shape`` (n, 4, 4), ``boxes``

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
+from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
 
 _ROOM: Final = 22  # numbers for each bone
 
@@ -18,9 +18,8 @@ _Outline = structure(
     "hfx_outline",
     bone_count=INTEGER,
     clusters=INTEGER,
-    **dict.fromkeys(
-        ("bones", "starts", "slots", "pair_bones", "centres", "halves", "boxes"), POINTER
-    ),
+    **dict.fromkeys(("bones", "starts", "slots", "pair_bones"), LONGS),
+    **dict.fromkeys(("centres", "halves", "boxes"), DOUBLES),
 )
 
 
@@ -28,7 +27,10 @@ _Outline = structure(
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_bounds.argtypes = [POINTER] + [INTEGER] * 2 + [POINTER] * 9
+    found.hfx_bounds.argtypes = [
+        *(POINTER, INTEGER, INTEGER, DOUBLES, LONGS),
+        *[DOUBLES] * 7,
+    ]
     found.hfx_bounds.restype = None
     return found
 
@@ -56,9 +58,9 @@ class Outline:
 
     def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:
         bones, slots, boxes = i64(bones), i64(slots), np.stack([centres, halves], axis=2)
-        self._arrays = bones, i64(starts), slots, bones[slots], f64(centres), f64(halves), boxes
+        arrays = bones, i64(starts), slots, bones[slots], f64(centres), f64(halves), boxes
         self._size = len(bones), len(starts) - 1
-        self._structure = _Outline(*self._size, *map(pointer, self._arrays))
+        self._structure = _Outline(*self._size, *arrays)
         self.address = ctypes.addressof(self._structure)
 
     def bounds(
@@ -91,9 +93,9 @@ class Outline:
         of_rows, of_clusters = np.empty((len(rows), 2, 3)), np.empty((clusters, 2, 3))
         posed, rows, to_target = f64(posed), i64(rows), f64(to_target)
         margins = None if margins is None else f64(margins)
-        room = np.empty(_ROOM * bones)
-        arrays = posed, rows, to_target, margins, room, low, high, of_rows, of_clusters
+        arrays = low, high, of_rows, of_clusters
         _library().hfx_bounds(
-            self.address, len(rows), posed.shape[1], *[pointer(each) for each in arrays]
+            *(self.address, len(rows), posed.shape[1], posed, rows, to_target, margins),
+            *(np.empty(_ROOM * bones), *arrays),
         )
         return low, high, of_rows, of_clusters

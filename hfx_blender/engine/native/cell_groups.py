@@ -12,23 +12,27 @@ import numpy.typing as npt
 
 from ..arrays import I64
 from ..indexing import lacking
-from .library import INTEGER, POINTER, library, pointer, structure
+from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, library, structure
 from .skin_binding import Clusters
 from .skin_mesh import Mesh, mesh_of
 from .skin_table import Table, table_of
 
-_FIELDS: Final = ("starts", "distances", "boxes", "bones", "shares", "changes")
-_Groups = structure("hfx_groups", **dict.fromkeys(_FIELDS, POINTER), count=INTEGER)
-_Found = structure(
-    "hfx_found_groups", **dict.fromkeys(("first_groups", "first_pairs", *_FIELDS), POINTER)
-)
+_FIELDS: Final = {
+    **{"starts": LONGS, "distances": DOUBLES, "boxes": DOUBLES},
+    **{"bones": LONGS, "shares": DOUBLES, "changes": DOUBLES},
+}
+_Groups = structure("hfx_groups", **_FIELDS, count=INTEGER)
+_Found = structure("hfx_found_groups", first_groups=LONGS, first_pairs=LONGS, **_FIELDS)
 
 
 @cache
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_cell_groups.argtypes = [POINTER] * 5 + [INTEGER] + [POINTER] * 5
+    found.hfx_cell_groups.argtypes = [
+        *(POINTER, POINTER, INTS, POINTER, POINTER, INTEGER),
+        *(LONGS, LONGS, LONGS, DOUBLES, POINTER),
+    ]
     found.hfx_cell_groups.restype = None
     return found
 
@@ -97,12 +101,12 @@ class CellGroups:
         _library().hfx_cell_groups(
             ctypes.byref(table_of(table)),
             ctypes.byref(mesh_of(mesh)),
-            pointer(table.vertices),
+            table.vertices,
             surface.table,
             None if own is None else own.table,
             len(clusters),
-            *map(pointer, (clusters, place, counts, room)),
-            ctypes.byref(_Found(*map(pointer, (*firsts, *arrays)))),
+            *(clusters, place, counts, room),
+            ctypes.byref(_Found(*firsts, *arrays)),
         )
         of_groups, of_pairs = firsts
         before = np.arange(len(clusters) + 1)

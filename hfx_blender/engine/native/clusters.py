@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ..arrays import F32, I32, I64
-from .library import INTEGER, POINTER, i64, library, pointer
+from .library import INTEGER, INTS, LONGS, SINGLES, i64, library
 
 _DEPTH = 64  # no more halvings follow each other
 
@@ -18,7 +18,10 @@ _DEPTH = 64  # no more halvings follow each other
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_split.argtypes = [INTEGER] + [POINTER] * 4 + [INTEGER] + [POINTER] * 2
+        found.hfx_split.argtypes = [
+            *(INTEGER, LONGS, INTS, SINGLES, LONGS),
+            *(INTEGER, LONGS, LONGS),
+        ]
         found.hfx_split.restype = INTEGER
     return found
 
@@ -54,10 +57,8 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
     vertices, load = np.ascontiguousarray(vertices, np.float32), None if load is None else i64(load)
     ends, room = np.empty(len(ids), np.int64), np.empty((2, len(ids)), np.uint64)
     found = calls.hfx_split(
-        len(pieces),
-        *map(pointer, (todo, ids, vertices, load)),
-        leaf_size,
-        *map(pointer, (ends, room)),
+        *(len(pieces), todo, ids, vertices, load),
+        *(leaf_size, ends, room),
     )
     return cut(ids, ends[:found])
 

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import I32, I64, Bool, Weights
-from .library import INTEGER, POINTER, library, pointer
+from .library import ANY, BYTES, INTEGER, INTS, LONGS, library
 from .skin_table import Table
 
 _REALS: Final = {4: "single", 8: "double"}
@@ -21,11 +21,17 @@ _REALS: Final = {4: "single", 8: "double"}
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_columns.argtypes = [INTEGER, POINTER, INTEGER, POINTER, INTEGER] + [POINTER] * 5
+    found.hfx_columns.argtypes = [
+        *(INTEGER, LONGS, INTEGER, LONGS, INTEGER),
+        *(INTS, BYTES, LONGS, INTS, LONGS),
+    ]
     found.hfx_columns.restype = INTEGER
     for real in _REALS.values():
         gather = getattr(found, f"hfx_gather_{real}")
-        gather.argtypes = [INTEGER] * 2 + [POINTER] * 3 + [INTEGER] + [POINTER] * 6
+        gather.argtypes = [
+            *(INTEGER, INTEGER, ANY, BYTES, INTS, INTEGER),
+            *(LONGS, LONGS, LONGS, INTS, ANY, LONGS),
+        ]
         gather.restype = None
     return found
 
@@ -52,11 +58,8 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
     counted = table.cells, is_needed, place_of, columns, column_of
     found = _library().hfx_columns(
         len(clusters),
-        pointer(clusters),
-        len(table.unit_counts),
-        pointer(table.cell_starts),
-        count,
-        *(pointer(each) for each in counted),
+        *(clusters, len(table.unit_counts), table.cell_starts, count),
+        *counted,
     )
     return columns[:found].copy(), column_of
 
@@ -81,9 +84,9 @@ def gathered(
     getattr(_library(), f"hfx_gather_{_REALS[weights.dtype.itemsize]}")(
         count,
         width,
-        *[pointer(each) for each in (weights, reported, columns)],
+        *(weights, reported, columns),
         int(own_sets),
-        *[pointer(each) for each in (at, sets, offsets, vertices, values, counts)],
+        *(at, sets, offsets, vertices, values, counts),
     )
     felt, set_count, total = counts.tolist()
     # Copies, as a view would keep the memory of all possible contacts.

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import INTEGER, POINTER, f64, library, pointer
+from .library import DOUBLES, INTEGER, LONGS, f64, library
 
 
 @cache
@@ -17,8 +17,8 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_from_quaternions.argtypes = [INTEGER] + [POINTER] * 2
-        found.hfx_rig_pose.argtypes = [INTEGER] * 2 + [POINTER] * 8
+        found.hfx_from_quaternions.argtypes = [INTEGER, DOUBLES, DOUBLES]
+        found.hfx_rig_pose.argtypes = [INTEGER, INTEGER, LONGS, LONGS] + [DOUBLES] * 6
         found.hfx_from_quaternions.restype = found.hfx_rig_pose.restype = None
     return found
 
@@ -33,7 +33,7 @@ def from_quaternions(quaternions: F64) -> F64 | None:
         return None
     quaternions = f64(quaternions)
     turned = np.zeros((*quaternions.shape[:-1], 3, 3))
-    found.hfx_from_quaternions(turned.size // 9, pointer(quaternions), pointer(turned))
+    found.hfx_from_quaternions(turned.size // 9, quaternions, turned)
     return turned
 
 
@@ -59,5 +59,5 @@ def rig_pose(
     locations, turned, scales = f64(locations), f64(turned), f64(scales)
     skinning = np.zeros((*locations.shape[:2], 3, 4))
     arrays = (order, parents, rest, inverse, locations, turned, scales, skinning)
-    found.hfx_rig_pose(len(locations), len(order), *(pointer(each) for each in arrays))
+    found.hfx_rig_pose(len(locations), len(order), *arrays)
     return skinning

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, Bool
-from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
 from .mesh_tree import NativeTree
 
 if TYPE_CHECKING:
@@ -21,17 +21,18 @@ MOST_STEPS: Final = 64  # of a way
 
 _Surface = structure(
     "hfx_surface",
-    boxes=POINTER,
-    order=POINTER,
+    boxes=DOUBLES,
+    order=LONGS,
     size=INTEGER,
-    corners=POINTER,
+    corners=DOUBLES,
     slack=DOUBLE,
-    middle=POINTER,
+    middle=DOUBLES,
 )
 _Ways = structure(
     "hfx_ways",
     **dict.fromkeys(("count", "steps", "all"), INTEGER),
-    **dict.fromkeys(("from_before", "from_after", "interval", "before", "after"), POINTER),
+    **{"from_before": DOUBLES, "from_after": DOUBLES, "interval": LONGS},
+    **{"before": DOUBLES, "after": DOUBLES},
 )
 
 
@@ -40,8 +41,9 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    for each in (found.hfx_mesh_crossings, found.hfx_mesh_nears):
-        each.argtypes, each.restype = [POINTER] * 4, None
+    found.hfx_mesh_crossings.argtypes = [POINTER, POINTER, DOUBLES, DOUBLES]
+    found.hfx_mesh_nears.argtypes = [POINTER, POINTER, DOUBLES, BYTES]
+    found.hfx_mesh_crossings.restype = found.hfx_mesh_nears.restype = None
     return found
 
 
@@ -51,17 +53,14 @@ class _Call:
     def __init__(self, tree: NativeTree, slack: float, middle: F64, ways: Ways) -> None:
         if ways.steps > MOST_STEPS:
             raise ValueError(f"ways: expected at most {MOST_STEPS} steps, got {ways.steps}")
-        self._arrays = (
-            *(f64(middle), f64(ways.from_before), f64(ways.from_after)),
-            *(i64(ways.intervals), f64(ways.before), f64(ways.after)),
-        )
-        middle_at, *places = [pointer(each) for each in self._arrays]
-        triangles = pointer(tree.corners)
         self._surface = _Surface(
-            pointer(tree.boxes), pointer(tree.order), tree.size, triangles, slack, middle_at
+            tree.boxes, tree.order, tree.size, tree.corners, slack, f64(middle)
         )
-        all_intervals = ways.from_before.shape[1]
-        self._ways = _Ways(ways.before.shape[1], ways.steps, all_intervals, *places)
+        self._ways = _Ways(
+            *(ways.before.shape[1], ways.steps, ways.from_before.shape[1]),
+            *(f64(ways.from_before), f64(ways.from_after), i64(ways.intervals)),
+            *(f64(ways.before), f64(ways.after)),
+        )
         self.addresses: tuple[Any, Any] = (
             ctypes.addressof(self._surface),
             ctypes.addressof(self._ways),
@@ -86,7 +85,7 @@ def crossings(tree: NativeTree, slack: float, middle: F64, ways: Ways) -> tuple[
     """
     first, last = np.empty(len(ways.intervals)), np.empty(len(ways.intervals))
     call = _Call(tree, slack, middle, ways)
-    _calls().hfx_mesh_crossings(*call.addresses, pointer(first), pointer(last))
+    _calls().hfx_mesh_crossings(*call.addresses, first, last)
     return first, last
 
 
@@ -94,5 +93,5 @@ def comes_near(tree: NativeTree, slack: float, middle: F64, ways: Ways, reaches:
     """Paths that may come within ``reaches`` (N,) of the surface; see :func:`crossings`."""
     reaches, near = f64(reaches), np.empty(len(ways.intervals), np.uint8)
     call = _Call(tree, slack, middle, ways)
-    _calls().hfx_mesh_nears(*call.addresses, pointer(reaches), pointer(near))
+    _calls().hfx_mesh_nears(*call.addresses, reaches, near)
     return near.astype(np.bool_)

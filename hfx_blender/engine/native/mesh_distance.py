@@ -10,10 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64
-from .library import INTEGER, POINTER, f64, library, pointer
+from .library import DOUBLE, DOUBLES, INTEGER, LONGS, f64, library
 from .mesh_tree import NativeTree
-
-_NUMBER: Final[Any] = ctypes.c_double
 
 _LOOKED: Final = 0.5  # of what a bound may lack is lost in a search, the rest on the way from it
 
@@ -23,28 +21,27 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    tree = [POINTER, INTEGER, POINTER]
-    found.hfx_mesh_distances.argtypes = [*tree, POINTER, INTEGER, POINTER]
-    found.hfx_mesh_distances_at_least.argtypes = (
-        [*tree, POINTER, INTEGER] + [_NUMBER] * 2 + [POINTER]
-    )
-    found.hfx_mesh_distances_beyond.argtypes = (
-        [*tree, POINTER, INTEGER] + [_NUMBER] * 2 + [INTEGER] + [POINTER] * 3
-    )
+    shared = DOUBLES, INTEGER, DOUBLES, DOUBLES, INTEGER
+    found.hfx_mesh_distances.argtypes = [*shared, DOUBLES]
+    found.hfx_mesh_distances_at_least.argtypes = [*shared, DOUBLE, DOUBLE, DOUBLES]
+    found.hfx_mesh_distances_beyond.argtypes = [
+        *(*shared, DOUBLE, DOUBLE, INTEGER),
+        *(LONGS, DOUBLES, DOUBLES),
+    ]
     for name in ("distances", "distances_at_least", "distances_beyond"):
         getattr(found, f"hfx_mesh_{name}").restype = None
     return found
 
 
 def _tree(tree: NativeTree) -> list[Any]:
-    return [pointer(tree.boxes), tree.size, pointer(tree.frames)]
+    return [tree.boxes, tree.size, tree.frames]
 
 
 def distances(tree: NativeTree, points: F64) -> F64:
     """Distance of each point of (3, N) to the nearest triangle, (N,); NaN where not finite."""
     points = f64(points)
     found = np.empty(points.shape[1])
-    _calls().hfx_mesh_distances(*_tree(tree), pointer(points), points.shape[1], pointer(found))
+    _calls().hfx_mesh_distances(*_tree(tree), points, points.shape[1], found)
     return found
 
 
@@ -54,9 +51,8 @@ def distances_at_least(tree: NativeTree, points: F64, share: float) -> F64:
     points = f64(points)
     found = np.empty(points.shape[1])
     _calls().hfx_mesh_distances_at_least(
-        *_tree(tree), pointer(points), points.shape[1], share, 1.0 - _LOOKED * (1.0 - share),
-        pointer(found),
-    )  # fmt: skip
+        *_tree(tree), points, points.shape[1], share, 1.0 - _LOOKED * (1.0 - share), found
+    )
     return found
 
 
@@ -67,7 +63,7 @@ def distances_beyond(tree: NativeTree, points: F64, limit: float, slack: float, 
     found = np.empty(points.shape[1])
     nodes, away = np.empty(2 * width, np.int64), np.empty(2 * width)
     _calls().hfx_mesh_distances_beyond(
-        *_tree(tree), pointer(points), points.shape[1], limit, slack, width,
-        pointer(nodes), pointer(away), pointer(found),
-    )  # fmt: skip
+        *(*_tree(tree), points, points.shape[1], limit, slack, width),
+        *(nodes, away, found),
+    )
     return found

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64, Bool
-from .library import INTEGER, POINTER, f64, i64, library, pointer
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, f64, i64, library
 
 SPAN: Final = 16
 """Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
@@ -24,8 +24,14 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    found.hfx_mesh_inside.argtypes = [POINTER, INTEGER] + [POINTER] * 11
-    found.hfx_mesh_bounds.argtypes = [POINTER] * 3 + [INTEGER] * 3 + [ctypes.c_double, POINTER]
+    found.hfx_mesh_inside.argtypes = [
+        *(DOUBLES, INTEGER, DOUBLES, LONGS, DOUBLES, LONGS, LONGS),
+        *(LONGS, LONGS, LONGS, LONGS, DOUBLES, BYTES),
+    ]
+    found.hfx_mesh_bounds.argtypes = [
+        *(DOUBLES, LONGS, LONGS, INTEGER, INTEGER, INTEGER),
+        *(DOUBLE, LONGS),
+    ]
     found.hfx_mesh_inside.restype = found.hfx_mesh_bounds.restype = None
     return found
 
@@ -52,9 +58,9 @@ def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margi
     corners, listed, columns = f64(corners), i64(listed), i64(columns)
     bounds = np.empty(len(listed), np.int64)
     _calls().hfx_mesh_bounds(
-        pointer(corners), pointer(listed), pointer(columns), len(listed), int(cells[1]),
-        int(cells[2]), margin, pointer(bounds),
-    )  # fmt: skip
+        *(corners, listed, columns, len(listed), int(cells[1]), int(cells[2])),
+        *(margin, bounds),
+    )
     return bounds
 
 
@@ -103,11 +109,10 @@ class NativeGrid:
             f64(box), i64(axes), f64(scale), i64(cells), i64(codes),
             i64(offsets), i64(beyond), i64(listed), i64(bounds), f64(spans),
         ]  # fmt: skip
-        self._at = [pointer(array) for array in self._arrays]
 
     def contains(self, points: F64) -> Bool:
         """Inside test of points (3, N), (N,) bool; NaN is outside."""
         points = f64(points)
         inside = np.empty(points.shape[1], np.bool_)
-        _calls().hfx_mesh_inside(pointer(points), points.shape[1], *self._at, pointer(inside))
+        _calls().hfx_mesh_inside(points, points.shape[1], *self._arrays, inside)
         return inside

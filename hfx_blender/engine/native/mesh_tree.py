@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import INTEGER, POINTER, f64, i64, library, pointer
+from .library import DOUBLES, INTEGER, LONGS, f64, i64, library
 
 BOX: Final = 6
 FRAME: Final = 16
@@ -21,9 +21,12 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    found.hfx_mesh_leaf_order.argtypes = [POINTER] + [INTEGER] * 2 + [POINTER] * 5
-    found.hfx_mesh_boxes.argtypes = [POINTER] * 2 + [INTEGER, POINTER]
-    found.hfx_mesh_frames.argtypes = [POINTER] * 2 + [INTEGER, POINTER]
+    found.hfx_mesh_leaf_order.argtypes = [
+        *(DOUBLES, INTEGER, INTEGER, LONGS),
+        *(DOUBLES, DOUBLES, DOUBLES, LONGS),
+    ]
+    for each in (found.hfx_mesh_boxes, found.hfx_mesh_frames):
+        each.argtypes = [DOUBLES, LONGS, INTEGER, DOUBLES]
     for name in ("leaf_order", "boxes", "frames"):
         getattr(found, f"hfx_mesh_{name}").restype = None
     return found
@@ -36,8 +39,8 @@ def leaf_order(corners: F64) -> I64:
     size = 1 << (count - 1).bit_length()
     order, spare = np.empty(size, np.int64), np.empty(size, np.int64)
     middles, keys, spare_keys = np.empty((count, 3)), np.empty(size), np.empty(size)
-    scratch = [pointer(array) for array in (order, middles, keys, spare_keys, spare)]
-    _calls().hfx_mesh_leaf_order(pointer(corners), count, size, *scratch)
+    scratch = order, middles, keys, spare_keys, spare
+    _calls().hfx_mesh_leaf_order(corners, count, size, *scratch)
     return order
 
 
@@ -65,9 +68,8 @@ class NativeTree:
         self.size = len(self.order)
         self.boxes = np.zeros((2 * self.size, BOX))
         self.frames = np.empty((self.size, FRAME))
-        triangles = pointer(self.corners), pointer(self.order), self.size
-        _calls().hfx_mesh_boxes(*triangles, pointer(self.boxes))
-        _calls().hfx_mesh_frames(*triangles, pointer(self.frames))
+        _calls().hfx_mesh_boxes(self.corners, self.order, self.size, self.boxes)
+        _calls().hfx_mesh_frames(self.corners, self.order, self.size, self.frames)
 
     @property
     def extent(self) -> tuple[F64, F64]:

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64
-from .library import INTEGER, POINTER, library, pointer
+from .library import DOUBLES, INTEGER, INTS, LONGS, SINGLES, library
 
 
 @cache
@@ -17,7 +17,10 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_strongest.argtypes = 2 * ([INTEGER] + [POINTER] * 3) + [INTEGER, POINTER]
+        found.hfx_strongest.argtypes = [
+            *(INTEGER, LONGS, INTS, SINGLES, INTEGER, LONGS, INTS, SINGLES),
+            *(INTEGER, DOUBLES),
+        ]
         found.hfx_strongest.restype = None
     return found
 
@@ -57,15 +60,8 @@ def strongest(
     weights = np.ascontiguousarray(weights, np.float32)
     gains = np.zeros((len(offsets) - 1, actuator_count))
     found.hfx_strongest(
-        len(gains),
-        pointer(offsets),
-        pointer(vertices),
-        pointer(weights),
-        len(starts) - 1,
-        pointer(starts),
-        pointer(reached),
-        pointer(factors),
-        actuator_count,
-        pointer(gains),
+        *(len(gains), offsets, vertices, weights),
+        *(len(starts) - 1, starts, reached, factors),
+        *(actuator_count, gains),
     )
     return gains

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import INTEGER, POINTER, f64, i64, library, pointer
+from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
 from .skin_binding import Clusters as Clusters
 
 
@@ -20,11 +20,17 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_bone_matrices.argtypes = [INTEGER] * 3 + [POINTER] * 6
-        found.hfx_cluster_moves.argtypes = (
-            [POINTER, INTEGER] + [POINTER] * 3 + [INTEGER] + [POINTER] * 6
-        )
-        found.hfx_cell_means.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 2
+        found.hfx_bone_matrices.argtypes = [
+            *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
+            *(DOUBLES, DOUBLES, DOUBLES),
+        ]
+        found.hfx_cluster_moves.argtypes = [
+            *(POINTER, INTEGER, LONGS, LONGS, DOUBLES, INTEGER),
+            *(LONGS, LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES),
+        ]
+        found.hfx_cell_means.argtypes = [
+            *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
+        ]
         for name in ("bone_matrices", "cluster_moves", "cell_means"):
             getattr(found, f"hfx_{name}").restype = None
     return found
@@ -35,15 +41,7 @@ def is_there() -> bool:
     return _calls() is not None
 
 
-class BonePointers(ctypes.Structure):
-    """``hfx_bones``."""
-
-    _fields_ = [
-        ("matrices", POINTER),
-        ("stretches", POINTER),
-        ("slots", POINTER),
-        ("count", INTEGER),
-    ]
+_Bones = structure("hfx_bones", matrices=DOUBLES, stretches=DOUBLES, slots=LONGS, count=INTEGER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ class PosedBones:
         Rest to target space.
     stretches : (n, k) float64
         No less than what each matrix stretches any direction by.
-    pointers : BonePointers
+    pointers : Structure
         ``hfx_bones``.
     """
 
@@ -98,12 +96,11 @@ class PosedBones:
         count, used, given = len(rows), bones.ids, posed.shape[1]
         self.matrices = np.empty((count, len(used), 3, 4))
         self.stretches = np.empty((count, len(used)))
-        self._slots = bones.slots(given)
-        found = [pointer(each) for each in (self.matrices, self.stretches)]
-        self.pointers = BonePointers(*found, pointer(self._slots), len(used))
+        found = self.matrices, self.stretches
+        self.pointers = _Bones(*found, bones.slots(given), len(used))
         if to_target is not None:
             arrays = f64(posed), i64(rows), i64(used), f64(to_target)
-            calls.hfx_bone_matrices(count, len(used), given, *map(pointer, arrays), *found)
+            calls.hfx_bone_matrices(count, len(used), given, *arrays, *found)
 
     def cluster_moves(
         self,
@@ -142,10 +139,8 @@ class PosedBones:
         moves = np.empty((len(before), len(clusters)))
         calls.hfx_cluster_moves(
             ctypes.byref(self.pointers),
-            len(before),
-            *map(pointer, (before, after, linear)),
-            len(clusters),
-            *map(pointer, (clusters, starts, bones, centres, halves, moves)),
+            *(len(before), before, after, linear),
+            *(len(clusters), clusters, starts, bones, centres, halves, moves),
         )
         return moves
 
@@ -161,11 +156,6 @@ class PosedBones:
         means = np.empty((len(rows), len(clusters)))
         calls.hfx_cell_means(
             ctypes.byref(self.pointers),
-            groups,
-            len(rows),
-            pointer(rows),
-            len(clusters),
-            pointer(clusters),
-            pointer(means),
+            *(groups, len(rows), rows, len(clusters), clusters, means),
         )
         return means

@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from ..indexing import lacking
-from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
+from .library import BYTES, DOUBLES, INTEGER, INTS, LONGS, POINTER, f64, i64, library, structure
 from .skin_table import Table, table_of
 
-_BOUND_ARRAYS = ("offsets", "bones", "values", "rest", "starts", "members")
 _Bound = structure(
-    "hfx_bound", **dict.fromkeys(_BOUND_ARRAYS, POINTER), count=INTEGER, bone_count=INTEGER
+    "hfx_bound",
+    **{"offsets": LONGS, "bones": LONGS, "values": DOUBLES, "rest": DOUBLES},
+    **{"starts": LONGS, "members": INTS, "count": INTEGER, "bone_count": INTEGER},
 )
 
 
@@ -26,10 +27,18 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_bone_boxes.argtypes = [POINTER] * 7
+        found.hfx_bone_boxes.argtypes = [
+            *(POINTER, BYTES, DOUBLES, LONGS, LONGS, DOUBLES, DOUBLES),
+        ]
         found.hfx_bone_boxes.restype = INTEGER
-        found.hfx_bind.argtypes = [POINTER] * 3 + [INTEGER] + [POINTER] * 7
-        found.hfx_find_links.argtypes = [POINTER] * 2 + [INTEGER] + [POINTER] * 5
+        found.hfx_bind.argtypes = [
+            *(POINTER, LONGS, LONGS, INTEGER, LONGS, LONGS),
+            *(LONGS, DOUBLES, LONGS, DOUBLES, DOUBLES),
+        ]
+        found.hfx_find_links.argtypes = [
+            *(POINTER, POINTER, INTEGER, LONGS, LONGS),
+            *(DOUBLES, DOUBLES, DOUBLES),
+        ]
         found.hfx_bind.restype = found.hfx_find_links.restype = None
     return found
 
@@ -77,8 +86,8 @@ class BoundClusters:
         np.cumsum(self.place_counts, out=starts[1:])
         self._members = np.concatenate([np.zeros(0, np.int32), *clusters])
         self._offsets, self._starts = i64(offsets), starts
-        self._arrays = self._offsets, i64(bones), f64(values), f64(rest), starts, self._members
-        self.structure = _Bound(*map(pointer, self._arrays), len(clusters), bone_count)
+        arrays = self._offsets, i64(bones), f64(values), f64(rest), starts, self._members
+        self.structure = _Bound(*arrays, len(clusters), bone_count)
 
     @cached_property
     def weight_counts(self) -> I64:
@@ -105,7 +114,7 @@ class BoundClusters:
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
         found = _library().hfx_bone_boxes(
             ctypes.byref(self.structure),
-            *map(pointer, (is_there, room, starts, bones, low, high)),
+            *(is_there, room, starts, bones, low, high),
         )
         return starts, bones[:found].copy(), low[:found].copy(), high[:found].copy()
 
@@ -188,10 +197,8 @@ class Clusters:
         )
         _library().hfx_bind(
             ctypes.byref(self._bound.structure),
-            pointer(self._starts),
-            pointer(self._bones),
-            len(clusters),
-            *map(pointer, (clusters, column, entry_bones, weights, firsts, rest, moved)),
+            *(self._starts, self._bones, len(clusters)),
+            *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
         some = self._starts[clusters]
         arrays = (
@@ -220,7 +227,7 @@ class Clusters:
             ctypes.byref(table_of(table)),
             self.table,
             len(clusters),
-            *map(pointer, (clusters, at, room, distances, differences)),
+            *(clusters, at, room, distances, differences),
         )
         for field, array, first in zip((6, 7), arrays, at, strict=True):
             self._rows[clusters, field] = array.ctypes.data + first[:-1] * array.itemsize

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLE, INTEGER, POINTER, library, pointer, structure
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, INTS, LONGS, POINTER, library, structure
 from .skin_mesh import Mesh, mesh_of
 
 _TABLE_ARRAYS: Final = (
@@ -37,9 +37,14 @@ _TABLE_ARRAYS: Final = (
     "quads",
 )
 _OF_VERTICES: Final = ("distance", "finest_distance", "closeness")
+_COUNTS: Final = {
+    **dict.fromkeys(("starts", "unit_counts", "cell_starts", "cell_of", "quad_starts"), LONGS),
+    **dict.fromkeys(("unit_of", "around", "steps", "finest", "sample_starts"), LONGS),
+    **{"most_samples": LONGS, "vertices": INTS, "is_ringed": BYTES},
+}
 _Filling = structure(
     "hfx_filling",
-    **dict.fromkeys((*_TABLE_ARRAYS, *_OF_VERTICES), POINTER),
+    **(dict.fromkeys((*_TABLE_ARRAYS, *_OF_VERTICES), DOUBLES) | _COUNTS),
     is_split=INTEGER,
     most_share=DOUBLE,
 )
@@ -51,9 +56,12 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_fill.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 6
+        found.hfx_fill.argtypes = [
+            *(POINTER, POINTER, INTEGER, LONGS, INTEGER),
+            *(LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES, LONGS),
+        ]
         found.hfx_fill.restype = INTEGER
-        found.hfx_place_samples.argtypes = [POINTER, INTEGER, POINTER, INTEGER, POINTER]
+        found.hfx_place_samples.argtypes = [POINTER, INTEGER, LONGS, INTEGER, DOUBLES]
         found.hfx_place_samples.restype = None
     return found
 
@@ -102,8 +110,8 @@ class Filling:
     ) -> None:
         self._table, self._mesh = table, mesh
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
-        self._kept = [*arrays, *distances, closeness]
-        self._structure = _Filling(*map(pointer, self._kept), int(is_split), most_share)
+        arrays += [*distances, closeness]
+        self._structure = _Filling(*arrays, int(is_split), most_share)
 
     def fill(self, clusters: I64, samples: int) -> int:
         """Fill in clusters, ascending, all but the samples.
@@ -137,9 +145,9 @@ class Filling:
             ctypes.byref(self._structure),
             ctypes.byref(mesh_of(self._mesh)),
             len(clusters),
-            pointer(clusters),
+            clusters,
             samples,
-            *map(pointer, rooms),
+            *rooms,
         )
         return count
 
@@ -150,7 +158,7 @@ class Filling:
         calls.hfx_place_samples(
             ctypes.byref(self._structure),
             len(self._clusters),
-            pointer(self._clusters),
+            self._clusters,
             samples.shape[1],
-            pointer(samples),
+            samples,
         )

@@ -9,10 +9,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from .library import POINTER, pointer, structure
+from .library import INTS, LONGS, SINGLES, structure
 
-_ARRAYS: Final = ("vertices", "normals", "areas_m2", "triangles", "corners", "starts")
-_Mesh = structure("hfx_skin_mesh", **dict.fromkeys(_ARRAYS, POINTER))
+_ARRAYS: Final = {
+    **dict.fromkeys(("vertices", "normals", "areas_m2"), SINGLES),
+    **{"triangles": INTS, "corners": LONGS, "starts": LONGS},
+}
+_Mesh = structure("hfx_skin_mesh", **_ARRAYS)
 
 
 class Mesh(Protocol):
@@ -30,6 +33,5 @@ _MESHES: WeakKeyDictionary[Mesh, Any] = WeakKeyDictionary()
 def mesh_of(mesh: Mesh) -> Any:
     """``hfx_skin_mesh``; the arrays live as long as the mesh."""
     if mesh not in _MESHES:
-        arrays = [getattr(mesh, name) for name in _ARRAYS]
-        _MESHES[mesh] = _Mesh(*map(pointer, arrays))
+        _MESHES[mesh] = _Mesh(*(getattr(mesh, name) for name in _ARRAYS))
     return _MESHES[mesh]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from .clusters import cut
-from .library import INTEGER, POINTER, library, pointer
+from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, library
 from .skin_mesh import Mesh, mesh_of
 
 
@@ -19,8 +19,11 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_margins.argtypes = [POINTER, INTEGER] + [POINTER] * 2
-        found.hfx_outlines.argtypes = [POINTER, INTEGER] + [POINTER] * 3 + [INTEGER] + [POINTER] * 3
+        found.hfx_margins.argtypes = [POINTER, INTEGER, LONGS, DOUBLES]
+        found.hfx_outlines.argtypes = [
+            *(POINTER, INTEGER, LONGS, INTS, LONGS),
+            *(INTEGER, LONGS, INTS, LONGS),
+        ]
         found.hfx_margins.restype = found.hfx_outlines.restype = None
     return found
 
@@ -53,14 +56,14 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
     assert calls is not None
     clusters, surface = len(starts) - 1, ctypes.byref(mesh_of(mesh))
     margins = np.zeros(clusters)
-    calls.hfx_margins(surface, len(mesh.triangles), pointer(cluster_of), pointer(margins))
+    calls.hfx_margins(surface, len(mesh.triangles), cluster_of, margins)
     outlines = np.empty(len(units) + 2 * mesh.triangles.size, np.int32)
     seen, ends = np.empty(len(units), np.int64), np.zeros(clusters, np.int64)
     calls.hfx_outlines(
         surface,
         clusters,
-        *(pointer(each) for each in (starts, units, cluster_of)),
+        *(starts, units, cluster_of),
         len(units),
-        *(pointer(each) for each in (seen, outlines, ends)),
+        *(seen, outlines, ends),
     )
     return cut(outlines[: ends[-1]].copy(), ends), margins

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from .library import DOUBLE, INTEGER, POINTER, pointer, structure
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, structure
 
 _TABLE_ARRAYS: Final = (
     "starts",
@@ -33,9 +33,16 @@ _TABLE_ARRAYS: Final = (
     "quads",
     "samples",
 )
+_COUNTS: Final = {
+    **dict.fromkeys(("starts", "place_counts", "unit_counts", "cell_starts", "cell_of"), LONGS),
+    **dict.fromkeys(("quad_starts", "around", "steps", "finest", "sample_starts"), LONGS),
+    "is_ringed": BYTES,
+}
 _Table = structure(
     "hfx_table",
-    **dict.fromkeys(_TABLE_ARRAYS, POINTER),
+    **(
+        dict.fromkeys(_TABLE_ARRAYS, DOUBLES) | dict.fromkeys(_COUNTS, LONGS) | {"is_ringed": BYTES}
+    ),
     room=INTEGER,
     is_simple=INTEGER,
     is_split=INTEGER,
@@ -72,14 +79,13 @@ def table_of(table: Table) -> Any:
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS[:-1]]
         arrays.append(samples)
         made = _Table(
-            *map(pointer, arrays),
+            *arrays,
             samples.shape[1],
             int(table.is_simple),
             int(table.is_split),
             table.spacing_share,
             table.distance_m,
         )
-        made.arrays = arrays
         made.most_room = int(_rooms(table).max(initial=0))
         _TABLES[table] = made, samples
     return _TABLES[table][0]

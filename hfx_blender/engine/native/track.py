@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import I32, I64, U8, U32, Bool
-from .library import INTEGER, POINTER, library, pointer
+from .library import ANY, BYTES, INTEGER, INTS, LONGS, library
 
 Arrays = tuple[npt.NDArray[Any], ...]
 
@@ -21,9 +21,12 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_track_changes.argtypes = [INTEGER] + [POINTER] * 7
+        found.hfx_track_changes.argtypes = [
+            *(INTEGER, LONGS, INTS, BYTES),
+            *(BYTES, INTS, INTS, BYTES),
+        ]
         found.hfx_track_changes.restype = INTEGER
-        found.hfx_track_repeats.argtypes = [INTEGER] + [POINTER] * 3 + [INTEGER, POINTER]
+        found.hfx_track_repeats.argtypes = [INTEGER, LONGS, INTS, ANY, INTEGER, BYTES]
         found.hfx_track_repeats.restype = None
     return found
 
@@ -56,16 +59,8 @@ def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | Non
     counts, gaps = np.zeros(len(sizes), np.uint32), np.zeros(2 * len(vertices), np.uint32)
     differences = np.zeros(len(vertices), np.uint8)
     weights = np.ascontiguousarray(weights, np.uint8)
-    arrays: tuple[npt.NDArray[Any], ...] = (
-        sizes,
-        vertices,
-        weights,
-        last,
-        counts,
-        gaps,
-        differences,
-    )
-    total = found.hfx_track_changes(len(sizes), *map(pointer, arrays))
+    arrays: Arrays = (sizes, vertices, weights, last, counts, gaps, differences)
+    total = found.hfx_track_changes(len(sizes), *arrays)
     return counts, gaps[:total], differences
 
 
@@ -90,6 +85,5 @@ def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | No
     offsets = np.ascontiguousarray(offsets, np.int64)
     vertices, weights = np.ascontiguousarray(vertices, np.int32), np.ascontiguousarray(weights)
     same = np.zeros(len(offsets) - 1, np.bool_)
-    arrays: Arrays = (offsets, vertices, weights)
-    found.hfx_track_repeats(len(same), *map(pointer, arrays), weights.dtype.itemsize, pointer(same))
+    found.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
     return same

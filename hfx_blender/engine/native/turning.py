@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 
 from ..arrays import F64
-from .library import INTEGER, POINTER, f64, library, pointer
+from .library import DOUBLES, INTEGER, f64, library
 
 
 @cache
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_turns.argtypes, found.hfx_turns.restype = [INTEGER] + [POINTER] * 3, None
+        found.hfx_turns.argtypes, found.hfx_turns.restype = [INTEGER] + [DOUBLES] * 3, None
     return found
 
 
@@ -32,5 +32,5 @@ def turns(before: F64, after: F64) -> F64:
     before, after = f64(before), f64(after)
     assert before.shape == after.shape == (len(before), 4, 4)
     angles = np.empty(len(before))
-    calls.hfx_turns(len(angles), *map(pointer, (before, after, angles)))
+    calls.hfx_turns(len(angles), before, after, angles)
     return angles

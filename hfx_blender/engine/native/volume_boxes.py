@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, Bool
-from .library import INTEGER, POINTER, f64, library, pointer
+from .library import BYTES, DOUBLES, INTEGER, f64, library
 
 
 @cache
@@ -17,7 +17,7 @@ def _calls() -> Any:
     found = library()
     if found is None:
         return None
-    found.hfx_volume_boxes.argtypes = [INTEGER] * 2 + [POINTER] * 5
+    found.hfx_volume_boxes.argtypes = [INTEGER, INTEGER] + [DOUBLES] * 4 + [BYTES]
     found.hfx_volume_boxes.restype = None
     return found
 
@@ -48,5 +48,5 @@ def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Boo
     count, rows = levels.shape
     arrays = f64(matrices), f64(levels), f64(bounds)
     boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)
-    _calls().hfx_volume_boxes(count, rows, *map(pointer, (*arrays, boxes, is_sure)))
+    _calls().hfx_volume_boxes(count, rows, *arrays, boxes, is_sure)
     return boxes[:, 0], boxes[:, 1], is_sure

@@ -1,86 +1,80 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays passed by pointer to the compiled library are bound to a name until the call is over.
+"""Arrays of the compiled library are of the declared types, and live as long as they are read.
 
-Python frees an array that only ``pointer`` was given before the library reads it. The memory is
-reused by then only by chance, and hardly ever in one thread.
+Memory that is freed too early is reused only by chance, and hardly ever in one thread.
 """
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterator
+import ctypes
+import gc
+import re
+import weakref
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import hfx_blender.engine.native
+from hfx_blender.engine.native.library import ANY, BYTES, DOUBLES, INTEGER, LONGS, structure
 
 ENGINE = Path(hfx_blender.engine.native.__file__).parents[1]
 FILES = sorted((*ENGINE.glob("native/*.py"), *ENGINE.glob("contact/compiled_*.py")))
 
-
-def _nameless(source: str) -> list[str]:
-    """Pointers in some source without an owner."""
-    tree = ast.parse(source)
-    found: list[str] = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ListComp | ast.GeneratorExp) and _points(node.elt):
-            found += _made(*(each.iter for each in node.generators))
-        elif isinstance(node, ast.Call) and _points(node.func):
-            found += _made(*node.args)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "map":
-            found += _made(*node.args[1:]) if _points(node.args[0]) else ()
-        elif isinstance(node, ast.Attribute) and ast.unparse(node).endswith(".ctypes.data"):
-            found += _made(node.value)
-    return found
+_Pair = structure("pair", ones=DOUBLES, count=INTEGER, others=LONGS)
 
 
-def _points(expression: ast.expr) -> bool:
-    """Test an expression for ``pointer``, or a call of it."""
-    if isinstance(expression, ast.Call):
-        expression = expression.func
-    return isinstance(expression, ast.Name) and expression.id == "pointer"
+def _address(argument: object) -> int | None:
+    return ctypes.cast(argument, ctypes.c_void_p).value
 
 
-def _made(*values: ast.expr) -> Iterator[str]:
-    """Parts of expressions that are neither names nor attributes, nor tuples of such."""
-    for value in values:
-        if isinstance(value, ast.Tuple | ast.List):
-            yield from _made(*value.elts)
-        elif isinstance(value, ast.Starred | ast.Attribute):
-            yield from _made(value.value)
-        elif not isinstance(value, ast.Name):
-            yield ast.unparse(value)
+def _read(address: int, count: int) -> list[float]:
+    return list((ctypes.c_double * count).from_address(address))
+
+
+def test_an_argument_is_where_the_array_is() -> None:
+    array = np.arange(4.0)
+    for each in (array, array[1:], array[:0]):
+        assert _address(DOUBLES.from_param(each)) == each.ctypes.data
+    array.flags.writeable = False
+    assert _read(_address(DOUBLES.from_param(array)), 4) == [0.0, 1.0, 2.0, 3.0]
+    assert DOUBLES.from_param(None) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "array", "message"),
+    [
+        (DOUBLES, np.zeros(3, np.float32), "expected an array of float64, got one of float32"),
+        (LONGS, np.zeros(3, np.int32), "expected an array of int64, got one of int32"),
+        (BYTES, np.zeros(3), "expected an array of uint8, got one of float64"),
+        (DOUBLES, np.zeros((3, 3))[:, 1], "expected a contiguous array"),
+        (ANY, np.zeros((3, 3)).T[1:], "expected a contiguous array"),
+    ],
+)
+def test_other_arrays_are_refused(kind: object, array: np.ndarray, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        kind.from_param(array)
+    if kind is DOUBLES:
+        with pytest.raises(TypeError, match=message):
+            _Pair(array, 3, np.zeros(3, np.int64))
+
+
+def test_a_structure_keeps_what_it_was_made_of() -> None:
+    array = np.arange(3.0)
+    alive = weakref.ref(array)
+    made = _Pair(array, 3, None)
+    del array
+    gc.collect()
+    assert alive() is not None and made.others is None
+    assert _read(made.ones, made.count) == [0.0, 1.0, 2.0]
+    del made
+    gc.collect()
+    assert alive() is None
+    assert _Pair().ones is None, "what is not given is nothing"
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_all_that_is_pointed_at_is_held(path: Path) -> None:
-    assert _nameless(path.read_text()) == []
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "call(pointer(f64(points)))",
-        "call(*[pointer(each) for each in (weights, f64(reported), columns)])",
-        "call(*(pointer(each) for each in made()))",
-        "call(*map(pointer, (rows, found[1:])))",
-        "call(pointer(a + b))",
-        "call(made().ctypes.data)",
-    ],
-)
-def test_what_is_made_on_the_way_is_found(source: str) -> None:
-    assert len(_nameless(source)) == 1
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "call(pointer(points), pointer(self.table.points))",
-        "call(*map(pointer, (*arrays, boxes)), *map(pointer, arrays))",
-        "at = [pointer(each) for each in self._arrays]",
-        "call([f64(each) for each in (a, b)])",
-    ],
-)
-def test_what_has_a_name_is_not(source: str) -> None:
-    assert _nameless(source) == []
+def test_every_array_of_a_call_is_declared(path: Path) -> None:
+    """``argtypes`` name arrays by their types: a plain pointer is a structure."""
+    text = path.read_text(encoding="utf-8")
+    assert len(re.findall(r"\bPOINTER\] \* ", text)) <= (path.stem == "compiled_narrow_phase")
