@@ -32,6 +32,8 @@ IN_BLENDER = {
     *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
     *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui"),
 }
+OF_USERS = {"diffusers", "safetensors", "torch", "transformers"}
+"""Modules of the extra ``generate``: only where the user has installed them."""
 
 # blender.org's Blender: 4.2 LTS to 5.0 have Python 3.11, 5.1 and 5.2 LTS have 3.13. Distributions
 # build with their own Python: Debian's 4.3 has 3.13, its 5.2 has 3.14.
@@ -109,7 +111,7 @@ def imported(package: Path, left_out: str = "") -> set[str]:
             else:
                 continue
             for top in {name.partition(".")[0] for name in names}:
-                if top in sys.stdlib_module_names or top in IN_BLENDER or top == package.name:
+                if top in sys.stdlib_module_names or top in {*IN_BLENDER, *OF_USERS, package.name}:
                     continue
                 if top not in DISTRIBUTIONS:
                     raise WheelError(
