@@ -7,7 +7,6 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ..authoring import effects
-from ..errors import InputError
 from ..properties import MODALITY_ITEMS, SHAPES
 from .shared import HfxOperator, OnBodyOperator, select_only, target_body
 
@@ -135,26 +134,6 @@ class HFX_OT_add_painted(OnBodyOperator):
         return f"'{effect.name}' has no painted area yet"
 
 
-class HFX_OT_select_effect(HfxOperator):
-    """Make this effect the active and only selected object"""
-
-    bl_idname = "hfx.select_effect"
-    bl_label = "Select Effect"
-
-    name: StringProperty(name="Name", description="The effect's name")
-
-    def work(self, context: bpy.types.Context) -> str:
-        effect = context.scene.objects.get(self.name)
-        if effect is None or effect.hfx.role != "EFFECT":
-            raise InputError(f"There is no effect '{self.name}' in this scene.")
-        if effect.name not in context.view_layer.objects:
-            raise InputError(f"'{effect.name}' is in a collection that is excluded from the view.")
-        if context.object is not None and context.object.mode != "OBJECT":
-            raise InputError("Leave painting or editing first.")
-        select_only(context, effect)
-        return ""
-
-
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted, HFX_OT_select_effect)
+    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted)
 )

@@ -206,7 +206,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             context.scene.hfx.live_track = str(track)
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.files[0].parent
+        text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
         last_written[:] = [Written(text, len(names), folder)]
         if self._is_invoked and not bpy.app.background:
             context.window_manager.popup_menu(_draw_written, title="Haptic Export", icon="EXPORT")

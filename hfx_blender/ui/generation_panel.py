@@ -19,7 +19,7 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
     """A material that can be felt, from words or from any picture"""
 
     bl_label = "Material from Words or Picture"
-    bl_order = 1
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod

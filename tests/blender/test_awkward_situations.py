@@ -41,7 +41,6 @@ _ARGUMENTS: dict[str, list[dict[str, Any]]] = {
     "remove_clip": [{}, {"name": "Clip"}],
     "scale_frequency": [{"scope": "ALL"}],
     "scale_strength": [{"scope": scope} for scope in ("SELECTED", "COLLECTION", "ALL")],
-    "select_effect": [{}, {"name": "Touch"}, {"name": "Ball"}],
     "set_area": [{}, {"area": '{"1": 1}'}],
 }
 _SLOW = (

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring import clips, drawn_fades, effects
+from hfx_blender.authoring import clips, drawn_fades
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.reading import activation, scene_description
 from hfx_blender.reading.live_scene import LiveScene
@@ -94,16 +94,6 @@ def test_solo_silences_all_others(effect: Any) -> None:
     assert felt() == {"Touch"}
     effect.hfx.is_muted = True
     assert felt() == set()
-
-
-def test_selecting_an_effect_by_its_row(effect: Any) -> None:
-    second()
-    bpy.ops.hfx.select_effect(name="Touch")
-    assert bpy.context.object == effect
-    assert [o.name for o in bpy.context.selected_objects] == ["Touch"]
-    with pytest.raises(RuntimeError, match="no effect 'Nothing'"):
-        bpy.ops.hfx.select_effect(name="Nothing")
-    assert effects.effects_of(bpy.context.scene)
 
 
 def test_a_heartbeat_has_whole_beats(effect: Any) -> None:
