@@ -111,7 +111,11 @@ def _hearing() -> distance.Hearing:
     return distance.Hearing()
 
 
-@pytest.mark.parametrize(("page", "pattern", "known"), FIGURES, ids=lambda each: str(each)[:30])
+@pytest.mark.parametrize(
+    ("page", "pattern", "known"),
+    FIGURES,
+    ids=lambda each: None if callable(each) else str(each)[:30],
+)
 def test_a_figure_is_the_codes(page: str, pattern: str, known: Callable[[], Any]) -> None:
     found = re.findall(pattern, (DOCS / page).read_text(encoding="utf-8"))
     assert len(found) == 1, "the sentence is there once"

@@ -15,8 +15,9 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.console import Console
+from hfx_blender.engine.body import levels as level_files
 from hfx_blender.errors import HfxError, InputError, UsageError
-from hfx_blender.maintenance.body_building import build, level_files, variant_models
+from hfx_blender.maintenance.body_building import build, variant_models
 from hfx_blender.maintenance.commands import body
 
 
