@@ -33,7 +33,9 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--to", metavar="FORMAT", help="the format, if the suffix does not determine it"
     )
-    parser.add_argument("--device", metavar="NAME", help="device that plays it, by name or file")
+    parser.add_argument(
+        "--device", action="append", metavar="NAME", help="device that plays it, by name or file"
+    )
     parser.add_argument(
         "--body", metavar="NAME", help="body that wears the device, if the track has several"
     )
@@ -60,11 +62,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     if not 0.0 < options.tolerance <= 50.0:
         raise UsageError(f"--tolerance {options.tolerance:g}: expected more than 0, up to 50")
+    if options.device and len(options.device) > 1:
+        raise UsageError("--device: expected one; 'hfx export' writes for several")
     written = convert(
         options.source,
         options.target,
         to=options.to,
-        device=options.device,
+        device=options.device[0] if options.device else None,
         body=options.body,
         tolerance=CurveTolerance(options.tolerance / 100.0),
         strict=options.strict,

@@ -46,8 +46,9 @@ def add_parser(commands: Any) -> None:
         "--formats",
         type=_names,
         metavar="F,...",
-        help="track, hjif, jsonl, glb; for devices csv, npz, wav, wav24, wavfloat, ahap, haptic, "
-        "he, he1, openharmony, openxr, tact (default: track; csv for devices)",
+        help="track, hjif, jsonl, jsonl-compact, glb; for devices clip, csv, npz, wav, wav24, "
+        "wavfloat, ahap, ahap-sqrt, haptic, he, he1, openharmony, openxr, tact (default: track; "
+        "csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")

@@ -67,6 +67,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     names = list(dict.fromkeys(options.device))
     one_each = [option for option in ("port", "host", "path") if getattr(options, option)]
+    if options.to == "log" and options.path is None:
+        raise UsageError("--to log: give the file with --path")
     if len(names) > 1 and one_each:
         raise UsageError(f"--{one_each[0]} is of one device; give one --device")
     with PlayedTrack(options.track, options.body) as track:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,9 +85,15 @@ class GeneratedFiles:
 
 
 def name_of(words: str, mark: str) -> str:
-    """File name of a wish or a picture: its words and a mark, in letters that any system allows."""
-    parts = [each for each in tokens(words) if each.isalnum()]
-    name = "-".join(parts)[:_LONGEST_NAME].strip("-") or "texture"
+    """File name of a wish or a picture: its words and a mark, in letters that any system allows.
+
+    Where they are cut or left out, a hash of all words follows, so that no two wishes share files.
+    """
+    parts = [each for each in tokens(words) if each.isalnum() and each.isascii()]
+    name = "-".join(parts)[:_LONGEST_NAME].strip("-")
+    if name != re.sub(r"[\s,_-]+", "-", words.lower()).strip("-"):
+        digest = hashlib.sha256(words.encode("utf-8", "surrogatepass")).hexdigest()
+        name = f"{name or 'texture'}-{digest[:8]}"
     return f"{name}-{mark}"
 
 

@@ -38,6 +38,12 @@ _FINISHED: Final = ("metal", "gravel")
 _ON_TOP: Final = 6.0
 _BESIDE: Final = 1.5  # less, of what a thing has or lies on
 
+_MOST_DEGREE: Final = 6.0
+"""However often "very" is said: about four times."""
+
+_SIZES_M: Final = (5e-5, 0.5)
+"""Sizes and depths of features that a finger can tell on a surface."""
+
 
 @dataclass(frozen=True)
 class NamedMaterial:
@@ -77,7 +83,7 @@ class Wish:
         """
         times = self._told.get(quality, 0)
         self._told[quality] = times + 1
-        degree *= 0.5**times
+        degree = min(max(degree, -_MOST_DEGREE), _MOST_DEGREE) * 0.5**times
         self.scale *= quality.scale**degree
         self.depth *= quality.depth**degree
         self.light *= quality.light**degree
@@ -116,7 +122,13 @@ class Wish:
 
 
 def read_words(text: str, negative: str = "") -> Wish:
-    """Interpret a wish, and the words of what is not wanted."""
+    """Interpret a wish, and the words of what is not wanted.
+
+    Raises
+    ------
+    InputError
+        A size that no surface has.
+    """
     wish = Wish()
     _Reader(wish, text).read()
     if negative.strip():
@@ -199,6 +211,11 @@ class _Reader:
             return 1
         metres = float(self._words[place].replace(",", ".")) * _UNITS_M[following[0]]
         shown = f"{self._words[place]} {following[0]}"
+        if not _SIZES_M[0] <= metres <= _SIZES_M[1]:
+            raise InputError(
+                f"Words: '{shown}' is {metres * 1e3:g} mm; sizes and depths are "
+                f"{_SIZES_M[0] * 1e3:g} to {_SIZES_M[1] * 1e3:g} mm."
+            )
         if len(following) == 2 and following[1] in _HEIGHTS:
             self._wish.depth_m = metres
             self._wish.understood[shown] = "depth"

@@ -9,7 +9,7 @@ import unicodedata
 from collections.abc import Container, Iterable
 from typing import Final
 
-_TOKEN: Final = re.compile(r"[a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
+_TOKEN: Final = re.compile(r"[a-z]+|[^\W\d_a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
 _POSSESSIVE: Final = re.compile(r"(?<=[a-z])['\N{RIGHT SINGLE QUOTATION MARK}]s?\b")
 _LEAST_FUZZY: Final = 5  # letters
 _ENDINGS: Final = (

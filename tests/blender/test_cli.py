@@ -23,6 +23,7 @@ from hfx_blender import __version__, cli
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import UsageError
+from hfx_blender.formats.registry import FORMATS
 
 PRINTABLE = re.compile(r"[^\x00-\x09\x0b-\x1f\x7f\x1b]*")
 CSV_DEVICE = "forearm_band_left"
@@ -109,6 +110,8 @@ def test_help_and_version_need_no_scene() -> None:
         (["export", "x.blend", "--record", "smell"], "smell"),
         (["export", "x.blend", "-f", "track,mp3"], "mp3"),
         (["export", "a/x.blend", "b/x.blend"], "'x'"),
+        (["convert", "a.npz", "b.csv", "--device", "insoles", "--device", "back_pad"], "one"),
+        (["play", "x.hfxtrack", "--device", "insoles", "--to", "log"], "--path"),
     ],
 )
 def test_wrong_usage_is_exit_2_and_says_what(
@@ -404,7 +407,7 @@ def test_ctrl_c_while_numpy_is_loaded_waits_until_it_is_there(tmp_path: Path) ->
     loaded = tmp_path / "loaded"
     start = INTERRUPTED_START.replace("addon_utils", "numpy").replace(
         "sys.meta_path",
-        f"        if name == 'numpy.fft':\n            open({str(loaded)!r}, 'w')\nsys.meta_path",
+        f"        if name == 'numpy.lib':\n            open({str(loaded)!r}, 'w')\nsys.meta_path",
         1,
     )
     done = subprocess.run(
@@ -630,3 +633,11 @@ def test_body_stats_is_a_table_of_all_parts(here: Here) -> None:
     for part in ("head", "torso", "fingers", "foot_sole"):
         assert part in text and part in out
     json.loads(out)
+
+
+def test_each_format_is_named_where_it_is_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.run(["export", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    named = re.split(r"[ ,;]+", text[text.index("-f F,...") :])
+    assert set(FORMATS) <= set(named)

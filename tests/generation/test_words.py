@@ -130,3 +130,27 @@ def test_a_record_tells_how_and_its_files_are_read_again(tmp_path: Path) -> None
     picture.write_bytes(picture.read_bytes()[:-20])
     with pytest.raises(InputError, match=r"height\.png.*hash differs"):
         generated.read(record)
+
+
+def test_however_often_a_degree_is_said_the_surface_stays_one() -> None:
+    wish = read_words("very " * 20_000 + "coarse wood")
+    assert 1.0 < wish.scale < 100.0
+
+
+@pytest.mark.parametrize(
+    "words", ["wood 99999999999 mm deep", "pebbles of 0 mm", "wood of 2000 cm"]
+)
+def test_sizes_that_no_surface_has_are_refused(words: str) -> None:
+    with pytest.raises(InputError, match="sizes and depths are"):
+        read_words(words)
+
+
+def test_words_in_other_scripts_are_named() -> None:
+    assert read_words("wood \N{CJK UNIFIED IDEOGRAPH-6728} 5 mm").unknown == ["\u6728"]
+
+
+def test_no_two_wishes_have_one_name() -> None:
+    long = "coarse grey gravel with small stones and some moss, "
+    wishes = ("wood", "wood \u6728", "Wood!", long + "wet", long + "deep", "\u6728")
+    assert len({generated.name_of(each, "0") for each in wishes}) == len(wishes)
+    assert generated.name_of("coarse grey gravel, wet", "0") == "coarse-grey-gravel-wet-0"

@@ -508,8 +508,6 @@ def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> s
         return ids[0]
     if body_id not in ids:
         names = ", ".join(f"'{body.name}' ({body.id})" for body in header.bodies) or "none"
-        raise InputError(
-            f"Device '{device.id}': say which body wears it (found {body_id}); "
-            f"the track has: {names}."
-        )
+        found = "no body is chosen" if body_id is None else f"there is no body '{body_id}'"
+        raise InputError(f"Device '{device.id}': {found} to wear it; the track has: {names}.")
     return str(body_id)
