@@ -271,8 +271,8 @@ def test_the_wearer():
     ]
     assert play(header, runs, device, body_id="ben").values.tolist() == [[2.0]]
     assert [f.stream.body_id for f in play(header, runs, device, body_id="ann").felt] == ["ann"]
-    for body_id in (None, "eve"):
-        with pytest.raises(InputError, match=r"no body is chosen to wear it.*'Ann' \(ann\), 'Ben' \(ben\)"):
+    for body_id, found in ((None, "no body is chosen"), ("eve", "there is no body 'eve'")):
+        with pytest.raises(InputError, match=found + r" to wear it.*'Ann' \(ann\), 'Ben' \(ben\)"):
             play(header, runs, device, body_id=body_id)
 
 
