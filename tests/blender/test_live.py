@@ -51,6 +51,7 @@ def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     # On a busy machine what renders may take seconds to start; a scene that rests must wait for it.
     monkeypatch.setattr(live_module, "HOLD_S", 600.0)
+    live.close()  # whatever a test before has connected, it was less patient
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
     bpy.ops.hfx.fill_part(part="torso", side="both")
@@ -482,6 +483,7 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     brand = load_device(board).brand
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
+    monkeypatch.setattr(live_setup, "_found", [])  # no other test connects what is found here
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery.found_devices, "__defaults__", (lambda host, port: False,))
     assert live_setup._look() == [port.name]
