@@ -21,6 +21,7 @@ _COMMANDS: Final = (
     ("body",),
     ("bench",),
     ("texture", "board"),
+    ("texture", "train-decoder"),
     ("texture", "train-relief"),
 )
 

@@ -33,9 +33,10 @@ from diffusers import (
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTextModelWithProjection, CLIPTokenizer
 
 from hfx_blender.errors import InputError
-from hfx_blender.generation import decoder_pairs, diffusion, generated, touch_decoder
-from hfx_blender.generation.decoder_training import DecoderTraining, TrainingSettings
+from hfx_blender.generation import diffusion, generated, touch_decoder
 from hfx_blender.generation.model_folder import CancelledError, Latents, ModelFolder, check_folder
+from hfx_blender.maintenance.touch_decoder import pairs as decoder_pairs
+from hfx_blender.maintenance.touch_decoder.training import DecoderTraining, TrainingSettings
 
 TEXELS = 64
 PAIRS = decoder_pairs.LibraryPairs(TEXELS, count=4000)
