@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ...commands import texture_folder
-from ...commands.texture_diffusers import DEVICES
 from ...console import Console
 from ...errors import UsageError
+from .texture_diffusers import DEVICES
 
 if TYPE_CHECKING:
-    from ..touch_decoder.training import DecoderTraining
+    from ..diffusion.decoder_training import DecoderTraining
 
 _HELD_OUT: Final = 32
 
@@ -65,9 +65,9 @@ def _is_stopped(training: DecoderTraining, console: Console) -> bool:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Train, and tell the errors on pairs that were held out."""
-    from ...generation.model_folder import ModelFolder
-    from ..touch_decoder.pairs import FolderPairs, LibraryPairs
-    from ..touch_decoder.training import DecoderTraining, Pairs, TrainingSettings
+    from ..diffusion.decoder_pairs import FolderPairs, LibraryPairs
+    from ..diffusion.decoder_training import DecoderTraining, Pairs, TrainingSettings
+    from ..diffusion.model_folder import ModelFolder
 
     for name in ("pairs", "training_steps", "batch", "resolution"):
         if getattr(options, name) < 1:

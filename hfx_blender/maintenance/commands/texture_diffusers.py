@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..console import Console
-from ..errors import UsageError
-from . import texture_folder
+from ...commands import texture_folder
+from ...console import Console
+from ...errors import UsageError
 
 if TYPE_CHECKING:
-    from ..generation.generated import Generated
+    from ...generation.generated import Generated
 
 DEVICES: Final = ("auto", "cpu", "cuda", "mps")
 _PRESETS: Final = ("wood", "gravel", "metal", "textile")
@@ -39,8 +39,8 @@ def maker(options: argparse.Namespace, console: Console) -> Callable[[int], Gene
     HfxError
         The model, the decoder or the packages are missing or cannot be used.
     """
-    from ..generation import diffusion, touch_decoder
-    from ..generation.model_folder import ModelFolder
+    from ..diffusion import diffusion, touch_decoder
+    from ..diffusion.model_folder import ModelFolder
 
     if options.model is None:
         raise UsageError("--back-end diffusers needs --model DIR, a folder of diffusers")

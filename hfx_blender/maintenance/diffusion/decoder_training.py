@@ -18,8 +18,8 @@ import numpy as np
 
 from ...engine.arrays import F32
 from ...errors import InputError
-from ...generation import touch_decoder
-from ...generation.model_folder import libraries
+from . import touch_decoder
+from .model_folder import libraries
 
 STATE: Final = "training.safetensors"
 _OWN: Final = "decoder_now."
