@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from hfx_blender.authoring import effects
+from hfx_blender.authoring import clips, effects, response_recipes, swarms
 from hfx_blender.ui import effect_list
 
 
@@ -58,3 +58,19 @@ def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
     bpy.ops.hfx.add_from_library(name="hug")
     groups = {effects.group_of(each) for each in effects.effects_of(scene)} - {""}
     assert groups in ({"Rain"}, {"Rain", "Hug", "Hug 2"})
+
+
+def test_a_swarm_is_one_row_that_selects_its_emitter(scene: Any) -> None:
+    bee = volume("Bee")
+    recipe = response_recipes.SwarmRecipe(count=40)
+    emitter = swarms.add_swarm(scene, bee, recipe, 1.0, 0.0, 24.0, (0.0, 0.0, 0.0))
+    volume("Alone")
+    assert rows() == [("Alone", ""), ("Bee", "")]
+    manager = bpy.context.window_manager
+    manager.hfx_row = 1
+    assert bpy.context.selected_objects == [emitter] == [bpy.context.object]
+    assert manager.hfx_row == 1
+    manager.hfx_rows[1].is_muted = True
+    assert bee.hfx.is_muted
+    bpy.ops.hfx.add_clip()
+    assert [strip.name for _, strip in clips.strips_of(bee)] == ["Clip"]
