@@ -95,10 +95,13 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("hfx.add_clip", icon="NLA")
         row.operator("hfx.add_heartbeat", icon="HEART")
-        found = clips.strips_of(active_effect(context))
+        effect = active_effect(context)
+        found, group = clips.strips_of(effect), effects.group_of(effect)
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        if group:
+            layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.
         for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
