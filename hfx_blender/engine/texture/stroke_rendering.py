@@ -84,16 +84,15 @@ def _direct(
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
-    waveform = full * np.clip(drive, -1.0, 1.0)
     length = max(round(window_s * rate_hz), 3)
     begins = np.rint(step * rate_hz * np.arange(1, count + 1)).astype(np.int64) - length
     window = np.clip(begins[:, None] + np.arange(length), 0, len(drive) - 1)
-    amplitude, frequency = amplitude_and_frequency(waveform[window], rate_hz)
+    amplitude, frequency = amplitude_and_frequency(drive[window], rate_hz)  # before it is cut
     return Signal(
         stroke.times_s[0] + step * np.arange(count),
         step,
-        np.minimum(amplitude, full),
+        full * np.minimum(amplitude, 1.0),
         frequency,
-        waveform,
+        full * np.clip(drive, -1.0, 1.0),
         rate_hz,
     )
