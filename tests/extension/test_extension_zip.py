@@ -134,6 +134,8 @@ def test_left_out_commands_say_where_they_are(
     for command in ("demo", "body", "bench", "texture board"):
         assert cli.run([*command.split(), "--json"]) == 2
         assert f"'{command}' is not part of the extension" in capsys.readouterr().err
+    assert cli.run(["texture", "generate", "--back-end", "diffusers", "--model", "m"]) == 2
+    assert "'--back-end diffusers' is not part of the extension" in capsys.readouterr().err
     assert cli.run(["texture", "list"]) == 0
 
 
