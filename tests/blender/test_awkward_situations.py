@@ -56,6 +56,7 @@ _SLOW = (
     "live_add",
     "paint_begin",
     "paste_effects",
+    "record_track",
     "show_model",
     "update_values",
 )

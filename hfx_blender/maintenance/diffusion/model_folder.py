@@ -16,9 +16,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ..devices.strict_json import read as read_json
-from ..engine.arrays import F32, U8
-from ..errors import HfxError, InputError
+from ...devices.strict_json import read as read_json
+from ...engine.arrays import F32, U8
+from ...errors import HfxError, InputError
 
 PIPELINES: Final = (
     "StableDiffusionPipeline",

@@ -15,15 +15,15 @@ from typing import Final, Literal
 
 import numpy as np
 
-from ..engine.arrays import F32, F64
-from ..engine.texture.mcha import MapSettings, make_map
-from ..engine.texture.procedural import KINDS, MATERIALS
-from ..errors import InputError
-from .albedo import albedo
-from .colour_words import COLOURS
-from .picture_conversion import surface_of
-from .picture_folder import SUFFIXES
-from .steering import Steering, steered
+from ...engine.arrays import F32, F64
+from ...engine.texture.mcha import MapSettings, make_map
+from ...engine.texture.procedural import KINDS, MATERIALS
+from ...errors import InputError
+from ...generation.albedo import albedo
+from ...generation.colour_words import COLOURS
+from ...generation.picture_conversion import surface_of
+from ...generation.picture_folder import SUFFIXES
+from ...generation.steering import Steering, steered
 
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]
