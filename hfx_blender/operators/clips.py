@@ -126,10 +126,7 @@ class _ClipOperator(_OfEffect):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
             self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
-        return self.execute(context)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        done = super().execute(context)
+        done = self.execute(context)
         framing.make_room_for_clips(context)
         return done
 
