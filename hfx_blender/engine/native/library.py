@@ -19,7 +19,7 @@ from ...errors import InputError
 from . import sources
 
 INTERFACE: Final = 6
-"""That of ``source/hfx_native.h``: any other library is not loaded."""
+"""Version in ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
 """Environment variable: 0 leaves the library out."""

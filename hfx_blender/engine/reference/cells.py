@@ -45,7 +45,7 @@ class Fineness:
 
 
 EXACT: Final = Fineness()
-"""As fine as the engine is at the tolerance ``exact``."""
+"""Fineness of the engine at the tolerance ``exact``."""
 
 
 @dataclass(frozen=True, eq=False)

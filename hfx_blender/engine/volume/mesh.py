@@ -20,7 +20,7 @@ from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
 
 MANY_FACES: Final = 50_000
-"""From here on, searching depths among all faces takes longer than finding fewer."""
+"""Number of faces from which on searching depths among all takes longer than finding fewer."""
 
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
@@ -129,7 +129,7 @@ class MeshVolume:
 
     @property
     def is_fine(self) -> bool:
-        """Whether it has so many faces that it may pay to feel fewer."""
+        """Test for so many faces that it may pay to feel fewer."""
         return len(self._triangles) >= MANY_FACES
 
     def within(self, bound: float) -> MeshVolume:
