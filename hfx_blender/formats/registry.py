@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -152,9 +152,9 @@ def _write_ahap_sqrt(
     signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
 ) -> Written:
     rooted = [ahap.with_intensities(each) for each in signals]
-    return _simplified(partial(ahap.write, law=ahap.SQUARE_ROOT))(
-        rooted, frequencies, stem, tolerance
-    )
+    half = replace(tolerance, value=tolerance.value / 2.0)  # a square is off by twice its root
+    write_roots = partial(ahap.write, law=ahap.SQUARE_ROOT)
+    return _simplified(write_roots, ", amplitudes twice that")(rooted, frequencies, stem, half)
 
 
 def pitch_tolerance(frequencies: FrequencyRange) -> float:

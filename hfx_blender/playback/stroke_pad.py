@@ -201,7 +201,8 @@ class StrokePad:
         times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
         part = Stroke(times, stroke.at(times))
         try:
-            return render_stroke(self.texture, part, waveform_rate_hz=WAVEFORM_HZ)
+            step = self.texture.device.update_s  # no window reaches into the part before
+            return render_stroke(self.texture, part, window_s=step, waveform_rate_hz=WAVEFORM_HZ)
         except InputError:
             return None  # shorter than a step, by rounding
 

@@ -223,6 +223,14 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
         assert sum(platform.runs(tag) for tag in tags) == 1
     with zipfile.ZipFile(small) as archive:
         assert sorted(name for name in archive.namelist() if name.endswith(".whl")) == names
+        own = max(archive.getinfo(name).compress_size for name in names)
+    size = small.stat().st_size + (len(names) - 1) * own  # the others are stand-ins
+    for page, sentence in (
+        ("README.md", r"\((\d+) MB\), as"),
+        ("docs/native.md", r", (\d+) MB, b"),
+    ):
+        (told,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
+        assert float(told) == pytest.approx(size / 1e6, abs=0.7)
     done = _validated(small)
     assert done.returncode == 0, done.stdout + done.stderr
 
