@@ -81,7 +81,7 @@ class StrokePad:
         self._points: list[tuple[float, float]] = []
         self._rendered_s = self._felt_s = 0.0
         self.trail_m: list[tuple[float, float]] = []
-        """Where the present stroke went, as finely as it is seen; empty between strokes."""
+        """Path of the present stroke, as finely as it is seen; empty between strokes."""
         self.history: list[tuple[float, Felt]] = []  # of the present or the last stroke
         self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
 
