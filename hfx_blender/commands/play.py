@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from ..devices.live.track_playback import Source
     from ..engine.rendering.device import DeviceConfig
 
+    Worn = dict[str, tuple[DeviceConfig, DeviceScript | None]]
+
+_TOKEN: Final = "HFX_TOKEN"
 _KINDS: Final = {"device": "DEVICE", "sound-card": "AUDIO", "simulator": "SIMULATOR", "log": "CSV"}
 
 
@@ -56,6 +60,15 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--from", dest="begin", type=float, metavar="S", help="begin at this time, seconds"
     )
+    parser.add_argument(
+        "--listen",
+        nargs="?",
+        type=int,
+        const=0,
+        metavar="PORT",
+        help="do not play the clip, but the values that a game on this computer sends of it "
+        "(docs/players.md), until Ctrl-C",
+    )
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
@@ -73,7 +86,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(f"--{one_each[0]} is of one device; give one --device")
     with ExitStack() as stack:
         source, worn = _opened(options, names, stack)
-        _check_begin(options.begin, source.start_s, source.end_s)
+        if options.listen is None:
+            _check_begin(options.begin, source.start_s, source.end_s)
+        else:
+            source = _listening(options, worn, stack, console)
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
         for name, (device, script) in worn.items():
@@ -85,7 +101,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             client,
             from_s=options.begin,
             offset_s=offset_ms / 1000.0,
-            progress=console.progress(options.file.name),
+            progress=console.progress(options.file.name) if options.listen is None else _unseen,
         )
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
@@ -95,9 +111,34 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _opened(
-    options: argparse.Namespace, names: list[str], stack: ExitStack
-) -> tuple[Source, dict[str, tuple[DeviceConfig, DeviceScript | None]]]:
+def _unseen(share: float) -> None:
+    """Show no progress: nobody knows when a game ends."""
+
+
+def _listening(
+    options: argparse.Namespace, worn: Worn, stack: ExitStack, console: Console
+) -> Source:
+    """The door for a game's values; how a game finds it is said."""
+    from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
+    from ..formats.clip.container import SUFFIX
+
+    if not options.file.name.lower().endswith(SUFFIX) or options.begin is not None:
+        raise UsageError("--listen is of a game clip, without --from")
+    given = os.environ.get(_TOKEN, "")
+    try:
+        token = bytes.fromhex(given) or None
+    except ValueError:
+        token = b""
+    if token is not None and len(token) != TOKEN_BYTES:
+        raise UsageError(f"{_TOKEN}: expected {2 * TOKEN_BYTES} hexadecimal digits")
+    devices = {name: device for name, (device, _) in worn.items()}
+    door = stack.enter_context(closing(GameDoor(devices, options.listen, token)))
+    shown = _TOKEN if given else door.token.hex()
+    console.say(f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}")
+    return door
+
+
+def _opened(options: argparse.Namespace, names: list[str], stack: ExitStack) -> tuple[Source, Worn]:
     """The file, and the devices with the scripts that they need for it: a clip's values are those
     that scripts gave.
     """

@@ -198,7 +198,7 @@ def _message(error: InputError, path: Path) -> str:
 
 
 def _whole_findings(path: Path, kind: str) -> list[Finding]:
-    """What is wrong with a file that is read as a whole."""
+    """Faults of a file that is read as a whole."""
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
     try:

@@ -231,7 +231,7 @@ def _write_tact(
 
 
 def _why_no_tact(device: DeviceConfig) -> str:
-    """Why bHaptics' suits have no motor for a device; empty: they have."""
+    """Reason that bHaptics' suits have no motor for a device; empty: they have."""
     if motors_of(device):
         return ""
     return (
@@ -393,7 +393,7 @@ def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str
 
 
 def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
-    """Why a format can hold nothing of a device; empty: it can."""
+    """Reason that a format can hold nothing of a device; empty: it can."""
     if not set(chosen.modalities) & set(device.modalities):
         return f"device '{device.id}' has no {' or '.join(chosen.modalities)} actuators"
     return chosen.why_nothing(device)

@@ -41,7 +41,7 @@ def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator,
 
 
 def _unit_per(in_frames: bool) -> float:
-    """How many of the scene's unit of time a frame or a second is."""
+    """Length of a frame or a second in the scene's unit of time."""
     scene = bpy.context.scene
     frames_per_second = fps_of(scene)
     shows_frames = scene.hfx.time_unit == "FRAMES"
@@ -126,10 +126,7 @@ class _ClipOperator(_OfEffect):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
             self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
-        return self.execute(context)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        done = super().execute(context)
+        done = self.execute(context)
         framing.make_room_for_clips(context)
         return done
 

@@ -6,13 +6,19 @@ clips in the timeline.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import bpy
 
 from .. import compat
+from ..blender_events import call_soon
 from ..playback import timeline_clips
 
 _VIEW = ("view_location", "view_rotation", "view_distance", "view_perspective")
+_BESIDE = 9  # pixels from an edge, farther than its width
+_DRAWN_S = 0.05
+
+_joining: partial[None] | None = None
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
@@ -49,7 +55,9 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
 
 def make_room_for_clips(context: bpy.types.Context) -> None:
     """Make a timeline that is too low for clips to be read higher, where no NLA editor has them."""
-    if bpy.app.background or context.window is None or not compat.CAN_JOIN_AREAS:
+    global _joining
+    is_busy = _joining is not None and bpy.app.timers.is_registered(_joining)
+    if bpy.app.background or is_busy or not compat.CAN_JOIN_AREAS:
         return
     areas = context.screen.areas
     timelines = [area for area in areas if area.ui_type == "TIMELINE"]
@@ -61,21 +69,23 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
     above = [
         each
         for each in areas
-        if (each.x, each.width) == (area.x, area.width) and 0 < each.y - area.y - area.height < 9
+        if (each.x, each.width) == (area.x, area.width)
+        and 0 < each.y - area.y - area.height < _BESIDE
     ]
     if missing <= 0.0 or not above or above[0].height < 3.0 * missing:
         return
     # Edges cannot be moved while the mouse is over an area: a part of the area above is joined.
     with context.temp_override(area=above[0]):
         bpy.ops.screen.area_split(direction="HORIZONTAL", factor=missing / above[0].height)
-    x, top, window = area.x + area.width // 2, area.y + area.height, context.window
+    edge = area.x + area.width // 2, area.y + area.height
+    _joining = partial(_join, context.window, *edge)
+    call_soon(_joining, _DRAWN_S)
 
-    def join() -> None:
-        """Join, once Blender knows how large the areas are."""
-        with bpy.context.temp_override(window=window):
-            bpy.ops.screen.area_join(source_xy=(x, top - 9), target_xy=(x, top + 9))
 
-    bpy.app.timers.register(join, first_interval=0.05)
+def _join(window: bpy.types.Window, x: int, y: int) -> None:
+    """Join the areas on both sides of an edge, once Blender knows how large they are."""
+    with bpy.context.temp_override(window=window):
+        bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))
 
 
 def state(area: bpy.types.Area) -> dict[str, object]:

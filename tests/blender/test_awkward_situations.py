@@ -53,6 +53,7 @@ _SLOW = (
     "area_from_selection",
     "area_mirror",
     "fit_body",
+    "generate_surface",
     "live_add",
     "paint_begin",
     "paste_effects",

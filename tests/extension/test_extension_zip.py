@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import os
 import re
@@ -32,6 +33,9 @@ import native_build  # noqa: E402
 import native_wheel  # noqa: E402
 
 SHIPPED = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "maintenance" not in path.parents]
+IMPORTED = functools.cache(addon_wheels.imported)
+"""Reads the whole package: once is enough for all tests that change nothing of it."""
+
 SHIPPED_CHILDREN = [name for name in CHILDREN if not name.startswith("maintenance.")]
 
 
@@ -88,6 +92,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         raise AssertionError("a test must not fetch anything")
 
     monkeypatch.setattr(addon_wheels, "_download", no_download)
+    monkeypatch.setattr(addon_wheels, "imported", IMPORTED)
     monkeypatch.setattr(build_addon, "DATA", ())  # quicker
     yield folder
 

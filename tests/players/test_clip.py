@@ -85,6 +85,16 @@ def test_a_part_loops_and_a_loop_takes_end_and_beginning_into_one_frame() -> Non
     assert found == pytest.approx([2, 5, 2, 2, 5], abs=1e-3)
 
 
+def test_texts_are_utf_8() -> None:
+    assert Clip(by_hand(TEXT=TEXT + "é \uffff 触覚 \U0010ffff".encode() + b"\0")).error == 0
+    # A slash in two bytes, a surrogate, above 10FFFF, cut off, a byte that leads nothing.
+    for text in (b"\xc0\xaf", b"-\xed\xa0\x80", b"\xf4\x90\x80\x80", b"a\xe2\x82", b"\x80"):
+        content = by_hand(TEXT=TEXT + text + b"\0")
+        assert Clip(content).error == -5
+        with pytest.raises(InputError, match=f"TEXT' byte {len(TEXT)}|byte {len(TEXT) + 1}"):
+            rules.read(content, "x")
+
+
 def test_gain_parameter_and_silence() -> None:
     player = Player(Clip(by_hand()))
     player.seek(0.4)

@@ -98,7 +98,7 @@ class FolderPairs:
         return len(self.paths)
 
     def __getitem__(self, number: int) -> tuple[F32, F32]:
-        """As of :class:`LibraryPairs`; the middle of the picture."""
+        """Pair as of :class:`LibraryPairs`; the middle of the picture."""
         srgb = self.pixels(self.paths[number])
         rows, columns = srgb.shape[:2]
         if min(rows, columns) < self.texels:

@@ -26,7 +26,7 @@ PIPELINES: Final = (
     "StableDiffusion3Pipeline",
 )
 _LIBRARIES: Final = ("diffusers", "transformers", "stable_diffusion")
-"""Where the parts of a pipeline come from: a folder may bring no code of its own."""
+"""Sources of a pipeline's parts: a folder may bring no code of its own."""
 
 _UNSAFE: Final = (".bin", ".ckpt", ".pt", ".pth", ".pkl")
 Progress = Callable[[float], None]
