@@ -145,6 +145,21 @@ def test_a_hostile_clip_is_refused_with_its_field(
     assert run(["validate", str(path)]) == 3
 
 
+def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path: Path) -> None:
+    """Reserved words by the offsets of the page; a player may pass over them, a check may not."""
+    good = (ROOT / "players/conformance/everything.hfxclip").read_bytes()
+    count = struct.unpack_from("<I", good, 20)[0]
+    table = {good[24 + 16 * k :][:4]: 24 + 16 * k for k in range(count)}
+    first = {name: struct.unpack_from("<I", good, at + 4)[0] for name, at in table.items()}
+    path = tmp_path / "x.hfxclip"
+    for at in (table[b"ACTR"] + 12, first[b"ACTR"] + 84):
+        path.write_bytes(sealed(good[:at] + struct.pack("<I", 7) + good[at + 4 :]))
+        assert run(["validate", str(path)]) == 3
+    again = sealed(good[: table[b"VALU"]] + b"ROWS" + good[table[b"VALU"] + 4 :])
+    with pytest.raises(InputError, match="occurs twice"):
+        rules.read(again, "x")
+
+
 def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
     good = by_hand()
     newer = sealed(good[:8] + struct.pack("<I", 2) + good[12:])
@@ -207,6 +222,8 @@ def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFi
     human = [bytes(sections["TEXT"])[k:].split(b"\0")[0] for k in sections["ACTR"]["human"]]
     assert human == [b"leftHand", b"rightHand"]
     assert run(["convert", str(tmp_path / "touch.hfxtrack"), str(made)]) == 2  # no device
+    assert run(["convert", str(made), str(tmp_path / "x.csv")]) == 2
+    assert "game clip cannot be converted" in capsys.readouterr().err
 
 
 DEVICE = {
