@@ -187,6 +187,24 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
     )
 
 
+def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
+    """Places (n, 3) of visible skin that mostly follows each bone, rest space of the armature."""
+    import numpy as np
+
+    found: dict[str, list[np.ndarray]] = {}
+    for mesh in meshes_on(bpy.context, armature):
+        try:
+            target = read_mesh(armature, mesh)
+        except InputError:  # told where the mesh is fitted to
+            continue
+        owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
+        mostly = target.weights.values > 0.5
+        places, bones = target.vertices[owners[mostly]], target.weights.bones[mostly]
+        for number in np.unique(bones):
+            found.setdefault(target.bone_names[number], []).append(places[bones == number])
+    return {name: np.concatenate(places) for name, places in found.items()}
+
+
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
     """Read a mesh in the rest space of its armature."""
     import numpy as np

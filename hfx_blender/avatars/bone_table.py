@@ -8,6 +8,7 @@ the next fit; it can be saved as JSON and loaded for another avatar with the sam
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -22,7 +23,7 @@ from ..engine.body.rigs.mapping import (
 )
 from ..engine.body.rigs.rig import canonical_parents
 from ..errors import InputError
-from .avatar_meshes import read_bones
+from .avatar_meshes import read_bones, skin_by_bone
 from .human_bones import human_bones_of
 
 BY_HAND = "by hand"
@@ -47,7 +48,8 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
         No human bones are recognisable.
     """
     try:
-        return map_bones(read_bones(armature), human_bones_of(armature))
+        labels = human_bones_of(armature)
+        return map_bones(read_bones(armature), labels, partial(skin_by_bone, armature))
     except InputError as error:
         raise InputError(f"Armature '{armature.name}': {error}") from None
 

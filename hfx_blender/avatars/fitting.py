@@ -35,7 +35,6 @@ _ONLY_BONES = (
 class _Fitted:
     """Outcome of a fit, free of Blender's objects."""
 
-    order: list[int]  # of the meshes, the one that shows most of the body first
     models: list[FittedModel]
     qualities: list[Quality]
     warnings: list[str]
@@ -50,7 +49,7 @@ def fitting(
     Parameters
     ----------
     meshes : sequence of Object
-        The avatar's skin, in any order.
+        The avatar's skin, in the order in which their vertices are numbered.
 
     Raises
     ------
@@ -72,7 +71,7 @@ def fitting(
             raise InputError(f"Armature '{armature.name}': {error}") from None
         _keep(key, found)
     return Fit(
-        tuple(meshes[k] for k in found.order),
+        tuple(meshes),
         tuple(found.models),
         tuple(found.qualities),
         (*notes, *found.warnings),
@@ -88,20 +87,14 @@ def _fitted(
     mapping: BoneMapping,
     layer: Layer,
 ) -> Generator[float, None, _Fitted]:
-    avatar, order = load_avatar(), [0]
-    name = names[0]
-    if len(targets) > 1:
-        ranking = skin_parts.ranked(avatar, targets, mapping, layer)
-        order = yield from within(ranking, 0.0, 0.2)
-        name = f"{names[order[0]]} and {len(names) - 1} more"
-    target = skin_parts.joined([targets[k] for k in order])
+    avatar, target = load_avatar(), skin_parts.joined(targets)
+    name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     no_surface = retarget_target.check(target, name) or _why_rigid(targets, rigid)
-    yield 0.2
     models = [load_model(model_id) for model_id in model_ids()]
     qualities: list[Quality] = []
     if no_surface is None:
         warping = retarget.warping(avatar, target, mapping, layer)
-        warped = yield from within(warping, 0.2, 0.8)
+        warped = yield from within(warping, 0.0, 0.8)
         fits = []
         for number, model in enumerate(models):
             yield 0.8 + 0.2 * number / len(models)
@@ -113,9 +106,9 @@ def _fitted(
                 f"found on that part of '{name}'"
             )
     if no_surface is None:
-        return _Fitted(order, [model for model, _ in fits], qualities, _folded(qualities), False)
+        return _Fitted([model for model, _ in fits], qualities, _folded(qualities), False)
     placed = by_bones.fit_by_bones(models, avatar, target, mapping)
-    return _Fitted(order, placed, [], [_ONLY_BONES.format(reason=no_surface)], True)
+    return _Fitted(placed, [], [_ONLY_BONES.format(reason=no_surface)], True)
 
 
 def _read(key: str) -> _Fitted | None:
@@ -130,7 +123,7 @@ def _read(key: str) -> _Fitted | None:
         for model_id, model_hash in values["models"]
     ]
     qualities = [_quality_of(each) for each in values["quality"]]
-    return _Fitted(values["order"], models, qualities, values["warnings"], values["by_bones"])
+    return _Fitted(models, qualities, values["warnings"], values["by_bones"])
 
 
 def _quality_of(values: Mapping[str, Any]) -> Quality:
@@ -141,7 +134,6 @@ def _quality_of(values: Mapping[str, Any]) -> Quality:
 def _keep(key: str, found: _Fitted) -> None:
     arrays = {model.model_id: arrays_of(model) for model in found.models}
     values = {
-        "order": found.order,
         "models": [(model.model_id, model.model_hash) for model in found.models],
         "bones": found.models[0].bone_names,
         "of": list(arrays[found.models[0].model_id]),
@@ -170,7 +162,7 @@ def _facing_out(
 
 
 def _why_rigid(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
-    """Why rigid pieces are no skin, where they are most of an avatar's surface."""
+    """Reason that rigid pieces are no skin, where they are most of an avatar's surface."""
     areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
     if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
         return None

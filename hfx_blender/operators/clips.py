@@ -41,7 +41,7 @@ def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator,
 
 
 def _unit_per(in_frames: bool) -> float:
-    """How many of the scene's unit of time a frame or a second is."""
+    """Length of a frame or a second in the scene's unit of time."""
     scene = bpy.context.scene
     frames_per_second = fps_of(scene)
     shows_frames = scene.hfx.time_unit == "FRAMES"

@@ -19,6 +19,7 @@ from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.modality import MODALITIES, neutral_temperature_c
+from ..engine.native import library
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.rendering.render import Renderer
@@ -130,12 +131,15 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
     NeedsSteppingError
         They would have to be, and may not.
     InputError
-        There is nothing to feel, or the timeline is too long.
+        There is nothing to feel, the timeline is too long, or there are volumes and no compiled
+        part.
     """
     reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PREVIEW, is_probed=may_step)
     if not may_step and reader.steps():
         raise NeedsSteppingError("The scene has to be stepped through for that.")
     described = reader.description
+    if described.has_volumes:
+        library.require_in_time()
     header = TrackHeader.of(
         described,
         {each.model_id: load_model(each.model_id) for each in described.effects},

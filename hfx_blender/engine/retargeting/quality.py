@@ -25,9 +25,9 @@ IN_PLACE: Final = 0.8
 AREA_RATIOS: Final = (0.4, 2.5)
 """Allowed range of a part's area relative to the canonical body of the same size."""
 
-JOINT_MM: Final = 20.0
-"""Allowed distance of the model's skin at a joint from where the rig has the joint: at 25 mm of a
-body 1.75 m tall a touch on a kneecap is felt beside it."""
+JOINT_MM: Final = 12.0
+"""Allowed distance of the model's skin at a joint from where the rig has the joint: under loose
+trousers a kneecap was twice as far off as this distance, and at 25 mm a touch is felt beside it."""
 
 RIGHT_WAY: Final = 0.9
 """Share of the limbs' vertices that must lie on their own side."""

@@ -30,18 +30,11 @@ _REACH_M: Final = 0.12
 """Farthest that a mesh may be from the posed canonical body."""
 
 
-def ranked(
-    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
-) -> Generator[float, None, list[int]]:
-    """Sort all meshes, the one that shows most of the body first, in steps; their indices."""
-    shown = (yield from _shown(avatar, targets, mapping, layer)).sum(axis=1)
-    return sorted(range(len(targets)), key=lambda k: (-shown[k], k))
-
-
 def skin_of(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
 ) -> Generator[float, None, list[int]]:
-    """Find the meshes that show the body's surface, in steps; their indices, as :func:`ranked`.
+    """Find the meshes that show the body's surface, in steps; their indices, the one that shows
+    most of it first.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_mod
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.retargeting import by_bones, retarget, skin_parts
-from hfx_blender.engine.retargeting.quality import RIGHT_WAY
+from hfx_blender.engine.retargeting.quality import JOINT_MM, RIGHT_WAY
 from hfx_blender.engine.retargeting.target import check
 from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
@@ -95,7 +95,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         if known[ids].any()
     }
     hinges = _hinges(model, error, known)
-    named = {joint for joint, off in quality.joints_mm.items() if off > 20.0}
+    named = {joint for joint, off in quality.joints_mm.items() if off > JOINT_MM}
     parts = {part.part for part in quality.parts if part.faults}
     warned = {
         hinge

@@ -7,6 +7,7 @@ import json
 import os
 import random
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -305,6 +306,33 @@ def test_mirrored_names_are_mapped_by_where_they_lie() -> None:
     assert mapping.bones["head"] == "Head"
     assert any("mirrored" in sentence for sentence in mapping.report)
     assert not any("mirrored" in s for s in bone_mapping.map_bones(rig_of(MIXAMO)).report)
+
+
+@pytest.mark.parametrize("ends_in", ["foot", "lowerleg01"])
+def test_the_skin_of_feet_tells_mirrored_names_of_a_rig_without_toes(ends_in: str) -> None:
+    gone = ("toe",) if ends_in == "foot" else ("toe", "foot")
+    table = {bone: name for bone, name in MIXAMO.items() if not bone.startswith(gone)}
+    swapped = {"L": "R", "R": "L"}
+    mirrored = {
+        bone[:-1] + swapped[bone[-1]] if bone[-2:-1] == "." else bone: name
+        for bone, name in table.items()
+    }
+    heads = canonical_heads()
+
+    def skin_of(rig: dict[str, str], forward: float) -> dict[str, np.ndarray]:
+        found = {}
+        for side in "LR":
+            ankle, knee = heads[f"foot.{side}"], heads[f"lowerleg01.{side}"]
+            calf = np.linspace(knee, ankle, 9)
+            sole = ankle + np.outer(np.linspace(-0.05, 0.2, 6) * forward, (0.0, -1.0, 0.0))
+            found[rig[f"{ends_in}.{side}"]] = np.concatenate((calf, sole - (0.0, 0.0, 0.08)))
+        return found
+
+    for rig, forward, side in ((table, 1.0, "L"), (mirrored, 1.0, "L"), (mirrored, 0.1, "R")):
+        mapping = bone_mapping.map_bones(rig_of(rig), skin=partial(skin_of, rig, forward))
+        assert mapping.bones["upperarm01.L"] == rig[f"upperarm01.{side}"]
+        told = any("mirrored" in sentence for sentence in mapping.report)
+        assert told == (rig is mirrored and side == "L")
 
 
 def _moved(bones: list[RigBone], matrix: np.ndarray) -> list[RigBone]:

@@ -13,7 +13,6 @@ from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.joints import skeletons_of
-from hfx_blender.engine.retargeting.quality import JOINT_MM
 
 MODEL_ID = "hfx-pressure-1"
 
@@ -47,7 +46,7 @@ def test_trousers_do_not_pull_the_knees_down() -> None:
         near = np.linalg.norm((rest - knee)[:, [0, 2]], axis=1) < 0.015
         cap = np.flatnonzero(near & (rest[:, 1] < knee[1]))
         assert abs(np.median(warped.vertices[cap, 2] - rest[cap, 2])) < 0.015, side
-    assert all(off < JOINT_MM for off in quality.joints_mm.values()), quality.joints_mm
+    assert all(off < 20.0 for off in quality.joints_mm.values()), quality.joints_mm
 
 
 def test_a_model_that_lies_beside_a_joint_is_named() -> None:

@@ -17,7 +17,8 @@ _PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot"
 _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")
 _LEG: Final = ("pelvis", "upperleg01", "lowerleg01", "foot", "toe2-1")
 _LIKE_LENGTH: Final = 0.1  # relative difference at which two chains still count as a pair
-_FOOT_MIN: Final = 0.02  # of the body's height: shorter steps do not show where a foot points
+_FOOT_MIN: Final = 0.02  # of the trunk: shorter steps do not show where a foot points
+_SOLE_MIN: Final = 0.05  # the same for soles, which robes have too
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:
@@ -30,12 +31,12 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
     return _unit(total)
 
 
-def geometric_left(heads: Mapping[str, F64]) -> F64 | None:
-    """Direction of the body's left, from its feet; None without toes or if the feet disagree."""
+def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | None:
+    """Direction of the body's left, from its feet; None without toes or if they disagree."""
     up = _up(heads)
     if up is None:
         return None
-    height = float(np.linalg.norm(_high(heads) - _low(heads)))
+    trunk = float(np.linalg.norm(_high(heads) - _low(heads)))
     steps = []
     for side in "LR":
         foot = heads.get(f"foot.{side}")
@@ -44,12 +45,40 @@ def geometric_left(heads: Mapping[str, F64]) -> F64 | None:
             return None
         step = np.mean(toes, axis=0) - foot
         steps.append(step - (step @ up) * up)
-    if min(np.linalg.norm(step) for step in steps) < _FOOT_MIN * height:
+    if min(np.linalg.norm(step) for step in steps) < least * trunk:
         return None
     forward = _unit(sum((step / np.linalg.norm(step) for step in steps), np.zeros(3)))
     if forward is None or float(steps[0] @ steps[1]) <= 0:
         return None
     return np.cross(up, forward)
+
+
+def left_by_soles(
+    rig: Rig, found: Mapping[str, str], heads: Mapping[str, F64], skin: Mapping[str, F64]
+) -> F64 | None:
+    """Direction of the body's left, from where the soles lie below the ankles; None if unclear.
+
+    Parameters
+    ----------
+    skin : mapping
+        Bone to the places (n, 3) of the skin that follows it.
+    """
+    places, up = dict(heads), _up(heads)
+    for side in "LR":
+        knee, foot = found.get(f"lowerleg01.{side}"), heads.get(f"foot.{side}")
+        if knee is None or up is None:
+            return None
+        below = [n for n in skin if n in rig.parent and knee in (n, *rig.ancestors(n))]
+        if not below:
+            return None
+        points = np.concatenate([skin[name] for name in below])
+        start = rig.head(knee) if foot is None else foot
+        depth = (points - start) @ (-up if foot is None else foot - rig.head(knee))
+        sole = points[depth > (0.9 if foot is None else 0.5) * depth.max()]
+        places[f"toe1-1.{side}"] = sole.mean(axis=0)
+        if foot is None:
+            places[f"foot.{side}"] = points[depth < 0.8 * depth.max()].mean(axis=0)
+    return geometric_left(places, _SOLE_MIN)
 
 
 def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:

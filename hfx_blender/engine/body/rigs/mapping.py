@@ -8,7 +8,7 @@ the hierarchy (:mod:`.bone_geometry`). Canonical names are those of ``load_avata
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,11 +17,7 @@ from ...arrays import F64
 from .assignment import assigned_by_name, is_human
 from .characters import check_single
 from .conventions import convention_of
-from .geometry import (
-    assigned_by_geometry,
-    geometric_left,
-    named_left,
-)
+from .geometry import assigned_by_geometry, geometric_left, left_by_soles, named_left
 from .rig import Rig, RigBone, canonical_parents
 from .vocabulary import FINGERS
 
@@ -52,7 +48,11 @@ class BoneMapping:
     report: tuple[str, ...]  # sentences about what is missing or doubtful
 
 
-def map_bones(bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> BoneMapping:
+def map_bones(
+    bones: Sequence[RigBone],
+    labels: Mapping[str, str] | None = None,
+    skin: Callable[[], Mapping[str, F64]] = dict,
+) -> BoneMapping:
     """Map the bones of an avatar's armature to the canonical skeleton.
 
     Parameters
@@ -62,6 +62,8 @@ def map_bones(bones: Sequence[RigBone], labels: Mapping[str, str] | None = None)
     labels : mapping, optional
         Bone to the name of VRM's human bone that it is, where the armature's file tells; believed
         before the bones' own names.
+    skin : callable, optional
+        Places (n, 3) of the skin that follows each bone: tells sides of rigs without toes.
 
     Raises
     ------
@@ -97,7 +99,7 @@ def map_bones(bones: Sequence[RigBone], labels: Mapping[str, str] | None = None)
             "The bone names say nothing; the joints were found by the shape of the hierarchy, "
             "so check them."
         )
-    elif _is_mirrored(rig, found):
+    elif _is_mirrored(rig, found, skin):
         found = {_mirrored(canonical): name for canonical, name in found.items()}
         notes.append(
             "The bone names are mirrored: bones named left lie on the body's right, as its feet "
@@ -178,9 +180,11 @@ def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
     return {canonical: rig.head(name) for canonical, name in found.items()}
 
 
-def _is_mirrored(rig: Rig, found: Mapping[str, str]) -> bool:
+def _is_mirrored(rig: Rig, found: Mapping[str, str], skin: Callable[[], Mapping[str, F64]]) -> bool:
     heads = _heads(rig, found)
     named, geometric = named_left(heads), geometric_left(heads)
+    if geometric is None and not any(name.startswith("toe") for name in heads):
+        geometric = left_by_soles(rig, found, heads, skin())
     return named is not None and geometric is not None and float(named @ geometric) < 0
 
 
