@@ -116,7 +116,6 @@ class _ClipOperator(_OfEffect):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split = True
         unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
         for name in ("start", "duration", "fade_in", "fade_out"):
             label = name.replace("_", " ").title()
