@@ -89,13 +89,14 @@ def bodies() -> None:
 
 
 def surfaces() -> None:
-    """The textile renderer's output against measured roughness: picture, and table."""
-    from hfx_blender.maintenance.bench import textile_correlation, texture_chart
+    """The textile renderer against measured roughness: picture, and table; the judge of strokes."""
+    from hfx_blender.maintenance.bench import textile_correlation, texture, texture_chart
 
     result = textile_correlation.correlation(20)
     chart = texture_chart.svg(result)
     (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
     replace_part(DOCS / "surfaces.md", "correlation", textile_correlation.as_markdown(result))
+    replace_part(DOCS / "surfaces.md", "judge", texture.as_markdown())
 
 
 def devices() -> None:

@@ -31,10 +31,13 @@ __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import handlers, operators, preferences, properties, ui
+    from . import blender_events, handlers, operators, preferences, properties, ui
     from .playback import live, preview, timeline_clips
 
-    return preferences, properties, operators, ui, handlers, preview, timeline_clips, live
+    return (
+        *(blender_events, preferences, properties, operators, ui, handlers),
+        *(preview, timeline_clips, live),
+    )
 
 
 _register, _unregister = registration.of_modules(_modules)

@@ -28,10 +28,25 @@ def remove_handlers(handlers: Handlers) -> None:
             there.remove(handler)
 
 
-def call_soon(function: Callable[[], Any], delay_s: float = 0.0) -> None:
-    """Call a function by a timer, unless it waits for that already."""
-    if not bpy.app.timers.is_registered(function):
-        bpy.app.timers.register(function, first_interval=delay_s)
+def call_soon(
+    function: Callable[[], Any], delay_s: float = 0.0, *, outlives_load: bool = False
+) -> None:
+    """Call a function by a timer, unless it waits for that already.
+
+    Parameters
+    ----------
+    function : callable
+    delay_s : float
+    outlives_load : bool
+        Call it even if a file is loaded before.
+    """
+    if bpy.app.timers.is_registered(function):
+        return
+    bpy.app.timers.register(function, first_interval=delay_s, persistent=outlives_load)
+    if not outlives_load:
+        ended = [each for each in _until_load if not bpy.app.timers.is_registered(each)]
+        _until_load.difference_update(ended)
+        _until_load.add(function)
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:
@@ -39,3 +54,24 @@ def remove_timers(*functions: Callable[[], Any]) -> None:
     for function in functions:
         if bpy.app.timers.is_registered(function):
             bpy.app.timers.unregister(function)
+
+
+_until_load: set[Callable[[], Any]] = set()  # functions whose timers end when a file is loaded
+
+
+@bpy.app.handlers.persistent
+def _before_loading(*_: object) -> None:
+    """Remove timers: Blender only marks them, and its Python module 4.5 hangs at exit over those
+    that it marked and never came to remove.
+    """
+    remove_timers(*_until_load)
+    _until_load.clear()
+
+
+def register() -> None:
+    add_handlers({"load_pre": _before_loading})
+
+
+def unregister() -> None:
+    remove_handlers({"load_pre": _before_loading})
+    _before_loading()

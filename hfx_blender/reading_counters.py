@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What reading a scene took, so that "only what a scene requires" can be tested and reported."""
+"""Counters of reading a scene: "only what a scene requires" is tested and reported by them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ReadingCounters:
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
-    """Of counters as plain data, what is the same however a scene is split into parts."""
+    """Counters, as plain data, that are the same however a scene is split into parts."""
     far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
     return {"far": far, "skipped": counters.get("skipped", {})}
 

@@ -50,7 +50,7 @@ class Recorded:
             engine.counters.as_dict(),
             reader.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
-            reader.notes,
+            (*reader.notes, *engine.notes),
             reader.stepping_note,
         )
 

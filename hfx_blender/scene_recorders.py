@@ -44,7 +44,7 @@ class SceneRecorders:
                 each.add(block)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """What was recorded, as arrays that one process can hand on to another."""
+        """Recorded values as arrays that one process can hand on to another."""
         found = {} if self.volumes is None else self.volumes.arrays()
         if self.spatial is not None:
             found |= {_SPATIAL + name: each for name, each in self.spatial.arrays().items()}

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -32,41 +31,52 @@ def modules() -> dict[str, Path]:
     return {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-@cache
+class Source(NamedTuple):
+    """Facts of a file's source, read in one go."""
+
+    imports: tuple[Import, ...]  # of ours, anywhere: in functions and under TYPE_CHECKING, too
+    others: tuple[str, ...]  # modules of others that it imports
+    names: frozenset[str]  # that it binds anywhere
+    programs: tuple[str, ...]  # texts in it that import ours
+
+
 def imports(path: Path) -> tuple[Import, ...]:
-    """Imports anywhere in a file: in functions and under TYPE_CHECKING, too."""
-    return tuple(_imports(path))
-
-
-def _imports(path: Path) -> Iterator[Import]:
-    package = path.relative_to(PACKAGE).parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            ours = (*package[: len(package) - node.level + 1],) if node.level else ()
-            base = ".".join((*(["hfx_blender"] if node.level else []), *ours))
-            base = ".".join(filter(None, (base, node.module)))
-            found = [f"{base}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in found:
-            top, _, rest = name.partition(".")
-            if top == "hfx_blender":
-                is_module = rest in modules()
-                module, _, attribute = (rest, "", "") if is_module else rest.rpartition(".")
-                yield Import(module, attribute, node.lineno)
+    """Imports of our modules anywhere in a file."""
+    return source(path).imports
 
 
 @cache
-def names_in(module: str) -> frozenset[str]:
-    """Names that the source of a module binds anywhere."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8"))):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
+def source(path: Path) -> Source:
+    package = path.relative_to(PACKAGE).parts[:-1]
+    ours: list[Import] = []
+    others: list[str] = []
+    names: set[str] = set()
+    programs: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names.update(alias.asname or alias.name for alias in node.names)
+            for name in _imported(node, package):
+                top, _, rest = name.partition(".")
+                if top == "hfx_blender":
+                    is_module = rest in modules()
+                    module, _, attribute = (rest, "", "") if is_module else rest.rpartition(".")
+                    ours.append(Import(module, attribute, node.lineno))
+                else:
+                    others.append(name)
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            found.add(node.id)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            found.update(alias.asname or alias.name for alias in node.names)
-    return frozenset(found)
+            names.add(node.id)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            if "hfx_blender." in node.value:
+                programs.append(node.value)
+    return Source(tuple(ours), tuple(others), frozenset(names), tuple(programs))
+
+
+def _imported(node: ast.Import | ast.ImportFrom, package: tuple[str, ...]) -> list[str]:
+    """Dotted names that a statement imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    within = package[: len(package) - node.level + 1] if node.level else ()
+    base = [*(["hfx_blender"] if node.level else []), *within, *filter(None, [node.module])]
+    return [".".join([*base, alias.name]) for alias in node.names]

@@ -18,9 +18,23 @@ from hfx_blender.devices.live import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.spatial_sound import distance, layouts, propagation
-from hfx_blender.formats import ahap, ahap_rules, checking, haptic, he, he_rules, openxr
+from hfx_blender.formats import (
+    ahap,
+    ahap_rules,
+    checking,
+    haptic,
+    he,
+    he_rules,
+    openxr,
+    signal_raster,
+    tact_rules,
+    wav,
+    waveforms,
+)
+from hfx_blender.formats.hjif import envelopes, semantics
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+CLIPS = DOCS.parent / "players" / "conformance"
 
 
 def _range(of: Any) -> tuple[float, float]:
@@ -78,6 +92,36 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
         r"JSON \| (\d+) MiB; a device, a path or a layout (\d+) MiB",
         lambda: (checking.MAX_BYTES / 2**20, strict_json.MAX_BYTES / 2**20),
     ),
+    (
+        "formats/index.md",
+        r"(\d+) values a second; ticks are bursts that fade over (\d+) ms",
+        lambda: (signal_raster.RATE_HZ, 1000 * signal_raster.TICK_S),
+    ),
+    (
+        "formats/index.md",
+        r"holds (\d+) events within (\d+) s, .* variant holds (\d+) events and (\d+) KiB",
+        lambda: (
+            he_rules.MAX_PATTERN_EVENTS,
+            he_rules.MAX_RELATIVE_MS / 1000,
+            he_rules.OPENHARMONY_MAX_EVENTS,
+            he_rules.OPENHARMONY_MAX_BYTES / 2**10,
+        ),
+    ),
+    ("formats/index.md", r"Strengths change every (\d+) ms", lambda: tact_rules.INTERVAL_MS),
+    ("formats/index.md", r"a channel an actuator, (\d+) kHz", lambda: wav.RATE_HZ / 1000),
+    (
+        "formats/hjif.md",
+        r"averaged over (\d+) ms, its frequency .* over (\d+) ms, (\d+) values a second",
+        lambda: (
+            1000 * waveforms._AMPLITUDE_S,
+            1000 * waveforms._FREQUENCY_S,
+            waveforms._ROWS_HZ,
+        ),
+    ),
+    # 600 is the least number of ticks a second with whole ones for 24 frames and 100 samples.
+    ("formats/hjif.md", r"\((\d+) s at 24 frames and 100 s", lambda: envelopes.MAX_POSITION // 600),
+    ("formats/hjif.md", r"level 1 up to (\d+) channels", lambda: semantics.MAX_CHANNELS[1]),
+    ("players.md", r"holds (\d+) clips with the values", lambda: len([*CLIPS.glob("*.hfxclip")])),
     ("formats/index.md", r"at a time \| (\d+) GiB", lambda: file_limits.MEMORY.default / 2**30),
     (
         "device-configuration.md",

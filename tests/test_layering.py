@@ -11,9 +11,10 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from import_graph import PACKAGE, imports, module_name, modules, names_in
+from import_graph import PACKAGE, imports, module_name, modules, source
 
-PURE = ("engine", "formats", "devices", "generation", "maintenance/body_building")
+PURE = ("engine", "formats", "devices", "generation")
+PURE += ("maintenance/body_building", "maintenance/diffusion")
 SHARED = {
     "errors",
     "resources",
@@ -85,22 +86,12 @@ def test_the_blocker_blocks() -> None:
         _import_without(("bpy",), ["properties"])
 
 
-def _blender_imports(path: Path) -> list[str]:
-    """Modules of Blender that a file imports anywhere, functions included."""
-    found: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.append(node.module or "")
-    return [name for name in found if name.partition(".")[0] in BLENDER]
-
-
 @pytest.mark.parametrize("path", _pure_files(), ids=module_name)
 def test_pure_files_look_neither_at_blender_nor_at_its_side(path: Path) -> None:
-    assert not _blender_imports(path)
+    assert not [name for name in source(path).others if name.partition(".")[0] in BLENDER]
     for found in imports(path):
-        ours = found.module.startswith("maintenance.body_building") and "maintenance" in path.parts
+        package = "/".join(found.module.split(".")[:2])
+        ours = package in PURE and "maintenance" in path.parts
         assert ours or found.module.partition(".")[0] in SHARED, f"imports {found.module}"
 
 
@@ -108,7 +99,9 @@ def test_what_is_imported_is_there() -> None:
     for name, path in modules().items():
         for found in imports(path):
             there = found.module in modules()
-            assert there and (not found.name or found.name in names_in(found.module)), (name, found)
+            assert there and (
+                not found.name or found.name in source(modules()[found.module]).names
+            ), (name, found)
 
 
 # Order
@@ -166,11 +159,9 @@ def test_programs_within_strings_import_modules_that_exist() -> None:
     # Children run short programs; a move of the module is seen nowhere else.
     wanted = re.compile(r"^\s*(?:from|import) hfx_blender((?:\.\w+)+)", re.M)
     missing = []
-    for path in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
-                continue
-            for dotted in wanted.findall(node.value):
+    for path in modules().values():
+        for program in source(path).programs:
+            for dotted in wanted.findall(program):
                 place = PACKAGE.joinpath(*dotted[1:].split("."))
                 if not (place.is_dir() or place.with_suffix(".py").is_file()):
                     missing.append(f"{path.name}: hfx_blender{dotted}")

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import ceil, floor
 
 import bpy
@@ -177,6 +177,18 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
         made.mute = strip.mute
         drawn_fades.copy(strip, target, made)
     return len(copied)
+
+
+def shift(found: Iterable[bpy.types.Object], frames: float) -> None:
+    """Move all clips and keyframes of effects in time; clips of a linked file stay."""
+    for effect in found:
+        pairs = strips_of(effect)
+        for track, strip in pairs[::-1] if frames > 0.0 else pairs:  # none meets its neighbour
+            if not _is_of_library(effect, track):
+                strip.frame_start_ui += frames
+        for curve in compat.fcurves(effect):
+            for key in curve.keyframe_points:
+                key.co_ui.x += frames  # with its handles
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:

@@ -24,6 +24,7 @@ from . import (
     painting,
     paths,
     response_exchange,
+    swarms,
     vector_sensations,
 )
 from .effect_file import (
@@ -209,7 +210,7 @@ def _shape(
     response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
     if volume.swarm is not None:
         swarm = volume.swarm
-        response_exchange.add_swarm(scene, effect, swarm, unit_m, frame, fps, origin)
+        swarms.add_swarm(scene, effect, swarm, unit_m, frame, fps, origin)
 
 
 def _move(
@@ -259,9 +260,7 @@ def sensation_of(
         for key in _keys(curve)
     ]
     starts += [
-        system.settings.frame_start
-        for obj in chosen
-        for _, system in response_exchange.emitters(scene, obj)
+        system.settings.frame_start for obj in chosen for _, system in swarms.emitters(scene, obj)
     ]
     first = min(starts, default=0.0)
     origin_m = [x * metres_of(scene) for x in origin]
@@ -374,7 +373,7 @@ def _volume(
         rotation_deg=tuple(degrees(angle) for angle in rotation.to_euler()),
         path=path,  # type: ignore[arg-type]
         response=response_exchange.response_recipe(effect, unit_m, first, fps),
-        swarm=response_exchange.swarm_recipe(scene, effect, unit_m, first, fps),
+        swarm=swarms.swarm_recipe(scene, effect, unit_m, first, fps),
     )
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import bpy
 import numpy as np
 
@@ -93,18 +95,19 @@ class Shapes:
         """
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
-        if evaluated.type != "MESH":
-            kind = evaluated.type.lower()
-            raise InputError(
-                f"Volume '{effect.name}' has the shape of a mesh, but is a {kind} object: convert "
-                "it to a mesh, or choose another shape."
-            )
-        if not evaluated.data.is_editmode:
+        if evaluated.type == "MESH" and not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
-        try:  # edits in progress are not in the evaluated mesh
-            return self._mesh_volume(effect, evaluated.to_mesh(), part)
+        try:  # of curves, texts and metaballs, and edits that the evaluated mesh has not yet
+            with suppress(RuntimeError):
+                mesh = evaluated.to_mesh()
+                if mesh is not None:
+                    return self._mesh_volume(effect, mesh, part)
         finally:
             evaluated.to_mesh_clear()
+        raise InputError(
+            f"Volume '{effect.name}' has the shape of a mesh, but is a {evaluated.type.lower()} "
+            "object without a surface: give it one, or choose another shape."
+        )
 
     def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh, part: int) -> MeshVolume:
         positions = np.zeros(len(mesh.vertices) * 3, np.float32)

@@ -92,6 +92,14 @@ def move_to_body(found: Iterable[bpy.types.Object], body: bpy.types.Object) -> i
     return len(moved)
 
 
+def is_locked(effect: bpy.types.Object) -> bool:
+    """Test for an effect of a linked file that *Library Override > Make* took along.
+
+    Blender greys out its settings until it is made editable.
+    """
+    return effect.override_library is not None and effect.override_library.is_system_override
+
+
 def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
     """Effects of a scene that are muted, or not solo where others are."""
     found = list(found)

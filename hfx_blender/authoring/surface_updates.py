@@ -45,9 +45,8 @@ def request(obj: bpy.types.Object) -> None:
 def shown(obj: bpy.types.Object) -> None:
     """Note that an object's maps are being drawn."""
     _shown[obj.name] = time.monotonic()
-    if obj.hfx.surface.is_outdated and not bpy.app.timers.is_registered(_check):
-        if may_bake(obj):
-            bpy.app.timers.register(_check, first_interval=BAKE_DELAY_S)
+    if obj.hfx.surface.is_outdated and may_bake(obj):
+        call_soon(_check, BAKE_DELAY_S)
 
 
 def may_bake(obj: bpy.types.Object) -> bool:

@@ -41,7 +41,7 @@ _KEPT: Final = ("MAP", "GENERATED")
 """Sources whose images are the surface itself: no setting makes them again."""
 
 _ROUNDING: Final = 1e-3
-"""How far a value of an imported map may be beyond 0 to 1, as pictures are converted."""
+"""Distance that a value of an imported map may be beyond 0 to 1, as pictures are converted."""
 
 _LAYER_SETTINGS = ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps")
 

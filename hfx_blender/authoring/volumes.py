@@ -73,7 +73,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
     if hfx.kind == "SURFACE":
         return  # an object of the scene: its display is the user's choice
     effect.color = modality_colour(hfx.modality)
-    if effect.data is None or hfx.kind != "VOLUME" or hfx.shape == "MESH":
+    if effect.type != "MESH" or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return
     if effect.data.users > 1 or effect.data.library is not None:
         # Linked duplicates and library overrides share the mesh, not the size.

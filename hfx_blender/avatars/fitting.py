@@ -163,7 +163,7 @@ def _facing_out(
 
 
 def _why_rigid(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
-    """Why rigid pieces are no skin, where they are most of an avatar's surface."""
+    """Reason that rigid pieces are no skin, where they are most of an avatar's surface."""
     areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
     if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
         return None

@@ -100,7 +100,7 @@ def _of_properties(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
 
 
 def _stored(owner: bpy.types.ID | bpy.types.Bone) -> Any:
-    """What the add-on stores on something: its properties, or their data where it is not there."""
+    """Data that the add-on stores on something: properties, or plain data without it."""
     if hasattr(owner, _ADD_ON):
         return getattr(owner, _ADD_ON)
     # Blender 5 keeps the data of registered properties apart from custom properties.

@@ -97,13 +97,16 @@ class LocalWorkers:
             self._idle.put(worker)
 
     def close(self) -> None:
-        """End all workers."""
+        """End all workers; may be called again."""
+        workers, self._workers = self._workers, []
+        if not workers:
+            return
         self._pool.shutdown(wait=False, cancel_futures=True)
-        with ThreadPoolExecutor(len(self._workers)) as closing:  # a hanging process takes time
-            list(closing.map(WorkerProcess.close, self._workers))
+        with ThreadPoolExecutor(len(workers)) as closing:  # a hanging process takes time
+            list(closing.map(WorkerProcess.close, workers))
         # Until units have tidied up. Not until their threads have ended: where Ctrl-C struck while
         # their outcomes were waited for, these may wait for a lock that is never released.
         end = time.monotonic() + _TIDY_LIMIT_S
         with suppress(queue.Empty):
-            for _ in self._workers:
+            for _ in workers:
                 self._idle.get(timeout=max(end - time.monotonic(), 0.0))

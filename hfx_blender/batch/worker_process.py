@@ -117,8 +117,13 @@ class WorkerProcess:
             self.kill()
             raise WorkerDiedError("was not started again")
         assert process.stdout is not None and process.stderr is not None
-        for target, stream in ((self._listen, process.stdout), (self._overhear, process.stderr)):
-            threading.Thread(target=target, args=(stream, self._answers), daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(process.stdout, self._answers), daemon=True
+        ).start()
+        self._overhearing = threading.Thread(
+            target=self._overhear, args=(process.stderr,), daemon=True
+        )
+        self._overhearing.start()
         message = self._answer(time.monotonic() + START_LIMIT_S)
         if "cannot_start" in message:
             self.kill()
@@ -130,7 +135,7 @@ class WorkerProcess:
                 answers.put(line)
         answers.put(None)
 
-    def _overhear(self, stream: IO[str], answers: queue.SimpleQueue[str | None]) -> None:
+    def _overhear(self, stream: IO[str]) -> None:
         with suppress(OSError, ValueError):
             for line in stream:
                 self._told.append(line.rstrip())
@@ -162,6 +167,8 @@ class WorkerProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             code = process.wait()
+        # Its last words may still be in the pipe; a child of its own may keep that open.
+        self._overhearing.join(1.0)
         return WorkerDiedError(_how(code, list(self._told)))
 
     def close(self) -> None:

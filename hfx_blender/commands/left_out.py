@@ -21,6 +21,7 @@ _COMMANDS: Final = (
     ("body",),
     ("bench",),
     ("texture", "board"),
+    ("texture", "train-decoder"),
     ("texture", "train-relief"),
 )
 
@@ -38,12 +39,14 @@ def refuse(arguments: Sequence[str]) -> None:
     UsageError
         The arguments begin with one, and it is not there.
     """
-    for names in _COMMANDS:
-        if tuple(arguments[: len(names)]) == names and not _is_there():
-            raise UsageError(
-                f"'{' '.join(names)}' is not part of the extension: install hfx-blender with pip, "
-                "then run it as 'hfx'."
-            )
+    left_out = [names for names in _COMMANDS if tuple(arguments[: len(names)]) == names]
+    if "--back-end=diffusers" in "=".join(arguments):
+        left_out.append(("--back-end", "diffusers"))
+    if left_out and not _is_there():
+        raise UsageError(
+            f"'{' '.join(left_out[0])}' is not part of the extension: install hfx-blender with "
+            "pip, then run it as 'hfx'."
+        )
 
 
 def _is_there() -> bool:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx play``: plays a track on devices, as it is felt in Blender."""
+"""``hfx play``: plays a track or a game clip on devices, as it is felt in Blender."""
 
 from __future__ import annotations
 
 import argparse
+import os
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,21 +14,26 @@ from ..console import Console
 from ..errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
+    from ..devices.live.approval import DeviceScript
     from ..devices.live.client import LiveClient
     from ..devices.live.live_settings import LiveSettings
+    from ..devices.live.track_playback import Source
     from ..engine.rendering.device import DeviceConfig
 
+    Worn = dict[str, tuple[DeviceConfig, DeviceScript | None]]
+
+_TOKEN: Final = "HFX_TOKEN"
 _KINDS: Final = {"device": "DEVICE", "sound-card": "AUDIO", "simulator": "SIMULATOR", "log": "CSV"}
 
 
 def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "play",
-        help="play a track on devices",
-        description="Play a track once on devices, in real time, with their limits and stops. It "
-        "ends in silence: at the end of the track, after Ctrl-C, and after a fault.",
+        help="play a track or a game clip on devices",
+        description="Play a track or a game clip once on devices, in real time, with their limits "
+        "and stops. It ends in silence: at its end, after Ctrl-C, and after a fault.",
     )
-    parser.add_argument("track", type=Path, metavar="TRACK")
+    parser.add_argument("file", type=Path, metavar="FILE", help="a .hfxtrack or a .hfxclip")
     parser.add_argument(
         "--device",
         action="append",
@@ -53,16 +60,22 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--from", dest="begin", type=float, metavar="S", help="begin at this time, seconds"
     )
+    parser.add_argument(
+        "--listen",
+        nargs="?",
+        type=int,
+        const=0,
+        metavar="PORT",
+        help="do not play the clip, but the values that a game on this computer sends of it "
+        "(docs/players.md), until Ctrl-C",
+    )
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play, and report devices that failed."""
-    from ..devices.live import live_targets
     from ..devices.live.client import LiveClient
-    from ..devices.live.played_track import PlayedTrack
-    from ..devices.live.playhead import latencies_ms
     from ..devices.live.track_playback import fault_of, play
 
     names = list(dict.fromkeys(options.device))
@@ -71,38 +84,88 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError("--to log: give the file with --path")
     if len(names) > 1 and one_each:
         raise UsageError(f"--{one_each[0]} is of one device; give one --device")
-    with PlayedTrack(options.track, options.body) as track:
-        _check_begin(options.begin, track.start_s, track.end_s)
-        client = LiveClient()
-        try:
-            late: set[float] = set()
-            offset_ms = 0.0
-            for name in names:
-                device, script = live_targets.named(name)
-                settings = _settings(name, options)
-                _connect(client, name, device, settings, script)
-                late |= set(latencies_ms(device))
-                offset_ms = max(offset_ms, settings.offset_ms)
-            failed = play(
-                track,
-                client,
-                latencies_ms=late,
-                from_s=options.begin,
-                offset_s=offset_ms / 1000.0,
-                progress=console.progress(options.track.name),
-            )
-        finally:
-            client.close()
-        length_s = track.end_s - (track.start_s if options.begin is None else options.begin)
+    with ExitStack() as stack:
+        source, worn = _opened(options, names, stack)
+        if options.listen is None:
+            _check_begin(options.begin, source.start_s, source.end_s)
+        else:
+            source = _listening(options, worn, stack, console)
+        client = stack.enter_context(closing(LiveClient()))
+        offset_ms = 0.0
+        for name, (device, script) in worn.items():
+            settings = _settings(name, options)
+            _connect(client, name, device, settings, script)
+            offset_ms = max(offset_ms, settings.offset_ms)
+        failed = play(
+            source,
+            client,
+            from_s=options.begin,
+            offset_s=offset_ms / 1000.0,
+            progress=console.progress(options.file.name) if options.listen is None else _unseen,
+        )
+        length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
         raise DeviceError(" ".join(map(fault_of, failed)))
-    console.say(f"{options.track}: played {length_s:.2f} s on {', '.join(names)}")
-    console.result({"track": str(options.track), "devices": names, "seconds": round(length_s, 3)})
+    console.say(f"{options.file}: played {length_s:.2f} s on {', '.join(names)}")
+    console.result({"file": str(options.file), "devices": names, "seconds": round(length_s, 3)})
     return 0
 
 
+def _unseen(share: float) -> None:
+    """Show no progress: nobody knows when a game ends."""
+
+
+def _listening(
+    options: argparse.Namespace, worn: Worn, stack: ExitStack, console: Console
+) -> Source:
+    """The door for a game's values; how a game finds it is said."""
+    from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
+    from ..formats.clip.container import SUFFIX
+
+    if not options.file.name.lower().endswith(SUFFIX) or options.begin is not None:
+        raise UsageError("--listen is of a game clip, without --from")
+    given = os.environ.get(_TOKEN, "")
+    try:
+        token = bytes.fromhex(given) or None
+    except ValueError:
+        token = b""
+    if token is not None and len(token) != TOKEN_BYTES:
+        raise UsageError(f"{_TOKEN}: expected {2 * TOKEN_BYTES} hexadecimal digits")
+    devices = {name: device for name, (device, _) in worn.items()}
+    door = stack.enter_context(closing(GameDoor(devices, options.listen, token)))
+    shown = _TOKEN if given else door.token.hex()
+    console.say(f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}")
+    return door
+
+
+def _opened(options: argparse.Namespace, names: list[str], stack: ExitStack) -> tuple[Source, Worn]:
+    """The file, and the devices with the scripts that they need for it: a clip's values are those
+    that scripts gave.
+    """
+    from .. import resources
+    from ..devices.configuration import load_device
+    from ..devices.live import live_targets
+    from ..devices.live.played_track import PlayedTrack
+    from ..devices.live.playhead import latencies_ms
+    from ..formats.clip.container import SUFFIX
+    from ..formats.clip.played_clip import PlayedClip
+
+    if options.file.name.lower().endswith(SUFFIX):
+        found = {name: load_device(name, resources.user_devices()) for name in names}
+        clip = PlayedClip(options.file, found, options.body)
+        return clip, {name: (device, None) for name, device in found.items()}
+    track = stack.enter_context(PlayedTrack(options.file, options.body))
+    worn = {name: live_targets.named(name) for name in names}
+    track.latencies_ms = {ms for device, _ in worn.values() for ms in latencies_ms(device)}
+    return track, worn
+
+
 def _connect(
-    client: LiveClient, name: str, device: DeviceConfig, settings: LiveSettings, script: Any
+    client: LiveClient,
+    name: str,
+    device: DeviceConfig,
+    settings: LiveSettings,
+    script: DeviceScript | None,
 ) -> None:
     from .. import resources
     from ..devices.configuration import is_file
@@ -136,7 +199,7 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
 
 
 def _check_begin(begin: float | None, start_s: float, end_s: float) -> None:
-    """Refuse a time outside the track.
+    """Refuse a time outside the file.
 
     Raises
     ------

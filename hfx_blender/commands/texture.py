@@ -10,7 +10,7 @@ from typing import Any
 from .. import file_limits
 from ..console import Console
 from ..errors import InputError, UsageError
-from . import left_out, texture_diffusers, texture_generate, texture_source
+from . import left_out, texture_generate, texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -83,8 +83,7 @@ def add_parser(commands: Any) -> None:
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
     texture_generate.add_parser(actions)
-    texture_diffusers.add_training(actions)
-    for name in ("texture_board", "texture_train_relief"):
+    for name in ("texture_train_decoder", "texture_board", "texture_train_relief"):
         command = left_out.module(name)
         if command is not None:
             command.add_parser(actions)

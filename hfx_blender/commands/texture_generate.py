@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..console import Console
 from ..errors import UsageError
-from . import texture_diffusers, texture_folder, texture_source
+from . import left_out, texture_folder, texture_source
 
 if TYPE_CHECKING:
     from ..formats.written import Written
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 BACK_ENDS: Final = ("library", "folder", "diffusers")
 _MOST_VARIATIONS: Final = 64
+_DIFFUSERS: Final = "texture_diffusers"
 
 _DESCRIPTION: Final = """\
 Make a colour picture, a relief, a haptic map in two layers, a .blend with the material and its
@@ -75,7 +76,9 @@ def add_parser(actions: Any) -> None:
         "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
     )
     pictures.add_argument("--tiles", action="store_true", help="opposite edges match")
-    texture_diffusers.add_arguments(parser)
+    diffusers = left_out.module(_DIFFUSERS)
+    if diffusers is not None:
+        diffusers.add_arguments(parser)
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=_run)
@@ -92,8 +95,9 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
     if has_pictures:
         return texture_folder.run(options, console, keep)
-    if options.back_end == "diffusers":
-        return _make_all(texture_diffusers.maker(options, console), options, console)
+    diffusers = left_out.module(_DIFFUSERS) if options.back_end == "diffusers" else None
+    if diffusers is not None:
+        return _make_all(diffusers.maker(options, console), options, console)
     return _library(options, console)
 
 

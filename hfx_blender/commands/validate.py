@@ -20,11 +20,12 @@ def add_parser(commands: Any) -> None:
         "validate",
         help="check files of any format",
         description=(
-            "Check files strictly against the rules of their formats. Each finding has a code "
-            "that stays the same, a place and a message. Ends with 3 if a file has errors."
+            "Check files strictly against the rules of their formats; of a folder, all that are "
+            "known. Each finding has a code that stays the same, a place and a message. Ends with "
+            "3 if a file has errors."
         ),
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files or folders")
     parser.add_argument("--strict", action="store_true", help="warnings are errors")
     add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
@@ -33,12 +34,37 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Check each file; report every finding."""
-    results = [_check(path, options.strict, console) for path in options.files]
+    results = [
+        _check(path, options.strict, console)
+        for given in options.files
+        for path in (_known_in(given) if given.is_dir() else (given,))
+    ]
     console.result(results if len(results) > 1 else results[0])
     failed = sum(not each["is_valid"] for each in results)
     if not failed:
         return 0
     return SOME_FAILED if 0 < failed < len(results) else InputError.exit_code
+
+
+def _known_in(folder: Path) -> list[Path]:
+    """Files in a folder and those below it that can be checked, but for hidden ones.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    from ..formats.files import can_validate
+
+    found = [
+        path
+        for path in sorted(each for each in folder.rglob("[!.]*") if each.is_file())
+        if not any(part.startswith(".") for part in path.relative_to(folder).parts)
+        and (kind_of(path) or can_validate(path))
+    ]
+    if not found:
+        raise InputError(f"{folder}: holds no file of a format that is known here.")
+    return found
 
 
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:

@@ -58,7 +58,7 @@ class DeviceFacts:
 
     @property
     def summary(self) -> str:
-        """What it plays, with how many actuators, and where."""
+        """Modalities that it plays, numbers of actuators, and their places."""
         if self.device is None:
             return ""
         count = len(self.device.actuators)

@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import resources
 from ..atomic_files import atomic_file
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import SIDES
 from ..engine.rendering.actuator_vertices import on_parts
@@ -89,37 +90,37 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     InputError
         The file is not a node map: the message names the place in it.
     """
-    top, path = document.value, Path(document.file)
-    nodes = top.get("nodes") if isinstance(top, dict) else None
-    if isinstance(top, dict) and "actuator_types" in top:
+    top = document.entries(allowed="an object with 'nodes'")
+    if "actuator_types" in top:
         raise InputError(
-            f"{path}: is a device configuration already, not a node map; copy it to "
+            f"{document.file}: is a device configuration already, not a node map; copy it to "
             f"{resources.user_devices()}."
         )
-    if not isinstance(nodes, list) or not 0 < len(nodes) <= MAX_NODES:
-        raise InputError(f"{path}: 'nodes' is not a list of 1 to {MAX_NODES} nodes.")
     actuators, addresses = [], []
-    for k, node in enumerate(nodes):
-        if not isinstance(node, dict):
-            raise InputError(f"{path}: nodes[{k}] is not an object.")
-        parts, side = _carried_by(node.get("target_bone"), f"{path}: nodes[{k}]")
-        centre = _on_skin(_position(node, f"{path}: nodes[{k}]"), parts, side, model)
-        radius_m = _number(node.get("radius", 0.02), f"{path}: nodes[{k}].radius", 0.0, 1.0)
+    if "nodes" not in top:
+        document.fail("an object with 'nodes'")
+    for k, each in enumerate(top["nodes"].items(least=1, most=MAX_NODES), 1):
+        node = each.entries(allowed="an object")
+        parts, side = _carried_by(each, node)
+        radius_m = node["radius"].number(0.0, 1.0, "m") if "radius" in node else 0.02
+        centre = _on_skin(_position(node.get("node_data", each)), parts, side, model)
         placement = {"parts": list(parts), "centre_m": centre, "radius_m": round(radius_m, 4)}
         if side is not None:
             placement["side"] = side
-        actuators.append(
-            {"id": f"node_{k + 1}", "type": "motor", "place": {"placement": placement}}
-        )
-        addresses.append(_address(node.get("address"), k, f"{path}: nodes[{k}]"))
+        actuators.append({"id": f"node_{k}", "type": "motor", "place": {"placement": placement}})
+        address = f"/avatar/parameters/hfx_{k}"
+        if "address" in node and node["address"].value not in (None, ""):
+            address = node["address"].text(r"(?:/[A-Za-z0-9_.\-]+)+", "an OSC address")
+        addresses.append(address)
     if len(set(addresses)) != len(addresses):
-        raise InputError(f"{path}: two nodes have the same address.")
+        raise InputError(f"{document.file}: two nodes have the same address.")
+    source = Path(document.file).name
     return {
         "schema": "hfx-device",
         "version": 1,
         "id": device_id,
         "name": device_id.replace("_", " "),
-        "description": f"Imported from the node map {path.name}; amplitudes are guessed.",
+        "description": f"Imported from the node map {source}; amplitudes are guessed.",
         "actuator_types": {
             "motor": {
                 "modality": "vibration",
@@ -135,7 +136,8 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     }
 
 
-def _carried_by(bone: Any, where: str) -> tuple[tuple[str, ...], str | None]:
+def _carried_by(each: Node, node: dict[str, Node]) -> tuple[tuple[str, ...], str | None]:
+    bone = node["target_bone"].value if "target_bone" in node else None
     if isinstance(bone, str):
         if bone in _MIDDLE:
             return _MIDDLE[bone], None
@@ -144,28 +146,20 @@ def _carried_by(bone: Any, where: str) -> tuple[tuple[str, ...], str | None]:
             if parts is not None:
                 return parts, None if parts == _TORSO else side.lower()
     known = ", ".join([*_MIDDLE, *(f"Left{each}" for each in _LIMB)])
-    raise InputError(f"{where}.target_bone is {str(bone)[:60]!r}, known are: {known} (and Right).")
+    Node(bone, each.file, f"{each.path}.target_bone").fail(f"{known} (and Right)")
 
 
-def _position(node: dict[str, Any], where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    place = node.get("node_data", node)
-    if not isinstance(place, dict):
-        raise InputError(f"{where}.node_data is not an object.")
-    x, y, z = (_number(place.get(axis), f"{where}.{axis}", -3.0, 3.0) for axis in "xyz")
+def _position(node: Node) -> F64:
+    place = node.entries(allowed="an object with x, y and z")
+    missing = [axis for axis in "xyz" if axis not in place]
+    if missing:
+        node.fail(f"an object with x, y and z: '{missing[0]}' is missing")
+    x, y, z = (place[axis].number(-3.0, 3.0, "m") for axis in "xyz")
     return np.array([-x, -z, y])
 
 
-def _number(value: Any, where: str, lowest: float, highest: float) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and lowest <= value <= highest):  # not a number is in no range
-        raise InputError(
-            f"{where} is {str(value)[:60]!r}, allowed is a number from {lowest:g} to {highest:g}."
-        )
-    return float(value)
-
-
 def _on_skin(
-    place: np.ndarray[Any, np.dtype[np.float64]],
+    place: F64,
     parts: tuple[str, ...],
     side: str | None,
     model: PerceptualModel,
@@ -176,10 +170,3 @@ def _on_skin(
     candidates = model.vertices[allowed].astype(np.float64)
     nearest = candidates[np.argmin(np.linalg.norm(candidates - place, axis=1))]
     return [round(float(each), 4) for each in nearest]
-
-
-def _address(address: Any, k: int, where: str) -> str:
-    found = f"/avatar/parameters/hfx_{k + 1}" if address in (None, "") else address
-    if not isinstance(found, str) or not re.fullmatch(r"(?:/[A-Za-z0-9_.\-]+)+", found):
-        raise InputError(f"{where}.address is {str(address)[:60]!r}, which is no OSC address.")
-    return found

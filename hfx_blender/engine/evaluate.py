@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from .arrays import I64
 from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
-from .native import skin
+from .native import library
 from .response.answering import Answering
 from .samples import SampleRun
 from .scene import (
@@ -35,6 +35,12 @@ from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
     from .native.threads import Threads
+
+
+_SLOW: Final = (
+    "without the compiled part of HFX, what volumes touch was computed by its definition, "
+    "which is far slower"
+)
 
 
 class Engine:
@@ -81,6 +87,11 @@ class Engine:
         self._egocentric = EgocentricAreas(builder)
         self.threads = _threads(threads)
         self._allocentric = AllocentricAreas(builder, self.responses, self.threads)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Facts for a report that hold for all blocks."""
+        return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Evaluate a block: one run of samples for each effect and body with any."""
@@ -163,7 +174,7 @@ class Engine:
 
 def _threads(count: int) -> Threads | None:
     """Thread pool of an engine; None where threads would have nothing to do."""
-    if count < 2 or not skin.is_there():
+    if count < 2 or not library.is_there():
         return None
     from .native.threads import Threads  # Blender's start does not wait for it
 

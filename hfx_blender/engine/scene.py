@@ -223,6 +223,11 @@ class SceneDescription:
     source: Mapping[str, Any] = field(default_factory=dict)  # name, hash, versions
     warnings: tuple[str, ...] = ()
 
+    @property
+    def has_volumes(self) -> bool:
+        """Test for volumes whose contacts have to be found."""
+        return any(isinstance(each.area, HapticVolume) for each in self.effects)
+
 
 @dataclass(frozen=True, eq=False)
 class EffectBlock:

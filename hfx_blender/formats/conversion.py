@@ -152,7 +152,13 @@ def _converted(
             else:
                 written = write(kind, raster, found, stem, tolerance)
         return written + Written(left_out=rendered.warnings, notes=rendered.notes)
-    is_raster = format_of(source).name in ("npz", "csv")
+    found_format = format_of(source)
+    is_raster = found_format.name in ("npz", "csv")
+    if not is_raster and not found_format.has_signals:
+        raise UsageError(
+            f"{source}: {found_format.title} cannot be converted; a track, a raster (npz, csv) and "
+            "vibration in envelopes can"
+        )
     if kind in PLAYED_FORMATS or (kind in TRACK_FORMATS and kind != "hjif"):
         raise UsageError(f"{source}: only a track can be converted to {kind}")
     if is_raster:

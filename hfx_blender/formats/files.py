@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from xml.parsers import expat
 
 from .. import file_limits
 from ..engine.track import SUFFIX as TRACK_SUFFIX
@@ -98,6 +99,8 @@ _WHOLE: Final = {
     TRACK_SUFFIX: FileFormat("track", "HapticTrack", lambda content, name: []),
     texture_map.SUFFIX: FileFormat("texture", "texture map", lambda content, name: []),
     ".png": FileFormat("picture", "PNG", lambda content, name: []),
+    ".svg": FileFormat("chart", "SVG picture", lambda content, name: []),
+    ".blend": FileFormat("scene", "Blender file", lambda content, name: []),
 }
 """Files that are checked by reading them with what is beside them, or part by part."""
 
@@ -133,7 +136,7 @@ def format_of(path: Path) -> FileFormat:
         inside = _json_kind(path)
         if inside is not None:
             return FILE_FORMATS[inside]
-    known = ", ".join([*_SUFFIXES, he.OPENHARMONY_SUFFIX, openxr.SUFFIX])
+    known = ", ".join([*_SUFFIXES, he.OPENHARMONY_SUFFIX, openxr.SUFFIX, *_WHOLE])
     raise InputError(f"{path}: is of no format that is known here; known are {known}.")
 
 
@@ -147,6 +150,14 @@ def _json_kind(path: Path) -> str | None:
         if all(mark in head for mark in marks):
             return kind
     return None
+
+
+def can_validate(path: Path) -> bool:
+    """Test for a file that :func:`validate` knows; a ``.json`` is looked into."""
+    try:
+        return path.name.endswith(tuple(_WHOLE)) or format_of(path) is not None
+    except InputError:
+        return False
 
 
 def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Finding]]:
@@ -187,7 +198,7 @@ def _message(error: InputError, path: Path) -> str:
 
 
 def _whole_findings(path: Path, kind: str) -> list[Finding]:
-    """What is wrong with a file that is read as a whole."""
+    """Faults of a file that is read as a whole."""
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
     try:
@@ -195,6 +206,11 @@ def _whole_findings(path: Path, kind: str) -> list[Finding]:
             texture_map.read(path)
         elif kind == "picture":
             png.read(path)
+        elif kind == "chart":
+            _refuse_no_svg(path)
+        elif kind == "scene":  # Blender alone reads the rest
+            if not mapped(path)[:7].startswith((b"BLENDER", b"\x28\xb5\x2f\xfd")):
+                raise InputError(f"{path}: is no .blend file.")
         else:
             with TrackReader(path) as track:  # it may be larger than memory
                 for _ in track.runs():
@@ -202,6 +218,18 @@ def _whole_findings(path: Path, kind: str) -> list[Finding]:
     except InputError as error:
         return [Finding(f"{kind.upper()}-CONTENT", "", _message(error, path))]
     return []
+
+
+def _refuse_no_svg(path: Path) -> None:
+    elements: list[str] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda name, _: elements.append(name)
+    try:
+        parser.Parse(read_bytes(path), True)
+    except expat.ExpatError as error:
+        raise InputError(f"{path}: is not valid XML ({error}).") from None
+    if elements[0] != "svg":
+        raise InputError(f"{path}: begins with '{elements[0][:60]}', expected is 'svg'.")
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:

@@ -30,7 +30,7 @@ _WITH_RULES: Final = (
 
 
 def fault_of(path: Path, *, reads: bool = True) -> str:
-    """Why a file that was just written is not valid; empty: it is.
+    """Reason that a file that was just written is not valid; empty: it is.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class VolumeRecorder:
             volume.values.append(values[finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """What was recorded, as arrays that one process can hand on to another."""
+        """Recorded values as arrays that one process can hand on to another."""
         found = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:

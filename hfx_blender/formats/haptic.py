@@ -17,7 +17,7 @@ import numpy as np
 
 from .checking import Finding, Items, Number, Record, Report, Text, check, clean, parse
 from .curves import Curve
-from .leniency import refuse_but
+from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Signal, Transient, joined_times
 from .written import Written, beside, silent_note, write_json
 
@@ -49,7 +49,7 @@ _DOCUMENT = Record(
     {
         "version": Record(
             {"major": Number(1, 1, is_whole=True)},
-            {"minor": Number(0, is_whole=True), "patch": Number(0, is_whole=True)},
+            {each: Number(0, 2**32 - 1, is_whole=True) for each in ("minor", "patch")},
         ),
         "signals": Record({"continuous": Record({"envelopes": _ENVELOPES})}),
     },
@@ -155,7 +155,12 @@ def validate(content: bytes, name: str) -> list[Finding]:
     InputError
         It is no JSON document.
     """
-    return _findings(parse(content, name))
+    return _findings(_parsed(content, name))
+
+
+def _parsed(content: bytes, name: str) -> Any:
+    """A document; the members that may be null, as in Meta's reader, are then left out."""
+    return without_nulls(parse(content, name), ("emphasis", "frequency"))
 
 
 def _findings(found: Any) -> list[Finding]:
@@ -197,7 +202,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    found = parse(content, name)
+    found = _parsed(content, name)
     told = refuse_but(
         _findings(found),
         name,

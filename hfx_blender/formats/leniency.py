@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any, Final
 
 from ..errors import InputError
@@ -55,11 +55,15 @@ def refuse_but(
     )
 
 
-def without_nulls(found: Any) -> Any:
-    """A document without members that are null: tools write them for what is missing."""
+def without_nulls(found: Any, members: Container[str] | None = None) -> Any:
+    """A document without members that are null, or those of some names: tools write them so."""
     if isinstance(found, dict):
-        return {key: without_nulls(item) for key, item in found.items() if item is not None}
-    return [without_nulls(item) for item in found] if isinstance(found, list) else found
+        return {
+            key: without_nulls(item, members)
+            for key, item in found.items()
+            if item is not None or (members is not None and key not in members)
+        }
+    return [without_nulls(item, members) for item in found] if isinstance(found, list) else found
 
 
 def _refuse_huge(found: Any, name: str) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -152,9 +152,9 @@ def _write_ahap_sqrt(
     signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
 ) -> Written:
     rooted = [ahap.with_intensities(each) for each in signals]
-    return _simplified(partial(ahap.write, law=ahap.SQUARE_ROOT))(
-        rooted, frequencies, stem, tolerance
-    )
+    half = replace(tolerance, value=tolerance.value / 2.0)  # a square is off by twice its root
+    write_roots = partial(ahap.write, law=ahap.SQUARE_ROOT)
+    return _simplified(write_roots, ", amplitudes twice that")(rooted, frequencies, stem, half)
 
 
 def pitch_tolerance(frequencies: FrequencyRange) -> float:
@@ -231,7 +231,7 @@ def _write_tact(
 
 
 def _why_no_tact(device: DeviceConfig) -> str:
-    """Why bHaptics' suits have no motor for a device; empty: they have."""
+    """Reason that bHaptics' suits have no motor for a device; empty: they have."""
     if motors_of(device):
         return ""
     return (
@@ -393,7 +393,7 @@ def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str
 
 
 def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
-    """Why a format can hold nothing of a device; empty: it can."""
+    """Reason that a format can hold nothing of a device; empty: it can."""
     if not set(chosen.modalities) & set(device.modalities):
         return f"device '{device.id}' has no {' or '.join(chosen.modalities)} actuators"
     return chosen.why_nothing(device)

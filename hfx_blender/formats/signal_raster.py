@@ -16,6 +16,7 @@ from ..engine.rendering.device import Actuator, DeviceConfig
 from ..engine.rendering.raster import Column, Raster
 from ..errors import InputError
 from .signals import Signal
+from .tact_layouts import motors_of
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022
@@ -27,8 +28,9 @@ def raster_of(
 ) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
     """Raster of a device that plays signals.
 
-    A signal goes to the vibration actuator of its name; if it is the only one and there is no
-    such actuator, to all of them. Full scale is the largest amplitude of the actuator itself.
+    A signal goes to the vibration actuator of its name, or to the one whose bHaptics dot it is
+    named after; if it is the only one and there is no such actuator, to all of them. Full scale
+    is the largest amplitude of the actuator itself.
 
     Parameters
     ----------
@@ -112,6 +114,9 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
     named = {each.name.casefold(): each for each in signals}
     found = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
+    if not found:
+        dots = {key: f"{dot.position} {dot.index}" for key, dot in motors_of(device).items()}
+        found = {key: named[dot.casefold()] for key, dot in dots.items() if dot.casefold() in named}
     if not found and len(signals) == 1:
         return {a.id: signals[0] for a in vibrating}
     if not found:

@@ -214,7 +214,7 @@ def simplified_signals(
         wanted = with_steps_of_a_microsecond(each.amplitude)
         amplitude_error = max(amplitude_error, deviation(wanted, amplitude))
         if near.any():
-            times = each.frequency_hz.times_s[near]
+            times = with_steps_of_a_microsecond(each.frequency_hz).times_s[near]
             off = np.abs(frequency.at(times) - each.frequency_hz.values[near])
             frequency_error = max(frequency_error, float(off.max()))
     return Simplified(tuple(found), amplitude_error, frequency_error)

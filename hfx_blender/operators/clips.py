@@ -12,6 +12,7 @@ from bpy.props import FloatProperty, StringProperty
 from ..authoring import clips, drawn_fades
 from ..errors import InputError
 from ..scene_units import fps_of
+from . import framing
 from .shared import HfxOperator, active_effect
 
 
@@ -40,7 +41,7 @@ def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator,
 
 
 def _unit_per(in_frames: bool) -> float:
-    """How many of the scene's unit of time a frame or a second is."""
+    """Length of a frame or a second in the scene's unit of time."""
     scene = bpy.context.scene
     frames_per_second = fps_of(scene)
     shows_frames = scene.hfx.time_unit == "FRAMES"
@@ -125,7 +126,9 @@ class _ClipOperator(_OfEffect):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
             self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
-        return self.execute(context)
+        done = self.execute(context)
+        framing.make_room_for_clips(context)
+        return done
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         fps = fps_of(context.scene)
@@ -151,7 +154,7 @@ class HFX_OT_add_clip(_ClipOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        clips.add_clip(context.object, name=self.name, **self.span(context))
+        clips.add_clip(active_effect(context), name=self.name, **self.span(context))
         return ""
 
 
@@ -173,7 +176,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         clips.add_heartbeat(
-            context.object, beats_per_minute=self.beats_per_minute, **self.span(context)
+            active_effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
         )
         return ""
 
@@ -187,7 +190,7 @@ class HFX_OT_remove_clip(_OfEffect):
     name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> str:
-        clips.remove_clip(context.object, self.name)
+        clips.remove_clip(active_effect(context), self.name)
         return ""
 
 
@@ -200,11 +203,12 @@ class HFX_OT_draw_fades(_OfEffect):
     name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> str:
-        for _, strip in clips.strips_of(context.object):
+        effect = active_effect(context)
+        for _, strip in clips.strips_of(effect):
             if strip.name == self.name:
-                drawn_fades.draw(context.object, strip)
+                drawn_fades.draw(effect, strip)
                 return f"Edit 'Influence' of '{strip.name}' in the Graph or NLA editor"
-        raise InputError(f"Effect '{context.object.name}' has no clip '{self.name}'.")
+        raise InputError(f"Effect '{effect.name}' has no clip '{self.name}'.")
 
 
 class HFX_OT_copy_clips(_OfEffect):
@@ -214,7 +218,7 @@ class HFX_OT_copy_clips(_OfEffect):
     bl_label = "Copy Clips to Selected"
 
     def work(self, context: bpy.types.Context) -> str:
-        source = context.object
+        source = active_effect(context)
         others = [o for o in context.selected_objects if o != source and o.hfx.role == "EFFECT"]
         if not others:
             raise InputError("Select the target effects first, and this effect last.")

@@ -64,18 +64,18 @@ def _on_redo(*_: object) -> None:
         call_soon(_redo_further)
 
 
-def _take() -> None:
+def _take() -> float | None:
     if bpy.app.timers.is_registered(_undo_further) or bpy.app.timers.is_registered(_redo_further):
-        return
+        return None
     manager = bpy.context.window_manager
     window = manager.windows[0] if len(manager.windows) else None
     if window is None or not effect_assets.dropped_in(window.scene):
-        return
+        return None
     if len(window.modal_operators):  # still being dragged
-        bpy.app.timers.register(_take, first_interval=0.1)
-        return
+        return 0.1
     with bpy.context.temp_override(window=window):
         bpy.ops.hfx.place_dropped("INVOKE_DEFAULT", True)
+    return None
 
 
 def _undo_further() -> None:

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ..authoring import effects
 from ..properties import MODALITY_ITEMS, SHAPES
-from .shared import HfxOperator, OnBodyOperator, select_only, target_body
+from .shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _NAME_TIP = "Name in the outliner; empty: named after its kind"
 
@@ -134,6 +134,23 @@ class HFX_OT_add_painted(OnBodyOperator):
         return f"'{effect.name}' has no painted area yet"
 
 
+class HFX_OT_make_editable(HfxOperator):
+    """Let settings, area and clips of an effect of a linked file be changed in this file"""
+
+    bl_idname = "hfx.make_editable"
+    bl_label = "Make Editable"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        effect = active_effect(context)
+        is_locked = effect is not None and effects.is_locked(effect)
+        return cls.needs(is_locked, "Select an effect that belongs to a linked file")
+
+    def work(self, context: bpy.types.Context) -> str:
+        active_effect(context).override_library.is_system_override = False
+        return ""
+
+
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted)
+    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted, HFX_OT_make_editable)
 )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import tempfile
@@ -127,6 +128,8 @@ class HFX_OT_generate_surface(HfxOperator):
         global running
         from ..generation.child import GenerationChild
 
+        if importlib.util.find_spec("scipy") is None:  # the child would end for want of it
+            raise ModuleNotFoundError(name="scipy")
         try:
             running = GenerationChild(_job(context))
         except OSError as error:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ..authoring import effects, global_tools
+from ..authoring import global_tools, swarms
 from ..errors import InputError
 from ..scene_units import fps_of
 from .shared import HfxOperator, OnBodyOperator, select_only, target_body
@@ -23,12 +23,12 @@ class _ManyEffects(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(effects.effects_of(context.scene), "There are no effects")
+        return cls.needs(swarms.listed_effects(context.scene), "There are no effects")
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        found = effects.effects_of(context.scene)
+        found = swarms.listed_effects(context.scene)
         if self.scope == "SELECTED":
-            found = [effect for effect in found if effect.select_get()]
+            found = [effect for effect in found if swarms.is_selected(context.scene, effect)]
         elif self.scope == "COLLECTION":
             own = set(context.object.users_collection) if context.object else set()
             found = [effect for effect in found if own & set(effect.users_collection)]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..authoring import effects
+from ..authoring import effects, swarms
 from ..playback.live import live
 from .shared import HfxOperator, is_in_view_layer
 from .stepwise_export import StepwiseExport
@@ -80,8 +80,9 @@ class HFX_OT_hide_meshes(HfxOperator):
 
 
 def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """Objects that show bodies or are effects."""
-    kept = set(effects.effects_of(scene))
+    """Objects that show bodies, are effects or emit them."""
+    found = swarms.listed_effects(scene)
+    kept = {obj for effect in found for obj in swarms.shown_by(scene, effect)}
     for body in effects.bodies_of(scene):
         kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
         kept |= set(body.children_recursive)

@@ -42,7 +42,7 @@ class HFX_OT_add_response_filter(_OnVolume):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        responses.add_filter(context.object, self.kind)
+        responses.add_filter(active_volume(context), self.kind)
         return ""
 
 
@@ -53,8 +53,9 @@ class HFX_OT_remove_response_filter(_OnFilter):
     bl_label = "Remove Filter"
 
     def work(self, context: bpy.types.Context) -> str:
-        hfx = context.object.hfx
-        responses.remove_filter(context.object, min(hfx.response_active, len(hfx.response) - 1))
+        effect = active_volume(context)
+        last = len(effect.hfx.response) - 1
+        responses.remove_filter(effect, min(effect.hfx.response_active, last))
         return ""
 
 
@@ -71,9 +72,10 @@ class HFX_OT_move_response_filter(_OnFilter):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        hfx = context.object.hfx
+        effect = active_volume(context)
         step = -1 if self.direction == "UP" else 1
-        responses.move_filter(context.object, hfx.response_active, hfx.response_active + step)
+        active = effect.hfx.response_active
+        responses.move_filter(effect, active, active + step)
         return ""
 
 
@@ -93,7 +95,7 @@ class HFX_OT_bake_response(_OnVolume):
         return context.window_manager.invoke_props_dialog(self)
 
     def work(self, context: bpy.types.Context) -> str:
-        count = response_baking.bake(context.scene, context.object, self.target)
+        count = response_baking.bake(context.scene, active_volume(context), self.target)
         return f"{count} keys"
 
 

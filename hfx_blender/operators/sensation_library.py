@@ -34,7 +34,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
     if context.object is not None and context.object.mode != "OBJECT":
         raise InputError("Leave painting or editing first.")
     body = target_body(context)
-    from ..authoring import effect_exchange, response_exchange
+    from ..authoring import effect_exchange, swarms
 
     made = effect_exchange.place(
         context.scene,
@@ -43,16 +43,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
         frame=float(context.scene.frame_current),
         origin=_origin(context, body),
     )
-    # A swarm's volume is in no scene; its emitter is.
-    seen = [
-        emitter
-        for effect in made
-        for emitter in (
-            [effect]
-            if effect.name in context.scene.objects
-            else [each for each, _ in response_exchange.emitters(context.scene, effect)]
-        )
-    ]
+    seen = [obj for effect in made for obj in swarms.shown_by(context.scene, effect)]
     select_only(context, seen[0])
     for obj in seen[1:]:
         obj.select_set(True)
@@ -61,11 +52,11 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
 
 def _selected(context: bpy.types.Context, title: str) -> Sensation:
     """Sensation of the selected effects, and of those that selected emitters emit."""
-    from ..authoring import effect_exchange, response_exchange
+    from ..authoring import effect_exchange, swarms
 
     selected = context.selected_objects
     found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
-    found.update(each for obj in selected for each in response_exchange.volumes_of(obj))
+    found.update(each for obj in selected for each in swarms.volumes_of(obj))
     chosen = sorted(found, key=lambda obj: obj.name)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
     body = bodies[0] if bodies else target_body(context)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import bpy
 
-from ..authoring import effects
+from ..authoring import effects, swarms
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError, InputError
 from ..playback import preview
@@ -143,9 +143,12 @@ def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object, if it is a haptic effect."""
+    """Active object, if it is a haptic effect, or the only volume that it emits."""
     obj = context.object
-    return obj if obj is not None and obj.hfx.role == "EFFECT" else None
+    if obj is None or obj.hfx.role == "EFFECT":
+        return obj
+    emitted = swarms.volumes_of(obj)
+    return emitted[0] if len(emitted) == 1 else None
 
 
 def painted_effect(context: bpy.types.Context) -> bpy.types.Object | None:

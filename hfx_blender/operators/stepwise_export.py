@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..authoring import effects
+from ..authoring import swarms
 from .stepwise_operator import StepwiseOperator
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class StepwiseExport(StepwiseOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(effects.effects_of(context.scene), "Add a haptic effect first")
+        return cls.needs(swarms.listed_effects(context.scene), "Add a haptic effect first")
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         """Begin the export; the steps yield the share that is done, and return the report."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import effects
+from ..authoring import effects, swarms
 from ..playback import preview
 from .shared import HfxOperator
 
@@ -20,7 +20,7 @@ class HFX_OT_update_values(HfxOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         scene = context.scene
-        found = effects.effects_of(scene) and effects.bodies_of(scene)
+        found = swarms.listed_effects(scene) and effects.bodies_of(scene)
         return cls.needs(found, "Add a body and effects first")
 
     def work(self, context: bpy.types.Context) -> str:

@@ -8,6 +8,7 @@ import time
 import bpy
 from mathutils import Quaternion
 
+from ..blender_events import call_soon
 from . import framing
 from .shared import HfxOperator
 
@@ -72,7 +73,7 @@ of the present file is lost"""
 
     def work(self, context: bpy.types.Context) -> str:
         # Loading a file ends the operator that asks for it: it is done afterwards.
-        bpy.app.timers.register(_load_empty_file, first_interval=0.0)
+        call_soon(_load_empty_file)
         return ""
 
 
@@ -80,8 +81,8 @@ def _load_empty_file() -> None:
     manager = bpy.context.window_manager
     with bpy.context.temp_override(window=manager.windows[0]):
         bpy.ops.wm.read_homefile(app_template="", use_empty=False)
-    # Blender ends timers when a file is loaded, but those that persist.
-    bpy.app.timers.register(_furnish, first_interval=_AGAIN_S, persistent=True)
+    # In the middle of loading a file, whose end would take the timer away.
+    call_soon(_furnish, _AGAIN_S, outlives_load=True)
 
 
 def _furnish() -> None:
@@ -92,7 +93,7 @@ def _furnish() -> None:
             bpy.data.objects.remove(obj)
         bpy.ops.hfx.workspace()
         bpy.ops.hfx.add_avatar()
-    bpy.app.timers.register(_frame_avatar, first_interval=2.0 * _AGAIN_S)
+    call_soon(_frame_avatar, 2.0 * _AGAIN_S)
 
 
 def _frame_avatar() -> float | None:
@@ -120,7 +121,7 @@ def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> N
             return None
         return _AGAIN_S if time.monotonic() < until else None
 
-    bpy.app.timers.register(arrange_when_shown, first_interval=_AGAIN_S)
+    call_soon(arrange_when_shown, _AGAIN_S)
 
 
 def _arrange(window: bpy.types.Window) -> None:
@@ -156,7 +157,7 @@ def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
         except (ReferenceError, StopIteration, RuntimeError):  # closed meanwhile
             return
 
-    bpy.app.timers.register(frame_clips, first_interval=_DRAWN_S)
+    call_soon(frame_clips, _DRAWN_S)
 
 
 def _show_tab(viewport: bpy.types.Area) -> None:
@@ -174,7 +175,7 @@ def _show_tab(viewport: bpy.types.Area) -> None:
         viewport.tag_redraw()
         return None
 
-    bpy.app.timers.register(show_when_drawn, first_interval=_AGAIN_S)
+    call_soon(show_when_drawn, _AGAIN_S)
 
 
 def _new_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -53,8 +53,7 @@ def listen(live: Listener) -> None:
     global _live
     _live = live
     add_handlers(_HANDLERS)
-    if not bpy.app.timers.is_registered(_beat):
-        bpy.app.timers.register(_beat, first_interval=BEAT_S, persistent=True)
+    call_soon(_beat, BEAT_S, outlives_load=True)
 
 
 def stop_listening() -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from functools import cache
 
-import bpy
 import numpy as np
 
-from ..blender_events import remove_timers
+from ..blender_events import call_soon, remove_timers
 from ..engine.texture.height_field import HeightField
 from ..engine.texture.signal import Signal
 from ..engine.texture.stroke import line
@@ -56,7 +55,7 @@ def play(signal: Signal, full_m_s2: float) -> None:
     _playing.signal, _playing.step = signal, 0
     _playing.sound = StrokeSound(full_m_s2)
     _playing.sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
-    bpy.app.timers.register(_next, first_interval=0.0)
+    call_soon(_next)
 
 
 def stop() -> None:

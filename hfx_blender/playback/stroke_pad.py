@@ -81,7 +81,7 @@ class StrokePad:
         self._points: list[tuple[float, float]] = []
         self._rendered_s = self._felt_s = 0.0
         self.trail_m: list[tuple[float, float]] = []
-        """Where the present stroke went, as finely as it is seen; empty between strokes."""
+        """Path of the present stroke, as finely as it is seen; empty between strokes."""
         self.history: list[tuple[float, Felt]] = []  # of the present or the last stroke
         self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
 
@@ -201,7 +201,8 @@ class StrokePad:
         times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
         part = Stroke(times, stroke.at(times))
         try:
-            return render_stroke(self.texture, part, waveform_rate_hz=WAVEFORM_HZ)
+            step = self.texture.device.update_s  # no window reaches into the part before
+            return render_stroke(self.texture, part, window_s=step, waveform_rate_hz=WAVEFORM_HZ)
         except InputError:
             return None  # shorter than a step, by rounding
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips in Blender's timeline, each with its envelope, as in editors of sound."""
+"""Clips in Blender's timeline, each with its envelope, as in editors of sound.
+
+What belongs together (rain, a sensation) shares a row.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,14 @@ from itertools import pairwise
 
 import bpy
 
-from ..authoring import clips, effects
+from ..authoring import clips, effects, swarms
 
 _log = logging.getLogger(__name__)
 
 _LEAST_ROW, _MOST_ROW = 4.0, 22.0
 """Height of an effect's row at an interface scale of 1, pixels."""
+
+_WANTED_ROWS = 4
 
 _RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
 _POINTS = 96
@@ -24,11 +29,28 @@ _has_failed = False
 _handles: list[object] = []
 
 
-def shown_effects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Effects whose clips are shown: the selected ones, or else all, as far as they have clips."""
-    found = effects.effects_of(context.scene)
-    selected = [each for each in found if each.select_get()]
-    return [each for each in selected or found if clips.strips_of(each)]
+def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
+    """Rows by the name of their effect or group: those of the selected effects, or else of all,
+    as far as they have clips.
+    """
+    scene = context.scene
+    found = swarms.listed_effects(scene)
+    return _rows([e for e in found if swarms.is_selected(scene, e)] or found)
+
+
+def _rows(found: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
+    rows: dict[str, list[bpy.types.Object]] = {}
+    for effect in found:
+        if clips.strips_of(effect):
+            rows.setdefault(effects.group_of(effect) or effect.name, []).append(effect)
+    return rows
+
+
+def wanted_height(context: bpy.types.Context) -> float:
+    """Height of a timeline's region in which all clips can be read, pixels; 0 without any."""
+    rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
+    scale = context.preferences.system.ui_scale
+    return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
 
 
 def _draw() -> None:
@@ -37,16 +59,16 @@ def _draw() -> None:
     if context.space_data.mode != "TIMELINE" or _has_failed:
         return
     try:
-        found = shown_effects(context)
-        if found:
-            _draw_rows(context, found)
+        rows = shown_rows(context)
+        if rows:
+            _draw_rows(context, rows)
     except Exception:  # it would be raised again at every redraw
         _has_failed = True
         _log.exception("clips in the timeline")
 
 
-def _draw_rows(context: bpy.types.Context, found: list[bpy.types.Object]) -> None:
-    """Draw a row for each effect below the ruler."""
+def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
+    """Draw the rows below the ruler, as many as there is room for."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -56,15 +78,15 @@ def _draw_rows(context: bpy.types.Context, found: list[bpy.types.Object]) -> Non
     palette = PALETTES[context.scene.hfx.palette]
     region, shader = context.region, gpu.shader.from_builtin("SMOOTH_COLOR")
     room = region.height - (_RULER + _BELOW) * scale
-    height = min(max(room / len(found), _LEAST_ROW * scale), _MOST_ROW * scale)
+    height = min(max(room / len(rows), _LEAST_ROW * scale), _MOST_ROW * scale)
     corners: list[tuple[float, float]] = []
     colours: list[tuple[float, ...]] = []
     names = []
-    for number, effect in enumerate(found[: max(int(room / height), 1)]):
+    for number, (name, row) in enumerate([*rows.items()][: max(int(room / height), 1)]):
         low = region.height - _RULER * scale - (number + 1) * height
         high = low + height - _GAP * scale
-        colour = palette[effect.hfx.modality]
-        for track, strip in clips.strips_of(effect):
+        for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
+            colour = palette[effect.hfx.modality]
             is_off = strip.mute or track.mute or effect.hfx.is_muted
             points = [
                 (region.view2d.view_to_region(frame, 0.0, clip=False)[0], value)
@@ -79,14 +101,17 @@ def _draw_rows(context: bpy.types.Context, found: list[bpy.types.Object]) -> Non
             for (x, value), (to, then) in pairwise(points):
                 top, end = low + value * (high - low), low + then * (high - low)
                 _quad(corners, colours, ((x, low), (to, low), (to, end), (x, top)), front)
-            names.append((effect.name, max(left, 0.0) + 3.0 * scale, low, right, high - low))
+            if len(row) > 1 and names and names[-1][0] == name:  # one name for a group's clips
+                _, first, _, last, _ = names.pop()
+                left, right = min(left, first), max(right, last)
+            names.append((name, left, low, right, high - low))
     gpu.state.blend_set("ALPHA")
     content = {"pos": corners, "color": colours}
     batch_for_shader(shader, "TRIS", content).draw(shader)
     gpu.state.blend_set("NONE")
     for name, x, low, right, tall in names:
         if tall >= _TEXT_ROW * scale:
-            _write(name, x, low + 0.3 * tall, right, scale)
+            _write(name, max(x, 0.0) + 3.0 * scale, low + 0.3 * tall, right, scale)
 
 
 def _quad(

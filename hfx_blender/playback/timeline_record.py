@@ -8,16 +8,18 @@ in memory only.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import bpy
 import numpy as np
 
+from ..authoring import effects, swarms
 from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.modality import MODALITIES, neutral_temperature_c
+from ..engine.native import library
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.rendering.render import Renderer
@@ -62,12 +64,27 @@ class TimelineRecord:
     devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)  # devices that do not fit
     notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
+    groups: dict[str, str] = field(default_factory=dict)  # of effects, by their names
     _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
     _entries: int = 0
 
     def __post_init__(self) -> None:
         self._first = float(self.frames[0])
         self._per_frame = float(self.time.rate_hz / self.time.fps)
+
+    def rows(self) -> list[EffectRecord]:
+        """Values of the effects; those of a group that are alike are one row, the strongest."""
+        rows: dict[tuple[str, ...], EffectRecord] = {}
+        for each in self.effects:
+            stream, group = each.stream, self.groups.get(each.name, "")
+            key = group, "" if group else stream.effect_id, stream.body_id, stream.modality
+            if key in rows:
+                other = rows[key].values
+                strongest = np.where(np.abs(each.values) > np.abs(other), each.values, other)
+                rows[key] = replace(each, name=group, values=strongest)
+            else:
+                rows[key] = each
+        return list(rows.values())
 
     def index(self, frame: float) -> int | None:
         """The sample nearest to a frame; None where the timeline has ended."""
@@ -114,12 +131,15 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
     NeedsSteppingError
         They would have to be, and may not.
     InputError
-        There is nothing to feel, or the timeline is too long.
+        There is nothing to feel, the timeline is too long, or there are volumes and no compiled
+        part.
     """
     reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PREVIEW, is_probed=may_step)
     if not may_step and reader.steps():
         raise NeedsSteppingError("The scene has to be stepped through for that.")
     described = reader.description
+    if described.has_volumes:
+        library.require_in_time()
     header = TrackHeader.of(
         described,
         {each.model_id: load_model(each.model_id) for each in described.effects},
@@ -127,13 +147,14 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
         tools={},
     )
     time = reader.time
-    effects = {each.id: each for each in described.effects}
+    described_by = {each.id: each for each in described.effects}
     found = TimelineRecord(
         described=described,
         time=time,
         frames=float(time.scene_start)
         + time.times_s(np.arange(time.sample_count)) * float(time.fps),
-        effects=[_empty(effects[s.effect_id], s, time.sample_count) for s in header.streams],
+        effects=[_empty(described_by[s.effect_id], s, time.sample_count) for s in header.streams],
+        groups={each.name: effects.group_of(each) for each in swarms.listed_effects(scene)},
     )
     renderers = _renderers(scene, header, found.faults)
     engine = Engine(described, tolerance=PREVIEW)

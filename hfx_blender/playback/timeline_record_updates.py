@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..authoring import effects
+from ..authoring import effects, swarms
 from ..errors import HfxError
 from ..reading import stepping
 
@@ -125,7 +125,7 @@ class Updates:
         from .timeline_record import NeedsSteppingError, record
 
         if self._running is None:
-            if not (effects.effects_of(scene) and effects.bodies_of(scene)):
+            if not (swarms.listed_effects(scene) and effects.bodies_of(scene)):
                 self._done(None, "")
                 return
             self._running = record(scene, may_step=False)

@@ -75,7 +75,7 @@ def chart(
     quads: list[tuple[F64, F64]] = []
     labels: list[Label] = []
     at, hidden = gap, 0
-    for effect in found.effects:
+    for effect in found.rows():
         if at + curve + gap > height:
             hidden += 1
             continue
@@ -84,7 +84,8 @@ def chart(
         quads.append(
             _bars(shares, _tints(shares, effect.stream.modality, palette), at, curve, left)
         )
-        labels.append(Label(effect.name, 0.0, at + 0.3 * curve, effect.values, effect.unit))
+        unit = effect.unit.replace("^2", "²")
+        labels.append(Label(effect.name, 0.0, at + 0.3 * curve, effect.values, unit))
         at += curve + gap
     for device, raster in found.devices:
         head = 16.0 * scale

@@ -169,6 +169,8 @@ def is_rigid(effect: bpy.types.Object) -> bool:
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
     mesh = effect.data
+    if effect.type != "MESH":
+        raise NotModelledError(f"'{effect.name}' is no mesh")
     if any(modifier.show_viewport for modifier in effect.modifiers):
         raise NotModelledError(f"modifiers deform '{effect.name}'")
     if mesh.shape_keys is not None:

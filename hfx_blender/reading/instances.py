@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Instances and particles of haptic volumes, each as a volume of its own.
 
-Which there are is found at whole frames of the user's own scene, which is what simulations and
-geometry nodes can be read at; what each is at a time is read at that very time. Each has an id
-that stays: what makes it (a particle system, a collection instance, geometry nodes), and its
-number there.
+Which there are is found at whole frames of the user's own scene, and at all samples where some
+may be there between two frames only; what each is at a time is read at that very time. Each has
+an id that stays: what makes it (a particle system, a collection instance, geometry nodes), and
+its number there.
 
 The objects that Blender shows as instances live no longer than a step of the loop over them, so
 all that counts is copied inside of it. Sources are told apart by their full names: a library
@@ -25,9 +25,17 @@ from ..engine.arrays import F64, Bool
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, dormant, response_values, scene_description, soundness, stepping
+from . import (
+    activation,
+    dormant,
+    response_values,
+    scene_description,
+    soundness,
+    stepping,
+    visibility,
+)
 from .animation_time import animation_frames
-from .reached import is_instancer, reached_from
+from .reached import data_reached_from, is_instancer, reached_from
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
@@ -287,11 +295,17 @@ class Instances:
         scene, time = self._found.scene, self._time
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
-        seen: list[set[Key]] = []
+        frames = {Fraction(frame) for frame in range(self._first, last + 1)}
+        if _may_be_brief(scene):
+            first = -int((time.frame_first - self._first) * time.rate_hz / time.fps)
+            count = int((last - time.frame_first) * time.rate_hz / time.fps)
+            frames.update(map(time.frame, range(first, count + 1)))
+        seen: list[set[Key]] = [set() for _ in range(self._first, last + 1)]
         with self.stepper() as stepper:
-            for frame in range(self._first, last + 1):
-                stepper.set_frame(Fraction(frame))
-                seen.append(self._sources.keys_now(self._found.layer.depsgraph))
+            for frame in sorted(frames):
+                stepper.set_frame(frame)
+                now = self._sources.keys_now(self._found.layer.depsgraph)
+                seen[int(frame) - self._first] |= now
         self._keys = tuple(sorted(set().union(*seen)))
         if len(self._keys) > MOST:
             raise InputError(
@@ -351,6 +365,29 @@ class Instances:
                 self._faults.setdefault(text, set()).add(index)
             self._last = {k: self._last[k] for k in [*self._last][-1:]} | {index: rows}
         return self._last[index]
+
+
+def _may_be_brief(scene: bpy.types.Scene) -> bool:
+    """Test that an instance may be there between two frames only.
+
+    So it may be where visibility or what geometry nodes take is animated, where nodes read the
+    time, particles live for less than a frame, or a handler of others does what it likes.
+    """
+    reached = data_reached_from(filter(is_instancer, scene.objects))
+    return stepping.foreign_handler() is not None or any(map(_makes_brief, reached))
+
+
+def _makes_brief(data: bpy.types.ID) -> bool:
+    if isinstance(data, bpy.types.Object):
+        paths = soundness.animated_paths(data)
+        return any(each == visibility.PATH or each.startswith("modifiers[") for each in paths)
+    if isinstance(data, bpy.types.ParticleSettings):
+        shortest = data.lifetime * (1.0 - data.lifetime_random)
+        return shortest < 1.0 or any(data.texture_slots) or bool(soundness.animated_paths(data))
+    if isinstance(data, bpy.types.GeometryNodeTree):
+        reads_time = any(each.bl_idname == "GeometryNodeInputSceneTime" for each in data.nodes)
+        return reads_time or bool(soundness.animated_paths(data))
+    return False
 
 
 def _numbered(

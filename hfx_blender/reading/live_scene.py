@@ -17,6 +17,7 @@ import numpy as np
 from ..authoring import effects, responses, surfaces
 from ..authoring.effect_values import Shapes
 from ..engine.evaluate import Engine
+from ..engine.native import library
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.tolerance import Tolerance
@@ -44,7 +45,8 @@ class LiveScene:
     Raises
     ------
     InputError
-        Nothing can be felt: no body, or no effect without a fault.
+        Nothing can be felt: no body, no effect without a fault, or a volume without the compiled
+        part.
     """
 
     def __init__(
@@ -67,6 +69,8 @@ class LiveScene:
         self.objects, self.description = scene_description.describe(
             found, time, shapes, always_posed=False, more=more
         )
+        if self.description.has_volumes:
+            library.require_in_time()
         self.faults = self.objects.left_out
         self.tolerance = tolerance
         self.record = ("positions",) if with_positions else ()

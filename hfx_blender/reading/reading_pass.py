@@ -188,7 +188,7 @@ class Pass:
         return self._near
 
     def _places_over(self, indices: I64) -> dict[int, tuple[F64, F64, F64]]:
-        """Of volumes that are stepped: corners of the box that they are in, and matrices."""
+        """Boxes of volumes that are stepped, by their corners, and matrices."""
         found: dict[int, tuple[F64, F64, F64]] = {}
         if self._far and self._light is not None:
             rows = [self._effects_at(index, self._light) for index in indices.tolist()]
@@ -201,7 +201,7 @@ class Pass:
         return found
 
     def _effects_at(self, index: int, stepper: stepping.Stepper) -> Row:
-        """What is read of effects at one time; poses that are interpolated ask ahead for it."""
+        """Values of effects at one time; poses that are interpolated ask ahead for them."""
         row = self._rows.get(index)
         if row is not None:
             self._complete([row], self._full)
@@ -227,7 +227,7 @@ class Pass:
         return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
-        """What is where at samples without a gap between them."""
+        """Poses and places at samples without a gap between them."""
         frames = self._frames(indices)
         effects: dict[int, EffectBlock] = {
             k: self._chunks.read(k, indices) for k in self._plan.effects
@@ -340,7 +340,7 @@ class Pass:
         return self._scene.effects[which].modality
 
     def _row(self, index: int, is_posed: bool, is_stepped: bool) -> Row:
-        """What is stepped at one time; of effects nothing unless ``is_stepped``."""
+        """Stepped values at one time; of effects nothing unless ``is_stepped``."""
         if index in self._last:
             return self._last[index]
         row = Row(index)

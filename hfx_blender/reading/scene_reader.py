@@ -166,7 +166,7 @@ class SceneReader:
 
     @property
     def counters(self) -> ReadingCounters:
-        """What reading took, so far."""
+        """Counters of reading, so far."""
         simulation, asleep = self._found.simulation, self._found.dormant.items()
         return replace(
             self._shapes.counters,

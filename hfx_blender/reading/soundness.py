@@ -31,6 +31,9 @@ _SIZES = {
     "CAPSULE": {"radius", "height"},
 }
 
+_LARGEST = np.finfo(np.float32).max
+"""Infinity, as Blender stores it in a key."""
+
 _FIXED = re.compile(
     r"hfx\.(role|kind|modality|response\[\d+\]\.(kind|operation|about|domain|is_muted))"
 )
@@ -51,7 +54,7 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
         It cannot be read at all.
     """
     reject_non_finite_keyframes(obj)
-    animated = {path for path in _animated(obj) if not _STEADY.fullmatch(path)}
+    animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
     told = []
     for bad in stored_values.bad_values(obj):
         if f"hfx.{bad.path}" in animated:
@@ -101,8 +104,9 @@ def reject_non_finite_keyframes(obj: bpy.types.Object) -> None:
             for curve in _curves_of(owner):
                 keys = np.zeros(len(curve.keyframe_points) * 2, np.float32)
                 curve.keyframe_points.foreach_get("co", keys)
-                if not np.isfinite(keys).all():
-                    number = int(np.flatnonzero(~np.isfinite(keys))[0]) // 2 + 1
+                endless = ~(np.abs(keys) < _LARGEST)
+                if endless.any():
+                    number = int(np.flatnonzero(endless)[0]) // 2 + 1
                     raise InputError(
                         f"'{mover.name}': key {number} of the F-curve '{curve.data_path}' "
                         f"[{curve.array_index}] is not a finite number; correct or delete it."
@@ -145,8 +149,8 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
     return hfx.kind == only[name] if name in only else True
 
 
-def _animated(obj: bpy.types.Object) -> list[str]:
-    """Paths that curves or drivers of an object write, each once."""
+def animated_paths(obj: bpy.types.ID) -> list[str]:
+    """Paths that curves or drivers of an object or other data write, each once."""
     data = obj.animation_data
     if data is None:
         return []
@@ -156,7 +160,7 @@ def _animated(obj: bpy.types.Object) -> list[str]:
 
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
     """Warnings about animated properties whose animation has no effect."""
-    paths = _animated(obj)
+    paths = animated_paths(obj)
     for path in paths:
         if _FIXED.fullmatch(path) and obj.hfx.role == "EFFECT":
             raise InputError(

@@ -61,7 +61,7 @@ class Stepper:
 
     @cached_property
     def is_changing(self) -> bool:
-        """Whether the scene may show other objects at other times."""
+        """Test that the scene may show other objects at other times."""
         return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
 
     @property

@@ -17,7 +17,8 @@ from .. import compat
 if TYPE_CHECKING:
     from ..engine.scene import SceneDescription  # Blender's start does not wait for it
 
-_PATH = "hide_viewport"
+PATH = "hide_viewport"
+"""Property by which an animation disables an object."""
 
 
 def is_keyed(obj: bpy.types.Object) -> bool:
@@ -26,7 +27,7 @@ def is_keyed(obj: bpy.types.Object) -> bool:
     if data is None:
         return False
     curves = [curve for each in compat.curve_collections(obj) for curve in each]
-    return any(curve.data_path == _PATH for curve in (*curves, *data.drivers))
+    return any(curve.data_path == PATH for curve in (*curves, *data.drivers))
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:

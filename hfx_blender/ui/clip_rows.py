@@ -12,7 +12,7 @@ from collections.abc import Callable
 import bpy
 from bpy.props import CollectionProperty, FloatProperty
 
-from ..authoring import clips
+from ..authoring import clips, effects, swarms
 from ..operators.shared import active_effect
 from ..playback import preview
 from ..scene_units import fps_of
@@ -61,6 +61,24 @@ def _set(name: str) -> Callable[[HfxClipRow, float], None]:
     return set_time
 
 
+def _group() -> list[bpy.types.Object]:
+    """Effects of the active effect's group."""
+    effect = active_effect(bpy.context)
+    name = "" if effect is None else effects.group_of(effect)
+    found = swarms.listed_effects(bpy.context.scene) if name else []
+    return [each for each in found if effects.group_of(each) == name]
+
+
+def _start(_manager: object) -> float:
+    starts = [strip.frame_start for each in _group() for _, strip in clips.strips_of(each)]
+    return min(starts, default=0.0) / frames_per_unit()
+
+
+def _set_start(manager: object, value: float) -> None:
+    clips.shift(_group(), (value - _start(manager)) * frames_per_unit())
+    preview.look_soon()
+
+
 class HfxClipRow(bpy.types.PropertyGroup):
     """Times of a clip in the scene's unit."""
 
@@ -98,10 +116,17 @@ _register, _unregister = bpy.utils.register_classes_factory((HfxClipRow,))
 def register() -> None:
     _register()
     bpy.types.WindowManager.hfx_clips = CollectionProperty(type=HfxClipRow)
+    bpy.types.WindowManager.hfx_group_start = FloatProperty(
+        name="Start of the Group",
+        description="Start of the group's first clip; all its clips and keyframes move along",
+        get=_start,
+        set=_set_start,
+    )
     preview.after_looking.append(refresh)
 
 
 def unregister() -> None:
     preview.after_looking.remove(refresh)
+    del bpy.types.WindowManager.hfx_group_start
     del bpy.types.WindowManager.hfx_clips
     _unregister()

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 
-from ..authoring import effects
-from ..operators.shared import select_only
+from ..authoring import effects, swarms
+from ..operators.shared import active_effect, select_only
 from ..playback import preview
 
 ICONS = {
@@ -32,7 +32,7 @@ def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow."""
     found: list[tuple[str, str]] = []
     known: dict[str, list[str]] = {}
-    for effect in effects.effects_of(scene):
+    for effect in swarms.listed_effects(scene):
         group = effects.group_of(effect)
         if group not in known:
             known[group] = []
@@ -62,10 +62,13 @@ def refresh() -> None:
 
 def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     scene = bpy.context.scene
-    if row.effect:
-        found = [scene.objects.get(row.effect)]
-        return [effect for effect in found if effect is not None and effect.hfx.role == "EFFECT"]
-    return [each for each in effects.effects_of(scene) if effects.group_of(each) == row.group]
+    own = scene.objects.get(row.effect)
+    if own is not None and own.hfx.role == "EFFECT":
+        return [own]
+    found = swarms.listed_effects(scene)
+    if row.effect:  # of a swarm
+        return [each for each in found if each.name == row.effect]
+    return [each for each in found if effects.group_of(each) == row.group]
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
@@ -167,7 +170,7 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
     active = bpy.context.object
     if active is None:
         return -1
-    shown = active.get("hfx_painted_effect") or active
+    shown = active.get("hfx_painted_effect") or active_effect(bpy.context) or active
     group = effects.group_of(shown)
     for index, row in enumerate(manager.hfx_rows):
         if row.effect == shown.name or (not row.effect and row.group == group and group):
@@ -182,11 +185,12 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
         return  # painting goes on
     if 0 <= index < len(manager.hfx_rows):
         found = _effects_of_row(manager.hfx_rows[index])
-        for effect in reversed(found[:1]):
-            select_only(context, effect)
-        for effect in found[1:]:
-            if effect.name in context.view_layer.objects:
-                effect.select_set(True)
+        shown = [obj for effect in found for obj in swarms.shown_by(context.scene, effect)]
+        for obj in shown[:1]:
+            select_only(context, obj)
+        for obj in shown[1:]:
+            if obj.name in context.view_layer.objects:
+                obj.select_set(True)
 
 
 def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:

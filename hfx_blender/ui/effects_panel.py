@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import clips, effects
+from ..authoring import clips, effects, swarms
 from ..operators.shared import active_armature, active_effect
 from . import effect_list, next_step
 from .sidebar import HfxPanel, draw_text
@@ -53,7 +53,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.prop(context.window_manager, "hfx_show_actuators", text="", icon="LIGHT_POINT")
         row.prop(context.window_manager, "hfx_show_values", text="", icon="FCURVE")
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
-        found = effects.effects_of(context.scene)
+        found = swarms.listed_effects(context.scene)
         if found:
             effect_list.draw(context, layout)
         if effects.without_body(context.scene):
@@ -95,10 +95,13 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("hfx.add_clip", icon="NLA")
         row.operator("hfx.add_heartbeat", icon="HEART")
-        found = clips.strips_of(context.object)
+        effect = active_effect(context)
+        found, group = clips.strips_of(effect), effects.group_of(effect)
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        if group:
+            layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.
         for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):

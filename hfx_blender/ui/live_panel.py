@@ -31,7 +31,7 @@ _MOST_ACTUATORS = 40  # of which bars and pulses are shown
 
 
 def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """What devices play: the scene, or a track."""
+    """Source of what devices play: the scene, or a track."""
     hfx = context.scene.hfx
     column = layout.column(align=True)
     column.row(align=True).prop(hfx, "live_source", expand=True)

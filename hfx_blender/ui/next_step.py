@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import clips, effects, painting
+from ..authoring import clips, effects, painting, swarms
 from ..operators.shared import active_armature, active_effect
 
 
@@ -21,7 +21,7 @@ def draw_first(context: bpy.types.Context, layout: bpy.types.UILayout) -> bool:
             layout.operator(
                 "hfx.add_avatar", text="Add Built-In Avatar", icon="OUTLINER_OB_ARMATURE"
             )
-    elif not effects.effects_of(scene):
+    elif not swarms.listed_effects(scene):
         layout.operator_menu_enum(
             "hfx.add_painted", "modality", text="Paint an Effect", icon="BRUSH_DATA"
         ).paint = True

@@ -8,8 +8,9 @@ import bpy
 from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
 from ..operators.export import draw_devices, last_written
+from ..operators.shared import active_effect
 from .effects_panel import draw_moving
-from .sidebar import HfxPanel
+from .sidebar import HfxPanel, draw_text
 
 _PARAMETERS = {
     "vibration": ("amplitude", "frequency"),
@@ -44,7 +45,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         obj = context.object
         if obj is None or surfaces.is_surface(obj):
             return False  # a surface has a panel of its own
-        return obj.hfx.role == "EFFECT" or bool(obj.get(PAINTED_EFFECT))
+        return active_effect(context) is not None or bool(obj.get(PAINTED_EFFECT))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -53,8 +54,12 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         if obj.get(PAINTED_EFFECT):
             layout.label(text=f"Painting '{obj[PAINTED_EFFECT].name}'", icon="BRUSH_DATA")
             return
-        hfx = obj.hfx
-        layout.prop(obj, "name")
+        effect = active_effect(context)
+        hfx = effect.hfx
+        if effects.is_locked(effect):
+            draw_text(context, layout, "Of a linked file: its settings are locked", "LOCKED")
+            layout.operator("hfx.make_editable", icon="UNLOCKED")
+        layout.prop(effect, "name")
         layout.prop(hfx, "modality")
         layout.prop(hfx, "intensity")
         for name in _PARAMETERS[hfx.modality]:
@@ -63,7 +68,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             self._draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
-            if effects.body_in(context.scene, obj) is None:
+            if effects.body_in(context.scene, effect) is None:
                 draw_moving(context, layout, "ACTIVE")
 
     @staticmethod

@@ -51,7 +51,7 @@ class HFX_PT_response(HfxPanel, bpy.types.Panel):
         return active_volume(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, hfx = self.layout, context.object.hfx
+        layout, hfx = self.layout, active_volume(context).hfx
         row = layout.row()
         row.template_list("HFX_UL_response", "", hfx, "response", hfx, "response_active", rows=3)
         column = row.column(align=True)

@@ -76,7 +76,7 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
     def poll(cls, context: bpy.types.Context) -> bool:
         effect = active_effect(context)
         return (
-            effect is not None
+            effect == context.object is not None
             and context.mode == "OBJECT"
             and effect.hfx.kind == "VOLUME"
             and effect.hfx.shape in _AXES

@@ -306,6 +306,25 @@ static inline int hfx_find_sections(hfx_clip *clip, const unsigned char *bytes, 
   return 1;
 }
 
+/* Whether bytes are UTF-8: no longer forms, no surrogates, nothing above 10FFFF. */
+static inline int hfx_is_utf8(const unsigned char *at, uint32_t size) {
+  uint32_t i = 0;
+  while (i < size) {
+    const unsigned char lead = at[i++];
+    const uint32_t more = lead < 0x80u ? 0 : lead < 0xE0u ? 1 : lead < 0xF0u ? 2 : 3;
+    uint32_t lowest = 0x80u, highest = 0xBFu, k;
+    if ((lead >= 0x80u && lead < 0xC2u) || lead > 0xF4u || more > size - i) return 0;
+    if (lead == 0xE0u) lowest = 0xA0u;
+    if (lead == 0xEDu) highest = 0x9Fu;
+    if (lead == 0xF0u) lowest = 0x90u;
+    if (lead == 0xF4u) highest = 0x8Fu;
+    for (k = 0; k < more; k++, lowest = 0x80u, highest = 0xBFu)
+      if (at[i + k] < lowest || at[i + k] > highest) return 0;
+    i += more;
+  }
+  return 1;
+}
+
 HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size) {
   static const unsigned char mark[8] = {'H', 'F', 'X', 'C', 'L', 'I', 'P', '\n'};
   const unsigned char *at = (const unsigned char *)bytes;
@@ -321,7 +340,8 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size) {
   for (k = 0; k < HFX_SECTIONS; k++) clip->parts[k].at = at, clip->parts[k].count = 0;
   if (!error && hfx_find_sections(clip, at, (uint32_t)size)) {
     const hfx_part *text = &clip->parts[HFX_TEXT];
-    if (text->count && !text->at[0] && !text->at[text->count - 1] && hfx_is_time(clip) &&
+    if (text->count && !text->at[0] && !text->at[text->count - 1] &&
+        hfx_is_utf8(text->at, text->count) && hfx_is_time(clip) &&
         hfx_are_fields(clip) && hfx_are_rows(clip) && hfx_are_columns(clip) &&
         hfx_are_bodies(clip))
       return 0;

@@ -53,9 +53,11 @@ _SLOW = (
     "area_from_selection",
     "area_mirror",
     "fit_body",
+    "generate_surface",
     "live_add",
     "paint_begin",
     "paste_effects",
+    "record_track",
     "show_model",
     "update_values",
 )

@@ -131,9 +131,9 @@ def test_a_flat_volume_is_named(scene: Any, ball: Any) -> None:
 # Keys
 
 
-def _break_a_key(curve: Any) -> None:
+def _break_a_key(curve: Any, value: float = math.nan) -> None:
     point = curve.keyframe_points[1]
-    point.co = (point.co[0], math.nan)
+    point.co = (point.co[0], value)
 
 
 def test_a_key_that_is_not_a_number(scene: Any, ball: Any) -> None:
@@ -153,7 +153,7 @@ def test_a_clip_with_such_a_key(scene: Any, ball: Any) -> None:
 def test_a_body_with_such_a_key(scene: Any, ball: Any) -> None:
     body = bpy.data.objects["Avatar"]
     oracle.key(body, "location", [(1, (0, 0, 0)), (6, (0, 0, 1))])
-    _break_a_key(compat.fcurves(body)[2])
+    _break_a_key(compat.fcurves(body)[2], -math.inf)
     with pytest.raises(InputError, match=r"^'Avatar': key 2 .*'location' \[2\].*finite"):
         oracle.evaluate(scene)
 

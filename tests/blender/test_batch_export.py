@@ -252,7 +252,9 @@ def test_workers_that_are_killed_cost_no_result(moving: Path, tmp_path: Path) ->
     assert contents_of(tmp_path / "out") == contents_of(tmp_path / "one")
 
 
-def test_an_interrupted_batch_goes_on_where_it_was(moving: Path, tmp_path: Path) -> None:
+def test_an_interrupted_batch_goes_on_where_it_was(
+    moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scenes = _copies(moving, tmp_path, 4)
     arguments = ["export", *scenes, "-o", tmp_path / "out", "--jobs", 2]
     started = subprocess.Popen(
@@ -269,9 +271,8 @@ def test_an_interrupted_batch_goes_on_where_it_was(moving: Path, tmp_path: Path)
     assert 1 <= len(complete) < 4
     assert all(not name.startswith(".") for name in names_in(tmp_path / "out"))
     report = tmp_path / "batch.json"
-    done = hfx_scenes.process(*arguments, "--resume", "--json", "--report", report)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    assert cli.run([*map(str, arguments), "--resume", "--json", "--report", str(report)]) == 0
+    found = _last_json(capsys.readouterr().out)
     assert {Path(each["input"]).stem for each in found if each.get("unchanged")} == complete
     summary = json.loads(report.read_text())
     assert summary["complete"] == 4 and summary["unchanged"] == len(complete)
@@ -298,10 +299,10 @@ def test_a_worker_whose_master_has_gone_ends(moving: Path, tmp_path: Path) -> No
     assert names_in(tmp_path / "o") == []
 
 
-def test_a_scene_that_takes_too_long_is_given_up(moving: Path, tmp_path: Path) -> None:
-    done = hfx_scenes.process(
-        *("export", moving, "-o", tmp_path / "out", "--frames", "0:100000", "--time-limit", "1")
-    )
-    assert done.returncode == 3
-    assert "time limit of 1 s" in done.stderr
+def test_a_scene_that_takes_too_long_is_given_up(
+    moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["export", str(moving), "-o", str(tmp_path / "out")]
+    assert cli.run([*arguments, "--frames", "0:100000", "--time-limit", "1"]) == 3
+    assert "time limit of 1 s" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -71,26 +71,6 @@ def test_two_exports_are_byte_identical(demo: Path, tmp_path: Path, full_precisi
     assert len(one["garage.hfxtrack"]) > 10_000
 
 
-def test_another_process_writes_the_same_bytes(demo: Path, tmp_path: Path) -> None:
-    here = _export(demo, tmp_path / "here")["garage.hfxtrack"]
-    code = (
-        "import sys; from pathlib import Path; from hfx_blender import blender_session as s;"
-        "bpy = s.start(); s.open_blend(Path(sys.argv[1]));"
-        "from hfx_blender.export import ExportSettings, export_scene;"
-        "export_scene(bpy.context.scene, Path(sys.argv[2]), 'garage',"
-        f" ExportSettings(rate_hz={RATE_HZ})); s.leave(0)"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1]), "PYTHONHASHSEED": "7"}
-    subprocess.run(
-        [sys.executable, "-c", code, str(demo), str(tmp_path / "there")],
-        timeout=300,
-        check=True,
-        capture_output=True,
-        env=environment,
-    )
-    assert (tmp_path / "there" / "garage.hfxtrack").read_bytes() == here
-
-
 @pytest.mark.parametrize("size", [1, 7, 500])
 def test_the_size_of_blocks_does_not_matter(
     demo: Path, monkeypatch: pytest.MonkeyPatch, size: int

@@ -6,8 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 
-from hfx_blender.authoring import effects
+from hfx_blender.authoring import clips, effects, response_recipes, swarms
 from hfx_blender.ui import effect_list
 
 
@@ -54,7 +55,30 @@ def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
     bpy.ops.hfx.add_rain(duration=1.0, drops_per_second=8.0)
     groups = {effects.group_of(each) for each in effects.effects_of(scene)}
     assert groups == {"Rain"} and rows()[0] == ("", "Rain") and len(rows()) == 9
+    strips = [strip for each in effects.effects_of(scene) for _, strip in clips.strips_of(each)]
+    first = min(strip.frame_start for strip in strips)
+    before = [(strip.frame_start, strip.frame_end) for strip in strips]
+    for start in (first + 30.0, first - 0.5):  # the group's clips are moved as one
+        bpy.context.window_manager.hfx_group_start = start
+        now = [(strip.frame_start, strip.frame_end) for strip in strips]
+        assert np.allclose(now, np.array(before) + start - first, atol=1e-3)
     bpy.ops.hfx.add_from_library(name="hug")
     bpy.ops.hfx.add_from_library(name="hug")
     groups = {effects.group_of(each) for each in effects.effects_of(scene)} - {""}
     assert groups in ({"Rain"}, {"Rain", "Hug", "Hug 2"})
+
+
+def test_a_swarm_is_one_row_that_selects_its_emitter(scene: Any) -> None:
+    bee = volume("Bee")
+    recipe = response_recipes.SwarmRecipe(count=40)
+    emitter = swarms.add_swarm(scene, bee, recipe, 1.0, 0.0, 24.0, (0.0, 0.0, 0.0))
+    volume("Alone")
+    assert rows() == [("Alone", ""), ("Bee", "")]
+    manager = bpy.context.window_manager
+    manager.hfx_row = 1
+    assert bpy.context.selected_objects == [emitter] == [bpy.context.object]
+    assert manager.hfx_row == 1
+    manager.hfx_rows[1].is_muted = True
+    assert bee.hfx.is_muted
+    bpy.ops.hfx.add_clip()
+    assert [strip.name for _, strip in clips.strips_of(bee)] == ["Clip"]

@@ -94,6 +94,18 @@ def test_instances_are_read_between_frames_and_are_the_same_in_any_part(ball: An
     assert set(part) == {f"{ball.hfx.uid}:0"}
 
 
+def test_an_instance_that_is_there_between_two_frames_only(ball: Any) -> None:
+    for where, place in (("Here", BELLY), ("There", PLACES[2])):
+        shown = _empty(where, place)
+        for frame, is_hidden in ((0, True), (4.2, False), (4.8, True)):
+            shown.hide_viewport = is_hidden
+            shown.keyframe_insert("hide_viewport", frame=frame)
+    bpy.context.scene.hfx.rate = 4 * FPS
+    runs, reader = _read()
+    assert np.concatenate([run.indices for run in runs]).tolist() == [17, 18, 19]
+    assert not reader.faults
+
+
 def test_clips_and_values_of_the_source_are_those_of_all_its_instances(ball: Any) -> None:
     _empty("Here", BELLY)
     bpy.context.scene.collection.objects.link(ball)
@@ -204,10 +216,11 @@ def test_a_volume_that_is_to_be_a_mesh_and_is_none_costs_itself(ball: Any) -> No
     ring.hfx.role, ring.hfx.kind, ring.hfx.shape = "EFFECT", "VOLUME", "MESH"
     for each in (ball, ring):
         bpy.context.scene.collection.objects.link(each)
-    description = _read()[1].description
-    assert [each.name for each in description.effects] == ["Ball"]
-    (warning,) = description.warnings
-    assert "'Ring' was left out" in warning and "is a curve object" in warning
+    ball.location = BELLY
+    runs, reader = _read()
+    assert {run.stream.effect_id for run in runs} == {ball.hfx.uid}
+    ((fault, count),) = reader.warnings.items()
+    assert "'Ring'" in fault and "is a curve object" in fault and count == 10
     bpy.context.scene.collection.objects.unlink(ring)
     bpy.data.collections["Source"].objects.link(ring)
     _empty("Here", BELLY)

@@ -99,16 +99,19 @@ def test_an_override_has_values_and_clips_of_its_own_and_survives_saving(
 ) -> None:
     collection = link(library)
     scene = bpy.context.scene
-    collection.override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    collection.override_hierarchy_create(scene, bpy.context.view_layer)
     scene.collection.children.unlink(collection)
     (ours,) = effects.effects_of(scene)
-    ours.hfx.radius = 0.15
-    ours.hfx.amplitude = 3.0
-    ours.hfx.falloff = "linear"
     bpy.context.view_layer.objects.active = ours
     ours.select_set(True)
     scene.frame_set(30)
+    assert effects.is_locked(ours), "as Library Override > Make leaves it"
+    assert bpy.ops.hfx.make_editable() == {"FINISHED"}
+    assert not bpy.ops.hfx.make_editable.poll()
     assert bpy.ops.hfx.add_clip() == {"FINISHED"}
+    ours.hfx.radius = 0.15
+    ours.hfx.amplitude = 3.0
+    ours.hfx.falloff = "linear"
     with pytest.raises(RuntimeError, match="linked file"):
         bpy.ops.hfx.remove_clip(name="Clip")
     saved = tmp_path / "shot.blend"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import oracle
 import pytest
 from hfx_scenes import FPS, small_scene
 
@@ -76,3 +77,30 @@ def test_a_mesh_in_edit_mode_is_felt_as_it_is_edited(small: Any, tmp_path: Path)
     bpy.ops.transform.translate(value=(50.0, 0.0, 0.0))
     assert not _exported(small, tmp_path).engine["contacts"]
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_a_volume_of_a_curve_is_felt_as_it_is_evaluated(scene: Any) -> None:
+    """A square that is extruded more and more is a cuboid that grows."""
+    scene.frame_start, scene.frame_end = 0, 4
+    oracle.add_avatar()
+    cuboid = oracle.add_volume("Cuboid", "pressure", "CUBOID", (0.0, 0.0, 1.1))
+    curve = bpy.data.curves.new("Square", "CURVE")
+    curve.dimensions, curve.fill_mode = "2D", "BOTH"
+    spline = curve.splines.new("POLY")
+    spline.points.add(3)
+    for point, corner in zip(spline.points, ((-1, -1), (1, -1), (1, 1), (-1, 1)), strict=True):
+        point.co = (0.15 * corner[0], 0.15 * corner[1], 0.0, 1.0)
+    spline.use_cyclic_u = True
+    square = bpy.data.objects.new("Square", curve)
+    scene.collection.objects.link(square)
+    square.location = cuboid.location
+    hfx = square.hfx
+    hfx.role, hfx.kind, hfx.modality, hfx.shape = "EFFECT", "VOLUME", "pressure", "MESH"
+    oracle.key(curve, "extrude", [(0, 0.05), (4, 0.3)])
+    oracle.key(cuboid, "hfx.size", [(0, (0.3, 0.3, 0.1)), (4, (0.3, 0.3, 0.6))])
+    samples = oracle.evaluate(scene, rate_hz=24).samples
+    felt, true = (
+        [each.vertices.tolist() for _, each in sorted(samples[name].items())]
+        for name in ("Square", "Cuboid")
+    )
+    assert felt == true and len(felt[4]) > 2 * len(felt[0]) > 0

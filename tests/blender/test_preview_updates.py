@@ -23,7 +23,7 @@ NO_CHANGE = {"HFX_OT_paint_status", "HFX_OT_live_stop_all"}
 
 ELSEWHERE = (
     *("export", "add_avatar", "add_rain", "add_from_library", "feel_fabric", "live_", "paste"),
-    *("update_values", "path_from_library", "paint_begin", "area_from_selection"),
+    *("update_values", "path_from_library", "paint_begin", "area_from_selection", "generate_"),
 )
 """Operators that take long, or lead to no state of their own: they add as others of these do."""
 

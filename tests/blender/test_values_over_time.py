@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import clips
+from hfx_blender.authoring import clips, effects
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.colouring import PALETTES
@@ -171,6 +171,12 @@ def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, 
     assert wide.hidden == 0 and wide.height <= 400.0
     assert wide.positions[:, 0].max() <= 600.0 and wide.positions[:, 1].min() >= 0.0
     assert wide.x_of(0) == wide.left and wide.x_of(48) == wide.width
+    squeeze.hfx.group = "Hug"
+    second = effects.duplicate(squeeze)
+    second.hfx.group, second.hfx.pressure = "Hug", 2.0 * squeeze.hfx.pressure
+    hug, *rest = whole(scene).rows()
+    assert (hug.name, rest) == ("Hug", [])
+    assert hug.values.max() == 2.0 * squeeze.hfx.pressure, "the stronger of both"
     small = value_chart.chart(found, PAPER, 600.0, 60.0)
     assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
     # The curve's box: from frame 10 to frame 20, as high as its share of full scale.

@@ -236,7 +236,7 @@ values = st.recursive(
 
 
 @given(st.sampled_from(sorted(FIRST)), values, st.sampled_from(["put", "remove", "twice", "add"]))
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_schema_and_reader_agree_on_anything(path, value, action):
     name, place = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])

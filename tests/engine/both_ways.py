@@ -1,44 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine with the compiled library and without it."""
+"""The engine with the compiled library, with the phases of contact in numpy, and without it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from unittest import mock
 
 import pytest
 
-from hfx_blender.engine.contact import compiled_target
-from hfx_blender.engine.native import (
-    clusters,
-    skin,
-    skin_binding,
-    skin_filling,
-    skin_outline,
-    turning,
-    volume_boxes,
-)
-from hfx_blender.engine.native.library import library
+from hfx_blender.engine.contact import accumulator, compiled_contacts
+from hfx_blender.engine.native import library
 
-needs_library = pytest.mark.skipif(library() is None, reason="no library was built")
-
-_PARTS = (
-    clusters,
-    skin,
-    skin_binding,
-    skin_filling,
-    skin_outline,
-    compiled_target,
-    turning,
-    volume_boxes,
-)
+needs_library = pytest.mark.skipif(not library.is_there(), reason="no library was built")
 
 
 @contextmanager
 def in_numpy() -> Iterator[None]:
-    """Context without the library, for volumes that have a formula."""
-    with ExitStack() as without:
-        for part in _PARTS:
-            without.enter_context(mock.patch.object(part, "_calls", lambda: None))
+    """Context in which volumes that have a formula go the way of meshes and of details."""
+    with (
+        mock.patch.object(compiled_contacts, "is_possible", lambda query: False),
+        mock.patch.object(accumulator, "is_known", lambda shapes: False),
+    ):
+        yield
+
+
+@contextmanager
+def by_reference() -> Iterator[None]:
+    """Context without the library: contacts are computed by their definition."""
+    with mock.patch.object(library, "is_there", lambda: False):
         yield

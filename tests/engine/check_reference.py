@@ -3,8 +3,8 @@
 
 ``python tests/engine/check_reference.py -o reference.csv`` writes a line for each of 10,000 scenes,
 by how much weights and details differ, and goes on where the file ends. ``--first`` begins at
-another seed, for several runs at once; ``--numpy`` leaves the compiled library out. Not part of the
-test suite, which looks at some such scenes in ``test_reference.py``.
+another seed, for several runs at once; ``--without-library`` judges what is felt where it is
+missing. Not part of the test suite, which looks at some such scenes in ``test_reference.py``.
 
 Known to differ, 8 of the first 10,000: where bones or a surface stretch strongly curved skin, the
 engine's plane beside the volume (``volume/parting.py``) keeps the bulge that skin has at rest, and
@@ -19,7 +19,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from both_ways import in_numpy
+from both_ways import by_reference
 from random_contacts import NEAR, RandomContact
 
 _COLUMNS = ("seed", "difference", "scene")
@@ -30,7 +30,7 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE")
     parser.add_argument("--scenes", type=int, default=10_000, metavar="N")
     parser.add_argument("--first", type=int, default=0, metavar="SEED")
-    parser.add_argument("--numpy", action="store_true", help="without the compiled library")
+    parser.add_argument("--without-library", action="store_true", help="as where it is missing")
     options = parser.parse_args()
     done = _rows(options.output)
     with options.output.open("a", newline="", encoding="utf-8") as file:
@@ -40,7 +40,7 @@ def main() -> int:
         for seed in range(options.first, options.first + options.scenes):
             if seed not in done:
                 case = RandomContact(seed)
-                with in_numpy() if options.numpy else nullcontext():
+                with by_reference() if options.without_library else nullcontext():
                     done[seed] = case.difference
                 writer.writerow((seed, f"{done[seed]:.3g}", str(case)))
                 file.flush()

@@ -25,7 +25,8 @@ from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 TIMES = 6
 BODY, POSE = model(), pose(TIMES)
 SKIN = SkinCoverage(BODY, PAPER)
-BOUND = BodySkin(SKIN, lambda body, clusters: SkinnedModel(body, SkinBinding(BONES), clusters))
+BINDING = SkinBinding(BONES)
+BOUND = BodySkin(SKIN, BINDING, lambda body, clusters: SkinnedModel(body, BINDING, clusters))
 WORLD = np.stack([skinned(BODY, POSE, row) for row in range(TIMES)])
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body.cells import cell_of_skin
-from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.skin.cell_coverage import (
     SkinCoverage,
@@ -20,7 +20,6 @@ from hfx_blender.engine.skin.cell_coverage import (
     sample_distance_m,
     spacing_m,
 )
-from hfx_blender.engine.skin.skin_quads import Quads
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
@@ -75,6 +74,13 @@ class _Patch:
         return np.bincount(owner, values, len(counts))
 
 
+def _places(model: PerceptualModel, ring: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Shares of the ways to both other corners at which the quad of the first has its corners."""
+    zero, one, two = 1.0 / np.sqrt(model.areas_m2[ring].astype(np.float64)).T
+    whole = zero + one + two
+    return one / (zero + one), two / (zero + two), one / whole, two / whole
+
+
 @pytest.mark.parametrize("model_id", MODELS)
 @pytest.mark.parametrize("tolerance", [STANDARD, PREVIEW, PAPER], ids=lambda t: t.name)
 def test_the_shares_of_a_cell_add_up(model_id: str, tolerance: Tolerance) -> None:
@@ -107,7 +113,7 @@ def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> 
         other = corners[patch.around[:, 1]] - corners[patch.unit_of]
         doubled = np.linalg.norm(np.cross(one, other), axis=1)
         ring = np.stack([patch.unit_of, *patch.around.T], axis=1)
-        edge, side, inner, inner_2 = Quads.of(model, patch.vertices[ring]).places
+        edge, side, inner, inner_2 = _places(model, patch.vertices[ring])
         # A quad from the corner over both edge places: two triangles over the inner place.
         share = 0.5 * (edge * inner_2 + side * inner)
         ratios.append(
@@ -143,7 +149,7 @@ def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tole
             steps = int(patch.steps[quad])
             first = int(patch.sample_starts[quad])
             one, other = table.samples[:2, first : first + steps * steps]
-            edge, side, inner, inner_2 = Quads.of(model, patch.vertices[rings[[quad]]]).places[:, 0]
+            edge, side, inner, inner_2 = _places(model, patch.vertices[rings[quad]])
             ticks = np.linspace(0.0, 1.0, 4)
             for k in range(steps * steps):
                 s, t = np.meshgrid((k // steps + ticks) / steps, (k % steps + ticks) / steps)

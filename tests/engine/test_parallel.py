@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from both_ways import in_numpy, needs_library
+from both_ways import by_reference, needs_library
 
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
@@ -228,7 +228,7 @@ def test_two_processors_are_left_to_threads_that_have_much_to_do(
 
 
 def test_without_the_library_there_are_no_threads() -> None:
-    with in_numpy():
+    with by_reference():
         assert Engine(_scene(), threads=2).threads is None
     assert Engine(_scene()).threads is None
 

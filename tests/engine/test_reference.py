@@ -6,7 +6,7 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from both_ways import in_numpy, needs_library
+from both_ways import by_reference, needs_library
 from coverage_synthetic import SIDE_M, ball, placed, rigid, sheet
 from distorted_scenes import FALLOFFS, DistortedScene, load
 from engine_synthetic import BONES
@@ -50,7 +50,7 @@ def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS[::4])
 def test_the_engine_without_its_library_does_so_too(seed: int) -> None:
     case = RandomContact(seed)
-    with in_numpy():
+    with by_reference():
         assert case.difference < NEAR, case
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import os
 import re
@@ -32,6 +33,9 @@ import native_build  # noqa: E402
 import native_wheel  # noqa: E402
 
 SHIPPED = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "maintenance" not in path.parents]
+IMPORTED = functools.cache(addon_wheels.imported)
+"""Reads the whole package: once is enough for all tests that change nothing of it."""
+
 SHIPPED_CHILDREN = [name for name in CHILDREN if not name.startswith("maintenance.")]
 
 
@@ -88,6 +92,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         raise AssertionError("a test must not fetch anything")
 
     monkeypatch.setattr(addon_wheels, "_download", no_download)
+    monkeypatch.setattr(addon_wheels, "imported", IMPORTED)
     monkeypatch.setattr(build_addon, "DATA", ())  # quicker
     yield folder
 
@@ -134,6 +139,8 @@ def test_left_out_commands_say_where_they_are(
     for command in ("demo", "body", "bench", "texture board"):
         assert cli.run([*command.split(), "--json"]) == 2
         assert f"'{command}' is not part of the extension" in capsys.readouterr().err
+    assert cli.run(["texture", "generate", "--back-end", "diffusers", "--model", "m"]) == 2
+    assert "'--back-end diffusers' is not part of the extension" in capsys.readouterr().err
     assert cli.run(["texture", "list"]) == 0
 
 
@@ -212,6 +219,14 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
         assert sum(platform.runs(tag) for tag in tags) == 1
     with zipfile.ZipFile(small) as archive:
         assert sorted(name for name in archive.namelist() if name.endswith(".whl")) == names
+        own = max(archive.getinfo(name).compress_size for name in names)
+    size = small.stat().st_size + (len(names) - 1) * own  # the others are stand-ins
+    for page, sentence in (
+        ("README.md", r"\((\d+) MB\), as"),
+        ("docs/native.md", r", (\d+) MB, b"),
+    ):
+        (told,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
+        assert float(told) == pytest.approx(size / 1e6, abs=0.7)
     done = _validated(small)
     assert done.returncode == 0, done.stdout + done.stderr
 

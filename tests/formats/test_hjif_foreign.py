@@ -301,6 +301,24 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
     assert any(each.severity == "error" for each in rules.findings(document))
 
 
+def test_anything_in_a_composition_is_read_without_it():
+    """The standard's schema says nothing of what is in a composition."""
+    parts = [basis((0, 0.5, 100), (400, 0.5, 200)), {"effect_type": True}, {"id": "x"}, 7]
+    whole = {"effect_type": "Composite", "position": 100, "composition": parts}
+    limits = {"lower_frequency_limit": 65, "upper_frequency_limit": 300}
+    band = {"band_type": "VectorialWave", **limits, "effects": [whole]}
+    found = signal_of(channel_with(band))
+    assert found.amplitude.at([0.05, 0.3]) == pytest.approx([0.0, 0.5])
+    assert any("HJIF-TYPE" in each for each in found.notes)
+
+
+def test_unknown_members_of_a_vector_are_only_unknown():
+    document = channel_with()
+    vector = {"X": 1, "Y": 1, "Z": 1, "size": []}
+    document["perceptions"][0]["channels"][0]["actuator_resolution"] = vector
+    assert "HJIF-UNKNOWN" in {each.code for each in rules.findings(document)}
+
+
 def test_strict_findings_name_the_tool():
     document = channel_with()
     early(document)

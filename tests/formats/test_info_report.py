@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -117,6 +118,28 @@ def test_shipped_effects_and_paths_are_valid_and_told(capsys):
     assert all(each["where"] in of for each, of in zip(facts["effects"], named, strict=True))
     code, out, _ = info(capsys, files[-1], "--json")
     assert json.loads(out)["points"] == len(json.loads(files[-1].read_text())["points_m"])
+
+
+def test_a_folder_is_checked_with_those_below_it(tmp_path, capsys):
+    (tmp_path / "Anna").mkdir()
+    (tmp_path / "Anna" / "x.haptic").write_text("{}")
+    (tmp_path / ".stage").mkdir()
+    (tmp_path / ".stage" / "y.haptic").write_text("{}")
+    (tmp_path / "notes.txt").write_text("not ours")
+    (tmp_path / "chart.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"><g/></svg>')
+    (tmp_path / "scene.blend").write_bytes(b"BLENDER-v405")
+    assert cli.run(["validate", str(tmp_path), "--json"]) == 5
+    found = {Path(each["file"]).name: each for each in json.loads(capsys.readouterr().out)}
+    assert {name: each["is_valid"] for name, each in found.items()} == {
+        "x.haptic": False,
+        "chart.svg": True,
+        "scene.blend": True,
+    }
+    (tmp_path / "chart.svg").write_text("<svg><g></svg>")
+    (tmp_path / "scene.blend").write_bytes(b"something")
+    assert cli.run(["validate", str(tmp_path)]) == 3
+    (tmp_path / "empty").mkdir()
+    assert cli.run(["validate", str(tmp_path / "empty")]) == 3
 
 
 @pytest.mark.parametrize("suffix", [".hfxeffect", ".hfxpath"])

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.device_output import BhapticsEncoder
-from hfx_blender.formats import registry, tact, tact_rules
+from hfx_blender.formats import npz_raster, registry, tact, tact_rules
 from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.tact_layouts import Motor, motors_of
 
 BACK = Motor("Vest", "VestBack", 0)
@@ -264,3 +265,28 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     assert "x.phone.phone.v1.he" in {path.name for path in made.files}
     (sentence,) = made.left_out
     assert "'back_pad'" in sentence and "16 events" in sentence
+
+
+def test_a_file_of_a_suit_is_played_by_the_device_of_its_dots(tmp_path):
+    """Dot 13 of the front and dot 2 of the back, by the maker's numbers, are motors of the suit."""
+    lit = {"startTime": 0, "endTime": 400, "playbackType": "NONE"}
+    found = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
+    (effect,) = found["project"]["tracks"][0]["effects"]
+    for position, index, level in (("VestFront", 13, 0.75), ("VestBack", 2, 0.5)):
+        dots = [{"index": index, "intensity": level}]
+        mode = {"mode": "DOT_MODE", "pathMode": {"feedback": []}}
+        mode["dotMode"] = {"dotConnected": False, "feedback": [{**lit, "pointList": dots}]}
+        effect["modes"][position] = mode
+    (tmp_path / "x.tact").write_bytes(encoded(found))
+    convert(tmp_path / "x.tact", tmp_path / "x.raster.npz", device="bhaptics_tactsuit_x40")
+    raster = npz_raster.read(tmp_path / "x.raster.npz")
+    suit = load_device("bhaptics_tactsuit_x40")
+    motors = dict(zip(suit.output.encoder.dots, suit.actuators, strict=True))
+    full = suit.actuators[0].type.strength.highest
+    levels = {
+        column.actuator: values[50] / full
+        for column, values in zip(raster.columns, raster.values.T, strict=True)
+        if column.parameter == "amplitude_m_s2"
+    }
+    for dot, level in ((("VestFront", 13), 0.75), (("VestBack", 2), 0.5), (("VestBack", 3), 0.0)):
+        assert levels[motors[dot].id] == pytest.approx(level)

@@ -115,6 +115,14 @@ def test_metadata_of_wrong_types_is_refused_by_validate(metadata):
     assert haptic.decode(encoded(document), "x")[0][0].notes
 
 
+def test_members_that_metas_reader_takes_as_missing_may_be_null():
+    document = clip([(0.0, 0.5), (1.0, 0.5)])
+    document["signals"]["continuous"]["envelopes"]["amplitude"][0]["emphasis"] = None
+    assert haptic.validate(encoded(document), "x") == []
+    document["version"]["minor"] = 2**32  # which that reader holds in 32 bits
+    assert errors(haptic.validate(encoded(document), "x")) == ["HAPTIC-RANGE"]
+
+
 def pattern_event(**members):
     parameters = {"Intensity": 100, "Frequency": 50}
     found = {"Type": "continuous", "RelativeTime": 0, "Duration": 400, "Parameters": parameters}

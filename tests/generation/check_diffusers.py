@@ -33,9 +33,15 @@ from diffusers import (
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTextModelWithProjection, CLIPTokenizer
 
 from hfx_blender.errors import InputError
-from hfx_blender.generation import decoder_pairs, diffusion, generated, touch_decoder
-from hfx_blender.generation.decoder_training import DecoderTraining, TrainingSettings
-from hfx_blender.generation.model_folder import CancelledError, Latents, ModelFolder, check_folder
+from hfx_blender.generation import generated
+from hfx_blender.maintenance.diffusion import decoder_pairs, diffusion, touch_decoder
+from hfx_blender.maintenance.diffusion.decoder_training import DecoderTraining, TrainingSettings
+from hfx_blender.maintenance.diffusion.model_folder import (
+    CancelledError,
+    Latents,
+    ModelFolder,
+    check_folder,
+)
 
 TEXELS = 64
 PAIRS = decoder_pairs.LibraryPairs(TEXELS, count=4000)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -47,8 +48,19 @@ class Shares:
     values_within: int = 0
 
 
-def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
-    """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What a player is told at a row of a walk, and what the engine has felt there."""
+
+    bones: np.ndarray  # (B, 3, 4) rest space to world, of the clip's bones
+    volumes: np.ndarray  # (E, 3, 4)
+    levels: np.ndarray  # (E,)
+    felt: list[np.ndarray]  # of each effect weight times level, (V,) of its model in the clip
+    values: np.ndarray  # (C,) at level 0: what actuators are given
+
+
+def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment]]:
+    """A walk's clip, and its moments as the engine feels them at tolerance ``paper``."""
     whole = _models(made)
     coarse = {
         id: replace(at_level(model, _least(model, level))[0], id=id) for id, model in whole.items()
@@ -56,32 +68,48 @@ def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
     runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(made.block)
     path, bones, given = _written(made, folder, level, runs if level == 0 else [])
     sections = rules.read(path.read_bytes(), str(path))
-    body = Body(Clip(path.read_bytes()))
-    assert body.error == 0
     felt = {run.stream.effect_id: run for run in runs}
-    models_at = {
+    ranks = {
         text: _ranks(sections["VERT"]["id"][int(at["first_vertex"]) :][: int(at["vertices"])])
         for text, at in zip(
             texts_at(sections, sections["MODL"]["id"]), sections["MODL"], strict=True
         )
     }
-    for row in range(len(made.matrices)):
-        body.set_bones(made.matrices[row, bones])
-        for k, animated in enumerate(made.block.effects):
-            body.set_volume(k, animated.matrices[row, :3])
-            body.trigger(k, float(animated.levels[row]))
+    return path, (
+        Moment(
+            made.matrices[row, bones],
+            np.array([animated.matrices[row, :3] for animated in made.block.effects]),
+            np.array([animated.levels[row] for animated in made.block.effects]),
+            [
+                _expected(felt.get(each.id), row, len(coarse[each.model_id]))[ranks[each.model_id]]
+                for each in made.scene.effects
+            ],
+            given[row],
+        )
+        for row in range(len(made.matrices))
+    )
+
+
+def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
+    """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
+    path, told = moments(made, folder, level)
+    sections = rules.read(path.read_bytes(), str(path))
+    body = Body(Clip(path.read_bytes()))
+    assert body.error == 0
+    full = sections["COLM"]["highest"] - sections["COLM"]["lowest"]
+    for row, moment in enumerate(told):
+        body.set_bones(moment.bones)
+        for k, matrix in enumerate(moment.volumes):
+            body.set_volume(k, matrix)
+            body.trigger(k, float(moment.levels[k]))
         out = body.evaluate(1.0 / RATE_HZ if row else 0.0)
         if level == 0:
-            full = sections["COLM"]["highest"] - sections["COLM"]["lowest"]
-            differs = np.abs(out - given[row]) > full / 255.0
-            is_given = (given[row] != sections["COLM"]["neutral"]) | differs
+            differs = np.abs(out - moment.values) > full / 255.0
+            is_given = (moment.values != sections["COLM"]["neutral"]) | differs
             shares.values += int(np.count_nonzero(is_given))
             shares.values_within += int(np.count_nonzero(is_given & ~differs))
-        for k, effect in enumerate(made.scene.effects):
+        for k, expected in enumerate(moment.felt):
             found = body.weights(k) * body.level(k)
-            expected = _expected(felt.get(effect.id), row, len(coarse[effect.model_id]))[
-                models_at[effect.model_id]
-            ]
             is_felt = (found > 0.0) | (expected > 0.0)
             shares.samples += int(np.count_nonzero(is_felt))
             is_right = np.abs(found - expected) <= 1.0 / 255.0

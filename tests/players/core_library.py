@@ -27,6 +27,7 @@ _SOURCE = """\
 #define HFX_API __attribute__((visibility("default")))
 #endif
 #include "hfx_player.h"
+#include "../native/live_body.c"
 HFX_API int sizes(int which);
 HFX_API int sizes(int which) {
   return (int)(which == 0 ? sizeof(hfx_clip) : which == 1 ? sizeof(hfx_player) : sizeof(hfx_body));
@@ -74,7 +75,7 @@ def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path
 
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
-    """The core as a library."""
+    """The core, and what engines call of it, as a library."""
     folder = tempfile.mkdtemp(prefix="hfx_players_")
     made = compiled(_SOURCE, Path(folder, "core.so"), "-std=c99", "-shared", "-fPIC")
     core = ctypes.CDLL(str(made))
@@ -85,7 +86,9 @@ def library() -> ctypes.CDLL:
     core.hfx_body_weights.restype = ctypes.POINTER(ctypes.c_float)
     core.hfx_body_level.restype = ctypes.c_double
     core.hfx_clip_seconds.restype = core.hfx_player_position.restype = ctypes.c_double
-    core.hfx_error_text.restype = ctypes.c_char_p
+    core.hfx_error_text.restype = core.hfx_live_error.restype = ctypes.c_char_p
+    core.hfx_live_open.restype = ctypes.c_void_p
+    core.hfx_live_level.restype = ctypes.c_double
     return core
 
 

@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from check_spatial import moments
 from clip_cases import DEMOS, SPECS, Case, cases
+from walkers import RATE_HZ, walk
 
 FOLDER = Path(__file__).resolve().parents[2] / "players" / "conformance"
 _MOST_VALUES = 2500  # of a clip
@@ -78,6 +80,28 @@ def _values(call: str, values: np.ndarray, slack: np.ndarray) -> str:
     return f"{call} = {shown}"
 
 
+def write_walk(folder: Path) -> None:
+    """Write ``walk``: a body among volumes at a coarse level, and what the engine feels there."""
+    with tempfile.TemporaryDirectory() as name:
+        path, told = moments(walk(4, 0.15, volumes=8, responds=True), Path(name), 3)
+        lines = []
+        for row, moment in enumerate(told):
+            lines += [f"bone {k} {_numbers(at)}" for k, at in enumerate(moment.bones)]
+            for k, (matrix, level) in enumerate(zip(moment.volumes, moment.levels, strict=True)):
+                lines.append(f"volume {k} {level:.9g} {_numbers(matrix)}")
+            lines.append(f"evaluate {1.0 / RATE_HZ if row else 0.0:.9g}")
+            for k, felt in enumerate(moment.felt):
+                each = (f"{v}:{felt[v]:.4f}" for v in np.flatnonzero(felt))
+                lines.append(" ".join((f"felt {k}", *each)))
+        folder.mkdir(exist_ok=True)
+        shutil.copy(path, folder / "walk.hfxclip")
+    (folder / "walk.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _numbers(matrix: np.ndarray) -> str:
+    return " ".join(f"{each:.7g}" for each in matrix.ravel())
+
+
 def main() -> None:
     for old in (*FOLDER.glob("*.hfxclip"), *FOLDER.glob("*.txt")):
         old.unlink()
@@ -85,7 +109,8 @@ def main() -> None:
         for case in cases(Path(name)):
             shutil.copy(case.path, FOLDER / case.path.name)
             (FOLDER / f"{case.name}.txt").write_text(script_of(case), encoding="utf-8")
-    total = sum(each.stat().st_size for each in FOLDER.iterdir())
+    write_walk(FOLDER / "spatial")
+    total = sum(each.stat().st_size for each in FOLDER.rglob("*"))
     count = len(SPECS) + len(DEMOS)
     sys.stdout.write(f"{count} clips, {total / 2**20:.2f} MiB in {FOLDER}\n")
 

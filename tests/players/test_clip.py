@@ -85,6 +85,16 @@ def test_a_part_loops_and_a_loop_takes_end_and_beginning_into_one_frame() -> Non
     assert found == pytest.approx([2, 5, 2, 2, 5], abs=1e-3)
 
 
+def test_texts_are_utf_8() -> None:
+    assert Clip(by_hand(TEXT=TEXT + "é \uffff 触覚 \U0010ffff".encode() + b"\0")).error == 0
+    # A slash in two bytes, a surrogate, above 10FFFF, cut off, a byte that leads nothing.
+    for text in (b"\xc0\xaf", b"-\xed\xa0\x80", b"\xf4\x90\x80\x80", b"a\xe2\x82", b"\x80"):
+        content = by_hand(TEXT=TEXT + text + b"\0")
+        assert Clip(content).error == -5
+        with pytest.raises(InputError, match=f"TEXT' byte {len(TEXT)}|byte {len(TEXT) + 1}"):
+            rules.read(content, "x")
+
+
 def test_gain_parameter_and_silence() -> None:
     player = Player(Clip(by_hand()))
     player.seek(0.4)
@@ -133,6 +143,21 @@ def test_a_hostile_clip_is_refused_with_its_field(
     told = capsys.readouterr().err
     assert field in told and str(path) in told
     assert run(["validate", str(path)]) == 3
+
+
+def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path: Path) -> None:
+    """Reserved words by the offsets of the page; a player may pass over them, a check may not."""
+    good = (ROOT / "players/conformance/everything.hfxclip").read_bytes()
+    count = struct.unpack_from("<I", good, 20)[0]
+    table = {good[24 + 16 * k :][:4]: 24 + 16 * k for k in range(count)}
+    first = {name: struct.unpack_from("<I", good, at + 4)[0] for name, at in table.items()}
+    path = tmp_path / "x.hfxclip"
+    for at in (table[b"ACTR"] + 12, first[b"ACTR"] + 84):
+        path.write_bytes(sealed(good[:at] + struct.pack("<I", 7) + good[at + 4 :]))
+        assert run(["validate", str(path)]) == 3
+    again = sealed(good[: table[b"VALU"]] + b"ROWS" + good[table[b"VALU"] + 4 :])
+    with pytest.raises(InputError, match="occurs twice"):
+        rules.read(again, "x")
 
 
 def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
@@ -197,3 +222,60 @@ def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFi
     human = [bytes(sections["TEXT"])[k:].split(b"\0")[0] for k in sections["ACTR"]["human"]]
     assert human == [b"leftHand", b"rightHand"]
     assert run(["convert", str(tmp_path / "touch.hfxtrack"), str(made)]) == 2  # no device
+    assert run(["convert", str(made), str(tmp_path / "x.csv")]) == 2
+    assert "game clip cannot be converted" in capsys.readouterr().err
+
+
+DEVICE = {
+    "schema": "hfx-device",
+    "version": 1,
+    "id": "touch",
+    "name": "Touch",
+    "description": "One motor.",
+    "actuator_types": {
+        "motor": {
+            "modality": "vibration",
+            "latency_ms": 20,
+            "parameters": {
+                "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 4},
+                "frequency_hz": {"unit": "Hz", "minimum": 60, "maximum": 160},
+            },
+        }
+    },
+    "actuators": [
+        {
+            "id": "touch",
+            "type": "motor",
+            "place": {
+                "placement": {"parts": ["torso"], "centre_m": [0, -0.1, 1.2], "radius_m": 0.1}
+            },
+        }
+    ],
+}
+
+
+def test_a_clip_is_played_by_the_output_process_with_its_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, device, log = (tmp_path / each for each in ("x.hfxclip", "touch.json", "log.jsonl"))
+    clip.write_bytes(by_hand(TIME=struct.pack("<ddII", 20.0, 7.0, 10, 0)))
+    device.write_text(json.dumps(DEVICE))
+    start = ["play", str(clip), "--device", str(device), "--to", "simulator", "--path", str(log)]
+    assert run(start) == 0
+    rows = [json.loads(line) for line in log.read_text().splitlines()]
+    sent = [(row["time_s"] - rows[0]["time_s"], *row["values"]) for row in rows if "values" in row]
+    loud = [each for each in sent if each[1] > 0.0]
+    # 2 at 160 Hz from 0.15 s on, 5 at 60 Hz from 0.2 to 0.5 s, where this motor's limit is 4.
+    # Late on a busy machine, never early; its 20 ms are in the rows already.
+    assert loud[0][0] > 0.14 and loud[0][2] == 160.0 and loud[0][1] <= 2.001
+    assert max(each[1] for each in loud) == 4.0 and loud[-1][2] == 60.0
+    assert sent[-1][1] == 0.0 and "stop" in rows[-1]
+    capsys.readouterr()
+    device.write_text(json.dumps({**DEVICE, "id": "belt"}))
+    assert run(start) == 3
+    assert f"{clip}: it has no values for 'belt'; it has those of: 'touch' on" in (
+        capsys.readouterr().err
+    )
+    device.write_text(json.dumps(DEVICE).replace('"id": "touch", "type"', '"id": "finger", "type"'))
+    assert run(start) == 3
+    assert "touch amplitude_m_s2 where its configuration has finger" in capsys.readouterr().err

@@ -18,7 +18,7 @@ NAMES = sorted(each.stem for each in FOLDER.glob("*.txt"))
 def test_the_folder_is_complete_and_small() -> None:
     assert len(NAMES) == 50
     assert {each.stem for each in FOLDER.glob("*.hfxclip")} == set(NAMES)
-    assert sum(each.stat().st_size for each in FOLDER.iterdir()) < 5e6
+    assert sum(each.stat().st_size for each in FOLDER.rglob("*")) < 5e6
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ...engine.rendering.room import SETTING, PlaySpace
 from ...engine.track import TrackReader
 from ...errors import InputError
 from .live_frame import LiveFrame
+
+if TYPE_CHECKING:
+    from .client import LiveClient
 
 
 class PlayedTrack:
@@ -36,6 +39,8 @@ class PlayedTrack:
         Times of the first sample, and after the last one, on the clock of the recorded scene.
     sample_s : float
         Time from one sample to the next.
+    latencies_ms : iterable of float
+        Latencies of actuators that :meth:`show` compensates; none at first.
 
     Raises
     ------
@@ -43,8 +48,11 @@ class PlayedTrack:
         It cannot be read, or has no such body.
     """
 
+    is_rendered = True
+
     def __init__(self, path: Path, body: str | None = None) -> None:
         self.path = path
+        self.latencies_ms: Iterable[float] = ()
         self._reader = TrackReader(path)
         try:
             self.header = of_one_moment(self._reader.header)
@@ -73,6 +81,15 @@ class PlayedTrack:
     def close(self) -> None:
         """Close the file; may be called again."""
         self._reader.close()
+
+    def begin(self, client: LiveClient) -> None:
+        """Describe the recorded scene to the devices that are connected."""
+        client.describe(self.header, self.body_id)
+
+    def show(self, client: LiveClient, time_s: float) -> None:
+        """Let the devices play what is felt at a time."""
+        later_s = {ms: time_s + ms / 1000.0 for ms in self.latencies_ms}
+        client.show(self.frame(time_s, later_s=later_s))
 
     def time_s(self, frame: float, fps: float) -> float:
         """Time of a frame of a scene that plays ``fps`` frames a second."""

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plays a track on devices in real time, without Blender; it ends in silence, whatever ends it."""
+"""Plays a track or clip on devices in real time, without Blender; it always ends in silence."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from typing import Final
+from collections.abc import Callable
+from typing import Final, Protocol
 
 from ...errors import DeviceError
 from .client import LiveClient
 from .device_state import DeviceState
-from .live_frame import LiveFrame
-from .played_track import PlayedTrack
 from .render_process import SCENE_S
 
 _STEPS_S: Final = (0.01, 0.05)
@@ -21,23 +19,33 @@ _FADE_S: Final = 0.1
 """Time for the last ramp of a device, seconds."""
 
 
+class Source(Protocol):
+    """Interface of a file that is played: a track, or a clip."""
+
+    is_rendered: bool  # by the output process
+    start_s: float
+    end_s: float
+    sample_s: float
+
+    def begin(self, client: LiveClient) -> None: ...
+
+    def show(self, client: LiveClient, time_s: float) -> None: ...
+
+
 def play(
-    track: PlayedTrack,
+    source: Source,
     client: LiveClient,
     *,
-    latencies_ms: Iterable[float] = (),
     from_s: float | None = None,
     offset_s: float = 0.0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[DeviceState]:
-    """Play a track once on the connected devices of a client; returns those that failed meanwhile.
+    """Play a file once on the connected devices of a client; returns those that failed meanwhile.
 
     Parameters
     ----------
-    latencies_ms : iterable of float
-        Latencies of actuators that are compensated.
     from_s : float, optional
-        Begin there, on the track's clock.
+        Begin there, on the source's clock.
     offset_s : float
         The longest delay of a device: the end waits for it.
     progress : callable
@@ -50,33 +58,30 @@ def play(
     InputError
         The file is damaged.
     """
-    latencies_ms = tuple(latencies_ms)
     try:
-        client.describe(track.header, track.body_id)
-        _await_devices(client)
-        begin_s = track.start_s if from_s is None else from_s
-        length_s = max(track.end_s - begin_s, 1e-9)
-        step_s = min(max(track.sample_s, _STEPS_S[0]), _STEPS_S[1])
+        source.begin(client)
+        _await_devices(client, is_prepared=not source.is_rendered)
+        begin_s = source.start_s if from_s is None else from_s
+        length_s = max(source.end_s - begin_s, 1e-9)
+        step_s = min(max(source.sample_s, _STEPS_S[0]), _STEPS_S[1])
         begun = time.monotonic()
-        while (now_s := begin_s + time.monotonic() - begun) < track.end_s:
-            client.show(
-                track.frame(now_s, later_s={ms: now_s + ms / 1000.0 for ms in latencies_ms})
-            )
+        while (now_s := begin_s + time.monotonic() - begun) < source.end_s:
+            source.show(client, now_s)
             _live_on(client, step_s)
             progress((now_s - begin_s) / length_s)
         progress(1.0)
         ended = time.monotonic()
         while time.monotonic() - ended < offset_s + _FADE_S:
-            client.show(LiveFrame(track.end_s, ()))
+            source.show(client, source.end_s + source.sample_s)  # of which nothing is felt
             _live_on(client, _STEPS_S[0])
         return _failed(client)
     finally:
-        client.stop_all("the track has ended")
+        client.stop_all("the end was reached")
 
 
-def _await_devices(client: LiveClient) -> None:
-    """Wait until the scene can be rendered and each device plays, or has failed."""
-    deadline, is_prepared = time.monotonic() + SCENE_S, False
+def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
+    """Wait until what is to be rendered is prepared and each device plays, or has failed."""
+    deadline = time.monotonic() + SCENE_S
     while time.monotonic() < deadline:
         client.heartbeat()
         is_prepared |= any(each.event == "prepared" for each in client.events())

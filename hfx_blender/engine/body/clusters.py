@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from ..arrays import I32
 from ..native import clusters as native
+from ..native import library
 from .model import PerceptualModel
 
 LEAF_SIZE = 128
@@ -31,34 +32,9 @@ def clusters_of(
     Returns
     -------
     list of (n,) int32
-        Ascending vertex ids; every vertex is in exactly one cluster.
+        Ascending vertex ids; every vertex is in exactly one cluster. Without the compiled library
+        parts stay whole: their sizes only matter to it.
     """
     label = model.part.astype(np.int32) * 4 + model.side
     pieces = [np.flatnonzero(label == value).astype(np.int32) for value in np.unique(label)]
-    if native.is_there():
-        return native.split(pieces, model.vertices, load, leaf_size)
-    leaves: list[I32] = []
-    if load is None:
-        load = np.ones(len(model), np.int64)
-    for ids in pieces:
-        _split(ids, model.vertices, load, leaf_size, leaves)
-    return leaves
-
-
-def _split(
-    ids: I32,
-    vertices: npt.NDArray[np.float32],
-    load: npt.NDArray[np.int64],
-    leaf_size: int,
-    leaves: list[I32],
-) -> None:
-    """Halve ``ids`` at the median of its longest axis until every piece is small enough."""
-    if len(ids) <= 1 or int(load[ids].sum()) <= leaf_size:
-        leaves.append(np.sort(ids))
-        return
-    points = vertices[ids]
-    axis = int(np.argmax(np.ptp(points, axis=0)))
-    order = np.argsort(points[:, axis], kind="stable")
-    middle = len(ids) // 2
-    _split(ids[order[:middle]], vertices, load, leaf_size, leaves)
-    _split(ids[order[middle:]], vertices, load, leaf_size, leaves)
+    return native.split(pieces, model.vertices, load, leaf_size) if library.is_there() else pieces

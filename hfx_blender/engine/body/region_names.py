@@ -64,6 +64,6 @@ FINER: Final = (
     Region("sole", "Soles", LEGS),
     Region("toes", "Toes", LEGS),
 )
-"""What head, trunk, limbs, fingers and feet consist of."""
+"""Finer regions of head, trunk, limbs, fingers and feet."""
 
 REGIONS: Final = (*PARTS_BY_NAME, *FINER)

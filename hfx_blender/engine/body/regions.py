@@ -24,7 +24,7 @@ _FRONT: Final = np.array([0.0, -1.0, 0.0])  # in rest space
 
 
 class _Skin:
-    """What regions are told by, for all vertices of a model."""
+    """Properties that tell regions apart, for all vertices of a model."""
 
     def __init__(self, model: PerceptualModel) -> None:
         self._part = model.part

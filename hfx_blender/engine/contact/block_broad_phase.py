@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 
 from ..active_rows import posed_rows
-from ..arrays import F64, I64, Bool
+from ..arrays import F64, I64
 from ..kinematics.motion import turned_by
+from ..native import library
 from ..native import volume_boxes as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
@@ -22,9 +23,6 @@ from .contacts import bounds_of, box_of
 
 _FEWEST: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""
-
-_UPRIGHT: Final = 0.05
-"""Determinant over the product of the columns' lengths: far above that of flattened matrices."""
 
 _ROUNDING: Final = 1e-12
 
@@ -69,8 +67,11 @@ class BlockBroadPhase:
     def is_clear(self, animated: EffectBlock, body: BodyDescription, model_id: str) -> bool:
         """Test that a volume surely touches no skin of a model on a body, at any time of the block.
 
-        A volume that is flattened or not a number is never clear: it is to be told of.
+        A volume that is flattened or not a number is never clear: it is to be told of. Without the
+        compiled library nothing is.
         """
+        if not library.is_there():
+            return False
         boxes = self._boxes
         if boxes is None:
             boxes = self._boxes = _VolumeBoxes(self._block)
@@ -117,8 +118,7 @@ class _VolumeBoxes:
         matrices = np.concatenate([each.matrices for each in volumes if each.matrices is not None])
         levels = np.concatenate([each.levels for each in volumes])
         shape = len(volumes), len(block.indices)
-        made = native.volume_boxes if native.is_there() else _boxes
-        self._low, self._high, self._sure = made(
+        self._low, self._high, self._sure = native.volume_boxes(
             matrices.reshape(*shape, 4, 4), levels.reshape(shape), _bounds(volumes)
         )
 
@@ -143,40 +143,3 @@ def _bounds(volumes: list[EffectBlock]) -> F64:
             box = np.stack([low.min(axis=0), high.max(axis=0)])
         boxes.append(box)
     return np.concatenate(boxes).reshape(-1, 2, 3)
-
-
-def _boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
-    """See :func:`..native.volume_boxes.volume_boxes`."""
-    # Rows where a volume is off may hold anything; rows before count if it was on there.
-    on = levels > 0.0
-    low, high = bounds[:, 0], bounds[:, 1]
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    linear, origins = matrices[..., :3, :3], matrices[..., :3, 3]
-    with np.errstate(all="ignore"):
-        lengths = np.sqrt(np.square(linear).sum(axis=2))
-        upright = np.abs(_determinants(linear)) >= _UPRIGHT * lengths.prod(axis=2)
-        sizes = (lengths > 1e-90) & (lengths < 1e90)
-        usable = upright & sizes.all(axis=2) & np.isfinite(origins).all(axis=2)
-        is_sure: Bool = (~on | usable).all(axis=1)
-        centres = np.einsum("etij,ej->eti", linear, middle) + origins
-        reaches = np.einsum("etij,ej->eti", np.abs(linear), half)
-        arms = np.einsum("etij,ej->eti", np.abs(linear), np.abs(middle) + half)
-        reaches += _ROUNDING * (arms + np.abs(origins))
-        # Between two rows a turning volume stays within its longest arm of both boxes.
-        turns = (linear[:, 1:] != linear[:, :-1]).any(axis=(1, 2, 3))
-        longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1, initial=0.0, where=on))
-        swing = np.where(turns, longest, 0.0)[:, None]
-        counts = on[..., None]
-        lowest = (centres - reaches).min(axis=1, initial=np.inf, where=counts) - swing
-        highest = (centres + reaches).max(axis=1, initial=-np.inf, where=counts) + swing
-    return lowest, highest, is_sure
-
-
-def _determinants(linear: F64) -> F64:
-    a, b, c = (linear[..., k, :] for k in range(3))
-    found: F64 = (
-        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
-        - a[..., 1] * (b[..., 0] * c[..., 2] - b[..., 2] * c[..., 0])
-        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
-    )
-    return found

@@ -17,6 +17,7 @@ from ..native.skin import PosedBones
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
+from ..skin.surface_posing import PointwiseModel
 from ..volume.mesh import MeshVolume
 from ..volume.placing_matrix import world_bounds
 from ..volume.shape import Falloff, Shape
@@ -138,10 +139,8 @@ class VolumeBroadPhase:
         amplitude = self.skin.skin.tolerance.amplitude
         sizes = self.skin.cell_sizes
         if sizes is not None and amplitude > 0.0:
-            if self.bones is not None:
-                means = self.bones.cell_means(sizes.pointers(clusters), some, clusters)
-            else:
-                means = sizes.means(clusters, self.pose, self.rows[some], self.to_shape[some])
+            assert self.bones is not None
+            means = self.bones.cell_means(sizes.pointers(clusters), some, clusters)
             slopes = self.target.slopes_of(some)
             even[np.ix_(some, clusters)] |= slopes[:, None] * means <= amplitude
         return even
@@ -236,12 +235,14 @@ class VolumeBroadPhase:
     def _moves(self, clusters: I64, earlier: I64, later: I64) -> F64:
         """Upper bound of the displacement of clusters relative to the volume, metres (n, k)."""
         surface = self.skin.surface
-        if self.bones is not None and isinstance(surface, SkinnedModel):
+        if isinstance(surface, SkinnedModel):
+            assert self.bones is not None
             linear = self.matrices[later, :3, :3]
             return surface.moves_by(self.bones, clusters, (earlier, later), linear)
+        assert isinstance(surface, PointwiseModel)
         to_metres = self.matrices[later].copy()
         to_metres[:, :3, 3] = 0.0
-        return self.skin.surface.cluster_moves(
+        return surface.cluster_moves(
             clusters,
             self.pose,
             (self.rows[earlier], self.rows[later]),
@@ -274,9 +275,7 @@ class VolumeBroadPhase:
 
     @cached_property
     def bones(self) -> PosedBones | None:
-        """Matrices of the bones that move the skin, rest to shape space; None without the
-        library.
-        """
+        """Matrices of the bones that move the skin, rest to shape space; None without bones."""
         return self.skin.posed_bones(self.pose, self.rows, self.to_shape)
 
     @cached_property

@@ -21,7 +21,7 @@ from ..native.library import (
     POINTER,
     f64,
     i64,
-    library,
+    loaded,
     structure,
 )
 from ..native.skin import PosedBones, UsedBones
@@ -54,22 +54,15 @@ _Posed = structure("hfx_posed", posed=DOUBLES, all=INTEGER, bones=LONGS, own=POI
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
-    found = library()
-    if found is not None:
-        found.hfx_overlaps.argtypes = [POINTER, POINTER, LONGS]
-        found.hfx_reach.argtypes = [
-            *(POINTER, POINTER, POINTER, POINTER, BYTES),
-            *(POINTER, POINTER, LONGS, LONGS),
-        ]
-        found.hfx_overlaps.restype, found.hfx_reach.restype = INTEGER, None
+def _calls() -> ctypes.CDLL:
+    found = loaded()
+    found.hfx_overlaps.argtypes = [POINTER, POINTER, LONGS]
+    found.hfx_reach.argtypes = [
+        *(POINTER, POINTER, POINTER, POINTER, BYTES),
+        *(POINTER, POINTER, LONGS, LONGS),
+    ]
+    found.hfx_overlaps.restype, found.hfx_reach.restype = INTEGER, None
     return found
-
-
-def _library() -> ctypes.CDLL:
-    calls = _calls()
-    assert calls is not None
-    return calls
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +148,7 @@ class CompiledBroadPhase:
         """Clusters whose boxes the volume's meets anywhere, ascending; to be called first."""
         met = np.empty(len(self._near), np.int64)
         shared = ctypes.byref(self._pointers), ctypes.byref(self._target.pointers)
-        count = _library().hfx_overlaps(*shared, met)
+        count = _calls().hfx_overlaps(*shared, met)
         return met[:count]
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
@@ -184,7 +177,7 @@ class CompiledBroadPhase:
         lists, counts, ids = np.empty((3, near), np.int64), np.empty(4, np.int64), used.ids
         where = _Posed(posed, posed.shape[1], ids, own and own.address)
         shared = (self._pointers, self._target.pointers, where, bones.pointers)
-        _library().hfx_reach(
+        _calls().hfx_reach(
             *map(ctypes.byref, shared),
             *(is_used, groups, ctypes.byref(pairs), lists, counts),
         )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, Weights
-from ..native.library import ANY, DOUBLES, INTEGER, LONGS, POINTER, f64, library, structure
+from ..native.library import ANY, DOUBLES, INTEGER, LONGS, POINTER, f64, loaded, structure
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
 from .compiled_broad_phase import Pairs
@@ -41,8 +41,7 @@ _Found = structure(
 
 @cache
 def _library() -> ctypes.CDLL:
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_look_at_skin.argtypes = [POINTER] * 8 + [DOUBLES] * 2
     found.hfx_look_at_skin.restype = None
     return found

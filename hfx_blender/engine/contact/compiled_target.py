@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I32, I64
+from ..native import library
 from ..native.library import (
     DOUBLE,
     DOUBLES,
@@ -22,7 +23,7 @@ from ..native.library import (
     POINTER,
     f64,
     i64,
-    library,
+    loaded,
     structure,
 )
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
@@ -44,20 +45,19 @@ _Target = structure(
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
-    found = library()
-    if found is not None:
-        found.hfx_place.argtypes = [
-            *(POINTER, LONGS, DOUBLES, DOUBLES, INTS, LONGS),
-            *(DOUBLES, DOUBLES, INTEGER, DOUBLE),
-        ]
-        found.hfx_place.restype = INTEGER
+def _calls() -> ctypes.CDLL:
+    found = loaded()
+    found.hfx_place.argtypes = [
+        *(POINTER, LONGS, DOUBLES, DOUBLES, INTS, LONGS),
+        *(DOUBLES, DOUBLES, INTEGER, DOUBLE),
+    ]
+    found.hfx_place.restype = INTEGER
     return found
 
 
 def is_known(shapes: Sequence[Shape]) -> bool:
     """Test that the library is there and knows the formulas of all given volumes."""
-    return all(type(shape) in _KINDS for shape in shapes) and _calls() is not None
+    return library.is_there() and all(type(shape) in _KINDS for shape in shapes)
 
 
 @lru_cache(maxsize=256)

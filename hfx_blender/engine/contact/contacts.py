@@ -3,26 +3,27 @@
 
 Broad phase: boxes of vertex clusters against boxes of volumes, in the world. Narrow phase:
 only the clusters that a volume can reach are posed, straight into the volume's shape space,
-and looked at together.
+and looked at together. Without the compiled library, contacts are computed as
+:mod:`..reference` defines them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
 
 from ..active_rows import FARTHEST
-from ..arrays import F64, I32, I64, Weights
+from ..arrays import F64, I32, I64, Bool, Weights
 from ..kinematics.motion import largest_stretch
-from ..native import skin as native_skin
+from ..native import library
 from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
 from ..volume.placing_matrix import inverse_placement
-from . import compiled_contacts
+from . import compiled_contacts, reference_contacts
 from .accumulator import ContactAccumulator
 from .broad_phase import ReachableBounds, VolumeBroadPhase
 from .contact_details import Details
@@ -45,7 +46,7 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
     """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block."""
     to_world = pose.to_world[rows]
     surface, margins_m = skin.surface, skin.skin.margins_m
-    if isinstance(surface, SkinnedModel) and native_skin.is_there():
+    if isinstance(surface, SkinnedModel):
         assert pose.bones is not None
         found = surface.outline.bounds(pose.bones, rows, to_world, margins_m)
         return ReachableBounds(rows, *found)
@@ -80,7 +81,7 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
         found = compiled_contacts.begin(query)
         if found is not None:
             return partial(_of_compiled, found, query.rows)
-    contacts = _found_in_numpy(query)
+    contacts = _found_in_numpy(query) if library.is_there() else _by_definition(query)
     return lambda: contacts
 
 
@@ -89,9 +90,11 @@ def _of_compiled(found: Callable[[], compiled_contacts.FoundContacts], rows: I64
     return Contacts(rows[at], sets, offsets, vertices, weights, None)
 
 
-def _found_in_numpy(query: ContactQuery) -> Contacts:
+def _usable(query: ContactQuery) -> tuple[I64, F64, Bool, Bool]:
+    """Rows of a query at which its volume is usable, inverse placing matrices there, follows and
+    reported; the others are warned of."""
     rows, follows, reported = query.rows, query.follows, query.reported
-    skin, counters, matrices = query.skin, query.counters, query.effect.matrices
+    counters, matrices = query.counters, query.effect.matrices
     assert matrices is not None
     inverses, usable = inverse_placement(matrices[rows])
     usable = usable & (np.abs(matrices[rows]) <= FARTHEST).all(axis=(1, 2))
@@ -104,6 +107,27 @@ def _found_in_numpy(query: ContactQuery) -> Contacts:
         follows[1:] &= usable[:-1]
         rows, inverses = rows[usable], inverses[usable]
         reported, follows = reported[usable], follows[usable]
+    return rows, inverses, follows, reported
+
+
+def _by_definition(query: ContactQuery) -> Contacts:
+    rows, _, follows, reported = _usable(query)
+    found = list(reference_contacts.contacts_at(query, rows, follows, reported))
+    columns = np.flatnonzero(sum((each.weights > 0.0 for _, each in found), np.False_))
+    weights: Weights = np.zeros((len(rows), len(columns)), query.falloff.precision)
+    details = None
+    if query.with_details or query.with_impact:
+        details = Details.empty(*weights.shape)
+    for k, felt in found:
+        weights[k] = felt.weights[columns]
+        for each in () if details is None else fields(details):
+            getattr(details, each.name)[..., k, :] = getattr(felt.details, each.name)[..., columns]
+    return _gathered(rows, columns.astype(np.int32), weights, details, query.own_sets)
+
+
+def _found_in_numpy(query: ContactQuery) -> Contacts:
+    rows, inverses, follows, reported = _usable(query)
+    skin, counters = query.skin, query.counters
     broad = VolumeBroadPhase.of(
         query.effect, query.falloff, rows, inverses, skin, query.pose, query.bounds
     )

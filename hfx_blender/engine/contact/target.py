@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..volume.analytic import Cuboid
 from ..volume.mesh import MeshVolume
 from ..volume.parting import parted
 from ..volume.shape import Falloff, FalloffKind, Shape
@@ -117,13 +116,10 @@ class Target:
         for k in np.unique(which):
             mine = np.flatnonzero(which == k)
             shape, some, reach = self.shapes[k], ways.taken(mine), reaches[mine]
-            near = shape.comes_near(some, reach) if isinstance(shape, MeshVolume) else None
-            if near is None:
-                near = _meets_hull(shape, some, reach)
+            if isinstance(shape, MeshVolume):
+                meets[mine] = shape.comes_near(some, reach) | shape.contains(some.before)
             else:
-                assert isinstance(shape, MeshVolume)
-                near |= shape.contains(some.before)
-            meets[mine] = near
+                meets[mine] = _meets_ball(shape, some, reach)
         return meets
 
     def outwards(self, along: F64, across: F64, rows: I64) -> F64:
@@ -170,15 +166,10 @@ class Target:
         )
 
 
-def _meets_hull(shape: Shape, ways: Ways, reaches: F64) -> Bool:
-    """Test balls against a shape, or against the box around one that is not convex."""
-    middle, half = np.zeros((3, 1)), 1.0 + reaches
-    if not shape.is_convex:
-        low, high = shape.bounds
-        middle, half = 0.5 * (low + high)[:, None], 0.5 * (high - low)[:, None] + reaches
-        shape = Cuboid()
+def _meets_ball(shape: Shape, ways: Ways, reaches: F64) -> Bool:
+    """Test balls against a convex shape."""
     meets = np.zeros(len(reaches), np.bool_)
-    for start, end in pairwise((ways.path() - middle) / half):
+    for start, end in pairwise(ways.path() / (1.0 + reaches)):
         meets |= np.isfinite(passage(shape, start, end)[0])
     return meets
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
+from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
 
 _ROOM: Final = 22  # numbers for each bone
 
@@ -25,8 +25,7 @@ _Outline = structure(
 
 @cache
 def _library() -> ctypes.CDLL:
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_bounds.argtypes = [
         *(POINTER, INTEGER, INTEGER, DOUBLES, LONGS),
         *[DOUBLES] * 7,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import I64
 from ..indexing import lacking
-from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, library, structure
+from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, loaded, structure
 from .skin_binding import Clusters
 from .skin_mesh import Mesh, mesh_of
 from .skin_table import Table, table_of
@@ -27,8 +27,7 @@ _Found = structure("hfx_found_groups", first_groups=LONGS, first_pairs=LONGS, **
 
 @cache
 def _library() -> ctypes.CDLL:
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_cell_groups.argtypes = [
         *(POINTER, POINTER, INTS, POINTER, POINTER, INTEGER),
         *(LONGS, LONGS, LONGS, DOUBLES, POINTER),

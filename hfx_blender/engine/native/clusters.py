@@ -9,26 +9,20 @@ from functools import cache
 import numpy as np
 
 from ..arrays import F32, I32, I64
-from .library import INTEGER, INTS, LONGS, SINGLES, i64, library
+from .library import INTEGER, INTS, LONGS, SINGLES, i64, loaded
 
 _DEPTH = 64  # no more halvings follow each other
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
-    found = library()
-    if found is not None:
-        found.hfx_split.argtypes = [
-            *(INTEGER, LONGS, INTS, SINGLES, LONGS),
-            *(INTEGER, LONGS, LONGS),
-        ]
-        found.hfx_split.restype = INTEGER
+def _calls() -> ctypes.CDLL:
+    found = loaded()
+    found.hfx_split.argtypes = [
+        *(INTEGER, LONGS, INTS, SINGLES, LONGS),
+        *(INTEGER, LONGS, LONGS),
+    ]
+    found.hfx_split.restype = INTEGER
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled function."""
-    return _calls() is not None
 
 
 def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) -> list[I32]:
@@ -48,7 +42,6 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
         Ascending vertex ids, in the order of the pieces.
     """
     calls = _calls()
-    assert calls is not None
     if not pieces:
         return []
     ids = np.concatenate(pieces)

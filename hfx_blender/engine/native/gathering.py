@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import I32, I64, Bool, Weights
-from .library import ANY, BYTES, INTEGER, INTS, LONGS, library
+from .library import ANY, BYTES, INTEGER, INTS, LONGS, loaded
 from .skin_table import Table
 
 _REALS: Final = {4: "single", 8: "double"}
@@ -19,8 +19,7 @@ _REALS: Final = {4: "single", 8: "double"}
 
 @cache
 def _library() -> ctypes.CDLL:
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_columns.argtypes = [
         *(INTEGER, LONGS, INTEGER, LONGS, INTEGER),
         *(INTS, BYTES, LONGS, INTS, LONGS),

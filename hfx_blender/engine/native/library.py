@@ -15,10 +15,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...errors import InputError
 from . import sources
 
 INTERFACE: Final = 6
-"""That of ``source/hfx_native.h``: any other library is not loaded."""
+"""Version in ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
 """Environment variable: 0 leaves the library out."""
@@ -91,6 +92,32 @@ ANY: Final[Any] = ArrayOf()
 def library() -> ctypes.CDLL | None:
     """Library, loaded once; None without a fitting one."""
     return _found()[0]
+
+
+def loaded() -> ctypes.CDLL:
+    """Library, which must be there."""
+    found = library()
+    assert found is not None
+    return found
+
+
+def is_there() -> bool:
+    """Test for the library; without it contacts are computed by :mod:`..reference`."""
+    return library() is not None
+
+
+def require_in_time() -> None:
+    """Refuse to feel volumes while somebody waits for it, where the library is missing.
+
+    Raises
+    ------
+    InputError
+    """
+    if not is_there():
+        raise InputError(
+            "Live playback and preview of haptic volumes need the compiled part of HFX, which is "
+            "missing here; only exports work without it, far more slowly (docs/native.md)."
+        )
 
 
 def state() -> str:

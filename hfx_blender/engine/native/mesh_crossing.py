@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, Bool
-from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
 from .mesh_tree import NativeTree
 
 if TYPE_CHECKING:
@@ -39,8 +39,7 @@ _Ways = structure(
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_mesh_crossings.argtypes = [POINTER, POINTER, DOUBLES, DOUBLES]
     found.hfx_mesh_nears.argtypes = [POINTER, POINTER, DOUBLES, BYTES]
     found.hfx_mesh_crossings.restype = found.hfx_mesh_nears.restype = None

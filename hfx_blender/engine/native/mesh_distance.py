@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64
-from .library import DOUBLE, DOUBLES, INTEGER, LONGS, f64, library
+from .library import DOUBLE, DOUBLES, INTEGER, LONGS, f64, loaded
 from .mesh_tree import NativeTree
 
 _LOOKED: Final = 0.5  # of what a bound may lack is lost in a search, the rest on the way from it
@@ -19,8 +19,7 @@ _LOOKED: Final = 0.5  # of what a bound may lack is lost in a search, the rest o
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    assert found is not None
+    found = loaded()
     shared = DOUBLES, INTEGER, DOUBLES, DOUBLES, INTEGER
     found.hfx_mesh_distances.argtypes = [*shared, DOUBLES]
     found.hfx_mesh_distances_at_least.argtypes = [*shared, DOUBLE, DOUBLE, DOUBLES]

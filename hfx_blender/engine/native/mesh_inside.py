@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64, Bool
-from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, f64, i64, library
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, f64, i64, loaded
 
 SPAN: Final = 16
 """Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
@@ -22,8 +22,7 @@ slopes in x of the edges low to high, low to middle, middle to high (3); the sam
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_mesh_inside.argtypes = [
         *(DOUBLES, INTEGER, DOUBLES, LONGS, DOUBLES, LONGS, LONGS),
         *(LONGS, LONGS, LONGS, LONGS, DOUBLES, BYTES),

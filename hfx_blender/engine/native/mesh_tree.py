@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, f64, i64, library
+from .library import DOUBLES, INTEGER, LONGS, f64, i64, loaded
 
 BOX: Final = 6
 FRAME: Final = 16
@@ -19,8 +19,7 @@ FRAME: Final = 16
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    assert found is not None
+    found = loaded()
     found.hfx_mesh_leaf_order.argtypes = [
         *(DOUBLES, INTEGER, INTEGER, LONGS),
         *(DOUBLES, DOUBLES, DOUBLES, LONGS),

@@ -11,34 +11,28 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, library, structure
+from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
 from .skin_binding import Clusters as Clusters
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
+def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_bone_matrices.argtypes = [
-            *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
-            *(DOUBLES, DOUBLES, DOUBLES),
-        ]
-        found.hfx_cluster_moves.argtypes = [
-            *(POINTER, INTEGER, LONGS, LONGS, DOUBLES, INTEGER),
-            *(LONGS, LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES),
-        ]
-        found.hfx_cell_means.argtypes = [
-            *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
-        ]
-        for name in ("bone_matrices", "cluster_moves", "cell_means"):
-            getattr(found, f"hfx_{name}").restype = None
+    found = loaded()
+    found.hfx_bone_matrices.argtypes = [
+        *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
+        *(DOUBLES, DOUBLES, DOUBLES),
+    ]
+    found.hfx_cluster_moves.argtypes = [
+        *(POINTER, INTEGER, LONGS, LONGS, DOUBLES, INTEGER),
+        *(LONGS, LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES),
+    ]
+    found.hfx_cell_means.argtypes = [
+        *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
+    ]
+    for name in ("bone_matrices", "cluster_moves", "cell_means"):
+        getattr(found, f"hfx_{name}").restype = None
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled functions."""
-    return _calls() is not None
 
 
 _Bones = structure("hfx_bones", matrices=DOUBLES, stretches=DOUBLES, slots=LONGS, count=INTEGER)
@@ -92,7 +86,6 @@ class PosedBones:
 
     def __init__(self, posed: F64, rows: I64, to_target: F64 | None, bones: UsedBones) -> None:
         calls = _calls()
-        assert calls is not None
         count, used, given = len(rows), bones.ids, posed.shape[1]
         self.matrices = np.empty((count, len(used), 3, 4))
         self.stretches = np.empty((count, len(used)))
@@ -134,7 +127,6 @@ class PosedBones:
         (m, k) float64
         """
         calls = _calls()
-        assert calls is not None
         before, after, linear, clusters = i64(before), i64(after), f64(linear), i64(clusters)
         moves = np.empty((len(before), len(clusters)))
         calls.hfx_cluster_moves(
@@ -145,13 +137,13 @@ class PosedBones:
         return moves
 
     def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
-        """See :meth:`..skin.cell_sizes.CellSizes.means`, target space (m, k).
+        """Upper bounds of the mean distance of cells' skin from their vertex, target space (m, k);
+        see :class:`..skin.cell_sizes.CellSizes`.
 
         ``groups`` are ``hfx_groups`` of all clusters, filled in for these; ``rows`` (m,) are some
         of these rows.
         """
         calls = _calls()
-        assert calls is not None
         rows, clusters = i64(rows), i64(clusters)
         means = np.empty((len(rows), len(clusters)))
         calls.hfx_cell_means(

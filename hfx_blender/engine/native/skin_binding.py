@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from ..indexing import lacking
-from .library import BYTES, DOUBLES, INTEGER, INTS, LONGS, POINTER, f64, i64, library, structure
+from .library import BYTES, DOUBLES, INTEGER, INTS, LONGS, POINTER, f64, i64, loaded, structure
 from .skin_table import Table, table_of
 
 _Bound = structure(
@@ -23,35 +23,23 @@ _Bound = structure(
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
+def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_bone_boxes.argtypes = [
-            *(POINTER, BYTES, DOUBLES, LONGS, LONGS, DOUBLES, DOUBLES),
-        ]
-        found.hfx_bone_boxes.restype = INTEGER
-        found.hfx_bind.argtypes = [
-            *(POINTER, LONGS, LONGS, INTEGER, LONGS, LONGS),
-            *(LONGS, DOUBLES, LONGS, DOUBLES, DOUBLES),
-        ]
-        found.hfx_find_links.argtypes = [
-            *(POINTER, POINTER, INTEGER, LONGS, LONGS),
-            *(DOUBLES, DOUBLES, DOUBLES),
-        ]
-        found.hfx_bind.restype = found.hfx_find_links.restype = None
+    found = loaded()
+    found.hfx_bone_boxes.argtypes = [
+        *(POINTER, BYTES, DOUBLES, LONGS, LONGS, DOUBLES, DOUBLES),
+    ]
+    found.hfx_bone_boxes.restype = INTEGER
+    found.hfx_bind.argtypes = [
+        *(POINTER, LONGS, LONGS, INTEGER, LONGS, LONGS),
+        *(LONGS, DOUBLES, LONGS, DOUBLES, DOUBLES),
+    ]
+    found.hfx_find_links.argtypes = [
+        *(POINTER, POINTER, INTEGER, LONGS, LONGS),
+        *(DOUBLES, DOUBLES, DOUBLES),
+    ]
+    found.hfx_bind.restype = found.hfx_find_links.restype = None
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled functions."""
-    return _calls() is not None
-
-
-def _library() -> ctypes.CDLL:
-    calls = _calls()
-    assert calls is not None
-    return calls
 
 
 class BoundClusters:
@@ -112,7 +100,7 @@ class BoundClusters:
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
         low, high = np.empty((2, most, 3))
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
-        found = _library().hfx_bone_boxes(
+        found = _calls().hfx_bone_boxes(
             ctypes.byref(self.structure),
             *(is_there, room, starts, bones, low, high),
         )
@@ -195,7 +183,7 @@ class Clusters:
             np.empty(first_at[-1], np.int64),
             np.empty(self._bound.bone_count, np.int64),
         )
-        _library().hfx_bind(
+        _calls().hfx_bind(
             ctypes.byref(self._bound.structure),
             *(self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
@@ -223,7 +211,7 @@ class Clusters:
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
         arrays = distances, differences = [np.empty(last) for last in at[:, -1]]
         room = np.empty(2 * self.most_bones)
-        _library().hfx_find_links(
+        _calls().hfx_find_links(
             ctypes.byref(table_of(table)),
             self.table,
             len(clusters),

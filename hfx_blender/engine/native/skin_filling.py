@@ -10,7 +10,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import BYTES, DOUBLE, DOUBLES, INTEGER, INTS, LONGS, POINTER, library, structure
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, INTS, LONGS, POINTER, loaded, structure
 from .skin_mesh import Mesh, mesh_of
 
 _TABLE_ARRAYS: Final = (
@@ -52,23 +52,17 @@ _EXTENT: Final = 7  # numbers in extent
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
+def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_fill.argtypes = [
-            *(POINTER, POINTER, INTEGER, LONGS, INTEGER),
-            *(LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES, LONGS),
-        ]
-        found.hfx_fill.restype = INTEGER
-        found.hfx_place_samples.argtypes = [POINTER, INTEGER, LONGS, INTEGER, DOUBLES]
-        found.hfx_place_samples.restype = None
+    found = loaded()
+    found.hfx_fill.argtypes = [
+        *(POINTER, POINTER, INTEGER, LONGS, INTEGER),
+        *(LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES, LONGS),
+    ]
+    found.hfx_fill.restype = INTEGER
+    found.hfx_place_samples.argtypes = [POINTER, INTEGER, LONGS, INTEGER, DOUBLES]
+    found.hfx_place_samples.restype = None
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled functions."""
-    return _calls() is not None
 
 
 class Table(Protocol):
@@ -140,7 +134,6 @@ class Filling:
             np.empty(cells, np.int64),
         )
         calls = _calls()
-        assert calls is not None
         count: int = calls.hfx_fill(
             ctypes.byref(self._structure),
             ctypes.byref(mesh_of(self._mesh)),
@@ -154,7 +147,6 @@ class Filling:
     def place_samples(self, samples: F64) -> None:
         """Write the samples of these clusters, (4, S)."""
         calls = _calls()
-        assert calls is not None
         calls.hfx_place_samples(
             ctypes.byref(self._structure),
             len(self._clusters),

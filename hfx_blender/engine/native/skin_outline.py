@@ -10,27 +10,21 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from .clusters import cut
-from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, library
+from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, loaded
 from .skin_mesh import Mesh, mesh_of
 
 
 @cache
-def _calls() -> ctypes.CDLL | None:
+def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_margins.argtypes = [POINTER, INTEGER, LONGS, DOUBLES]
-        found.hfx_outlines.argtypes = [
-            *(POINTER, INTEGER, LONGS, INTS, LONGS),
-            *(INTEGER, LONGS, INTS, LONGS),
-        ]
-        found.hfx_margins.restype = found.hfx_outlines.restype = None
+    found = loaded()
+    found.hfx_margins.argtypes = [POINTER, INTEGER, LONGS, DOUBLES]
+    found.hfx_outlines.argtypes = [
+        *(POINTER, INTEGER, LONGS, INTS, LONGS),
+        *(INTEGER, LONGS, INTS, LONGS),
+    ]
+    found.hfx_margins.restype = found.hfx_outlines.restype = None
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled functions."""
-    return _calls() is not None
 
 
 def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list[I32], F64]:
@@ -53,7 +47,6 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
         Metres.
     """
     calls = _calls()
-    assert calls is not None
     clusters, surface = len(starts) - 1, ctypes.byref(mesh_of(mesh))
     margins = np.zeros(clusters)
     calls.hfx_margins(surface, len(mesh.triangles), cluster_of, margins)

@@ -3,28 +3,21 @@
 
 from __future__ import annotations
 
+import ctypes
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from ..arrays import F64, Bool
-from .library import BYTES, DOUBLES, INTEGER, f64, library
+from .library import BYTES, DOUBLES, INTEGER, f64, loaded
 
 
 @cache
-def _calls() -> Any:
-    found = library()
-    if found is None:
-        return None
+def _calls() -> ctypes.CDLL:
+    found = loaded()
     found.hfx_volume_boxes.argtypes = [INTEGER, INTEGER] + [DOUBLES] * 4 + [BYTES]
     found.hfx_volume_boxes.restype = None
     return found
-
-
-def is_there() -> bool:
-    """Test for the compiled function."""
-    return _calls() is not None
 
 
 def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -44,7 +45,7 @@ class Fineness:
 
 
 EXACT: Final = Fineness()
-"""As fine as the engine is at the tolerance ``exact``."""
+"""Fineness of the engine at the tolerance ``exact``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +155,17 @@ class Cells:
         reach: F64 = 0.5 * np.sqrt(longest)
         return reach
 
-    def samples(self) -> Iterator[Samples]:
-        """All samples, those of a cell together, in blocks that stay small."""
+    def samples(self, cells: I64 | None = None) -> Iterator[Samples]:
+        """All samples, or those of some cells, those of a cell together, in blocks that stay
+        small."""
         owner, count = self._skin.owner.astype(np.int64), len(self._skin.model)
         sizes = np.bincount(owner[self._corners[0]], self._steps**2, count)
-        block = (np.cumsum(sizes) // _AT_ONCE).astype(np.int64)  # of each cell
+        is_asked = np.full(count, cells is None)
+        is_asked[cells] = True
+        total = np.cumsum(np.where(is_asked, sizes, 0.0))
+        block = np.where(is_asked, total // _AT_ONCE, -1).astype(np.int64)  # of each cell
         quad_block, unit_block = block[owner[self._corners[0]]], block[owner]
-        for number in range(int(block[-1]) + 1):
+        for number in range(int(block.max(initial=-1)) + 1):
             quads = np.flatnonzero(quad_block == number)
             yield self._samples_of(quads, np.flatnonzero(unit_block == number))
 
@@ -206,6 +211,12 @@ class Cells:
             np.concatenate([nothing, heights]),
             np.concatenate([(unit_shares * own)[units], areas]),
         )
+
+
+@lru_cache(maxsize=4)
+def cells_of(skin: Skin, fineness: Fineness) -> Cells:
+    """Cells of a skin; kept, as every sample in time needs them."""
+    return Cells(skin, fineness)
 
 
 def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> F64:

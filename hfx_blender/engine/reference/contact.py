@@ -19,7 +19,7 @@ from ..scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..volume.shape import Falloff, Shape
 from . import motion
 from .boundary import nearest
-from .cells import EXACT, Cells, Fineness, Samples, Skin, vertex_samples
+from .cells import EXACT, Fineness, Samples, Skin, cells_of, vertex_samples
 from .pose import moved, world_points
 from .shapes import strength
 from .sweep import along, passage
@@ -37,13 +37,14 @@ class Body:
     binding: SkinBinding | SurfaceBinding
     pose: PoseBlock
     fineness: Fineness | None = EXACT
+    cells: I64 | None = None  # the only ones that may feel anything, where that is known
 
     def samples(self) -> Iterator[Samples]:
         """All samples of the skin, in blocks; those of a cell are in one block."""
         if self.fineness is None:
             yield vertex_samples(self.skin.model)
         else:
-            yield from Cells(self.skin, self.fineness).samples()
+            yield from cells_of(self.skin, self.fineness).samples(self.cells)
 
     def world_points(self, row: int, samples: Samples | None = None) -> F64:
         """World positions (3, N) of samples, or of the model's own vertices."""

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,10 +13,12 @@ from ..body.model import PerceptualModel
 from ..scene import PoseBlock, SkinBinding, SurfaceAnchors, SurfaceBinding
 
 
+@lru_cache(maxsize=80)
 def world_points(
     model: PerceptualModel, binding: SkinBinding | SurfaceBinding, pose: PoseBlock, row: int
 ) -> F64:
-    """World positions of all vertices of a model on a body at one row of its pose, (3, V)."""
+    """World positions of all vertices of a model on a body at one row of its pose, (3, V); kept,
+    and not to be changed."""
     if isinstance(binding, SkinBinding):
         assert pose.bones is not None
         fitted = binding.fitted.get(model.id)
@@ -23,7 +27,9 @@ def world_points(
     else:
         assert pose.surface is not None
         local = on_surface(binding.anchors[model.id], pose.surface[row])
-    return moved(pose.to_world[row], local)
+    points = moved(pose.to_world[row], local)
+    points.flags.writeable = False
+    return points
 
 
 def moved(matrix: F64, points: F64) -> F64:
@@ -39,11 +45,19 @@ def by_bones(model: PerceptualModel, bone_names: tuple[str, ...], bones: F64) ->
     the sum of ``w_b M_b p`` over its bones b, the weights ``w_b`` made to sum to 1
     (Magnenat-Thalmann et al., "Joint-dependent local deformations for hand animation and object
     grasping", 1988; Blender's Armature modifier). A vertex that no bone moves stays at rest.
+
+    Raises
+    ------
+    ValueError
+        A bone that moves something is missing.
     """
     weights, count = model.weights, len(model)
     owner = np.repeat(np.arange(count), np.diff(weights.offsets))
     number = {name: k for k, name in enumerate(bone_names)}
     bone = np.array([number.get(name, -1) for name in model.bone_names], np.int64)[weights.bones]
+    if (bone < 0).any():
+        missing = {model.bone_names[each] for each in weights.bones[bone < 0].tolist()}
+        raise ValueError(f"bones missing from the pose: {sorted(missing)}")
     values = weights.values.astype(np.float64)
     total = np.bincount(owner, values, count)
     rest = model.vertices.astype(np.float64)

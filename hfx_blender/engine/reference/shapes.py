@@ -72,7 +72,7 @@ def gauge(shape: Shape, points: F64) -> F64:
 
 
 def winding_numbers(corners: F64, points: F64) -> F64:
-    """How often a closed mesh of triangles (F, 3, 3) goes round each point, (N,).
+    """Winding number of a closed mesh of triangles (F, 3, 3) around each point, (N,).
 
     The sum of the solid angles of the triangles over 4 pi (Jacobson et al., "Robust inside-outside
     segmentation using generalized winding numbers", 2013); a solid angle by Van Oosterom and

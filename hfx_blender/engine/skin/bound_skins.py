@@ -8,12 +8,13 @@ from collections.abc import Callable
 from ..arrays import I32
 from ..body.model import PerceptualModel
 from ..counters import Counters
+from ..native import library
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
 from .cell_coverage import BodySkin, SkinCoverage, finer_id
 from .posing import PosableModel
 from .skinned_model import SkinnedModel
-from .surface_posing import SurfaceModel
+from .surface_posing import BlendedModel, SurfaceModel
 
 
 class BoundSkins:
@@ -47,13 +48,14 @@ class BoundSkins:
             binding = body.binding
 
             def bind(model: PerceptualModel, clusters: list[I32]) -> PosableModel:
-                if isinstance(binding, SkinBinding):
-                    fitted = binding.fitted.get(model.id)
-                    placed = model if fitted is None else fitted.of(model)
-                    return SkinnedModel(placed, binding, clusters)
-                return SurfaceModel(model, binding.anchors[model.id], clusters)
+                if isinstance(binding, SurfaceBinding):
+                    return SurfaceModel(model, binding.anchors[model.id], clusters)
+                fitted = binding.fitted.get(model.id)
+                placed = model if fitted is None else fitted.of(model)
+                kind = SkinnedModel if library.is_there() else BlendedModel
+                return kind(placed, binding, clusters)
 
-            self._bound[key] = BodySkin(self._skin_of(model_id, binding), bind)
+            self._bound[key] = BodySkin(self._skin_of(model_id, binding), binding, bind)
         return self._bound[key]
 
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:

@@ -113,20 +113,7 @@ class BoneBoxes:
     @classmethod
     def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
         """Boxes of the clusters, none of which may be empty."""
-        if native.is_there():
-            return cls(*weights.clusters(clusters).bone_boxes())
-        members = np.concatenate(clusters)
-        cluster_of = np.repeat(np.arange(len(clusters)), [len(ids) for ids in clusters])
-        entries, owners = weights.entries(members)
-        pair_of = cluster_of[owners] * (weights.bone_count + 1) + weights.bones[entries]
-        order = np.argsort(pair_of, kind="stable")
-        pairs, firsts = np.unique(pair_of[order], return_index=True)
-        moved = weights.rest[members[owners[order]], :3]
-        low = np.minimum.reduceat(moved, firsts, axis=0)
-        high = np.maximum.reduceat(moved, firsts, axis=0)
-        pair_clusters, bones = np.divmod(pairs, weights.bone_count + 1)
-        ends = np.searchsorted(pair_clusters, np.arange(len(clusters) + 1)).astype(np.int64)
-        return cls(ends, bones, low, high)
+        return cls(*weights.clusters(clusters).bone_boxes())
 
     @cached_property
     def centres(self) -> F64:

@@ -14,18 +14,17 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import F64, I32, I64, Bool
 from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import ramp, sorted_by
-from ..native import skin as native_skin
+from ..native import library
 from ..native import skin_outline as native
 from ..native.bounds import Outline
 from ..native.skin import PosedBones, UsedBones
-from ..scene import PoseBlock
+from ..scene import PoseBlock, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
 from .cell_sizes import CellSizes
 from .posing import PosableModel
@@ -101,8 +100,11 @@ class SkinCoverage:
         How far off the edge of a contact may be where that is most.
     least_edge_m : float
         The same where it is least.
+    finer : PerceptualModel or None
+        As given.
     surface : PerceptualModel
-        Whose triangles are the skin: the model itself or a finer one.
+        Whose triangles are the skin: the model itself or a finer one. This, the outlines and the
+        table are for the compiled library; without it clusters are of the model's vertices.
     clusters : list of (C,) int32
         Vertices of the model that are looked at together.
     outlines : list of (n,) int32
@@ -122,7 +124,8 @@ class SkinCoverage:
         spacing = spacing_m(model.areas_m2.astype(np.float64))
         self.is_split = _is_split(model, tolerance)
         self.surface, owner = model, np.arange(len(model), dtype=np.int32)
-        if finer is not None:
+        self.finer = finer
+        if finer is not None and library.is_there():
             self.surface, owner = finer, cell_of_skin(model)[1]
         self.edge_m = tolerance.edge_m(float(spacing.max()))
         self.least_edge_m = tolerance.edge_m(float(spacing.min()))
@@ -134,7 +137,7 @@ class SkinCoverage:
             self.clusters = clusters_of(model, load=np.bincount(owner, minlength=len(model)))
         self.outlines: list[I32] = self.clusters
         self.margins_m: F64 | None = None
-        if self.is_split:
+        if self.is_split and library.is_there():
             self.outlines, self.margins_m = self._outlined()
 
     def _outlined(self) -> tuple[list[I32], F64]:
@@ -147,39 +150,7 @@ class SkinCoverage:
         units = order[firsts[cells][cell_of] + step].astype(np.int32)
         cluster_of = owners_of(self.clusters, len(self.model))[self._owner]
         starts = sorted_by(cluster_of, len(self.clusters))[1]
-        if native.is_there():
-            mesh = SkinMesh.of(self.surface)
-            return native.outlined(mesh, starts, units, cluster_of)
-        triangles = self.surface.triangles
-        clusters = cluster_of[triangles]
-        pairs = []
-        for a, b in ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)):
-            apart = np.flatnonzero(clusters[:, a] != clusters[:, b])
-            pairs.append(clusters[apart, a] * len(self.surface) + triangles[apart, b])
-        cluster, vertex = np.divmod(np.unique(np.concatenate(pairs)), len(self.surface))
-        cuts = np.searchsorted(cluster, np.arange(len(starts)))
-        outlines = [
-            np.concatenate([units[starts[k] : starts[k + 1]], vertex[cuts[k] : cuts[k + 1]]])
-            for k in range(len(starts) - 1)
-        ]
-        margins = np.zeros(len(outlines))
-        bounds = self._bulge_bounds()
-        for column in clusters.T:
-            np.maximum.at(margins, column, bounds)
-        return [each.astype(np.int32) for each in outlines], margins
-
-    def _bulge_bounds(self) -> npt.NDArray[np.float32]:
-        """Upper bound of the height of a triangle's samples above it, (F,) metres."""
-        corners = self.surface.triangles.T
-        points = [self.surface.vertices[corner] for corner in corners]
-        normals = [self.surface.normals[corner] for corner in corners]
-        bounds = np.zeros(len(self.surface.triangles), np.float32)
-        for one, other in ((0, 1), (1, 2), (2, 0)):
-            edge = points[other] - points[one]
-            both = np.abs(np.einsum("fi,fi->f", edge, normals[one]))
-            both += np.abs(np.einsum("fi,fi->f", edge, normals[other]))
-            np.maximum(bounds, both / 6.0, out=bounds)
-        return bounds
+        return native.outlined(SkinMesh.of(self.surface), starts, units, cluster_of)
 
     @cached_property
     def table(self) -> SkinTable:
@@ -201,15 +172,20 @@ class BodySkin:
 
     Parameters
     ----------
-    skin : Skin
+    skin : SkinCoverage
+    binding : SkinBinding or SurfaceBinding
+        To the body.
     bind : callable
         Binds a model to the body, in the clusters that it is given.
     """
 
     def __init__(
-        self, skin: SkinCoverage, bind: Callable[[PerceptualModel, list[I32]], PosableModel]
+        self,
+        skin: SkinCoverage,
+        binding: SkinBinding | SurfaceBinding,
+        bind: Callable[[PerceptualModel, list[I32]], PosableModel],
     ) -> None:
-        self.skin = skin
+        self.skin, self.binding = skin, binding
         self._bind = bind
         self.surface = bind(skin.surface, skin.outlines)
 
@@ -221,10 +197,8 @@ class BodySkin:
         return self._bind(self.skin.model, self.skin.clusters)
 
     def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
-        """Matrices of the bones that move the skin, to target space; None without bones or
-        library.
-        """
-        if not isinstance(self.surface, SkinnedModel) or not native_skin.is_there():
+        """Matrices of the bones that move the skin, to target space; None without bones."""
+        if not isinstance(self.surface, SkinnedModel):
             return None
         assert pose.bones is not None
         return PosedBones(pose.bones, rows, to_target, self.used_bones)

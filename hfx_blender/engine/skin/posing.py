@@ -36,14 +36,6 @@ class PosableModel(Protocol):
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         """Clusters posed at some rows, see :class:`PosedClusters`."""
 
-    def cluster_moves(
-        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
-    ) -> F64:
-        """Upper bound of the way of a cluster's vertices between two rows, (n, k), target space.
-
-        ``rows`` and ``to_target`` are those before and those after.
-        """
-
     def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Lower bound of the stretch of the skin of some clusters, (n, k), target space.
 

@@ -15,23 +15,15 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, Bool
+from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
-from ..indexing import lacking, largest, ramp
+from ..indexing import lacking, ramp
 from ..native import skin_filling as native
 from ..tolerance import Tolerance
 from .skin_mesh import SkinMesh
-from .skin_quads import Quads, closeness, steps_within
-
-_FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
-
-MOST_STEPS: Final = 256
-"""A cell of a metre is sampled no more finely than this along a quad: memory has an end."""
 
 _LEAST_SHARE: Final = 0.01
 """A vertex may stand for this share of its unit, however exact the rest of it has to be."""
-
-_TURNED: Final = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
 
 
 class SkinTable:
@@ -93,9 +85,10 @@ class SkinTable:
         the rest pose, 0 where it does not count; share of the cell's area, all samples together;
         its first sample.
     quads : (Q, 10) float64
-        Of each quad, what places its samples: see :class:`.skin_quads.Quads`, places, areas and
-        bulges; these are the areas of a sample as a share of the cell's, and of none that does
-        not count.
+        Of each quad, what places its samples: shares of the ways to both other corners, of its
+        place on the edge to each and, both, of its place in the middle; the area of a sample as a
+        share of the cell's, and how it changes along and across; the bulges of its triangle's
+        edges, 0 where none counts.
     bulge_m, most_samples : (clusters,)
         The highest bulge of each cluster; the most samples of any of its cells.
     largest_cell : int
@@ -167,26 +160,12 @@ class SkinTable:
         )
         return links - first
 
-    def neighbours(self, cluster: int) -> tuple[I64, I64]:
-        """Neighbours of a cluster's units, as pairs of places in the cluster; units ascend."""
-        ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
-        units = ids[: self.unit_counts[cluster]]
-        order, starts = self.mesh.corners, self.mesh.starts
-        step, unit = ramp(starts[units + 1] - starts[units])
-        face, turn = np.divmod(order[starts[units][unit] + step], 3)
-        place = np.zeros(len(self.surface), np.int64)
-        place[ids] = np.arange(len(ids))
-        return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
-
     def need(self, clusters: I64) -> None:
         """Fill in the skin of clusters that have not been filled yet."""
         new = lacking(self._is_made, clusters)
         if not len(new):
             return
-        if native.is_there():
-            self._fill(new)
-        else:
-            self._fill_in_numpy(new)
+        self._fill(new)
         self._is_made[new] = True
         self.largest_cell = int(self.most_samples.max())
 
@@ -196,67 +175,6 @@ class SkinTable:
         count = filling.fill(new, self._sample_count)
         self._make_room(count)
         filling.place_samples(self._samples)
-
-    def _fill_in_numpy(self, new: I64) -> None:
-        step, which = ramp(self.unit_counts[new])
-        units = self.starts[new][which] + step
-        vertices = self.vertices[units]
-        turn, unit, ring, around = self._rings(new, units)
-        quads = Quads.of(self.surface, ring)
-        areas = np.bincount(unit, quads.total, minlength=len(units))
-        areas = np.where(areas > 0.0, areas, 1.0)
-
-        distance = self._distances[0, vertices]
-        steps, most = (
-            np.clip(steps_within(quads.places, quads.squares, each), 1.0, MOST_STEPS)
-            for each in self._distances[:, vertices[unit]]
-        )
-        numbers = np.bincount(unit, steps * steps, len(units))
-        cell = self.cell_of[units]
-        unit_shares = areas / np.bincount(cell, areas)[cell]
-        vertex_shares = unit_shares * np.where(
-            numbers > 0, np.minimum(1.0 / (numbers + 1.0), self._most_share), 1.0
-        )
-        scale = (unit_shares - vertex_shares) / areas
-
-        heights = np.abs(quads.bulges).max(axis=0) / 3.0  # all three edges meet in the middle
-        is_curved = heights * quads.sizes > _FLAT_ENOUGH * distance[unit]
-        bulges = 2.0 * np.where(is_curved, heights, 0.0)
-        reaches = largest(quads.reaches + bulges, unit, len(units))
-        means = np.bincount(unit, quads.total * (quads.means + bulges), len(units)) / areas
-
-        self.unit_shares[units], self.vertex_shares[units] = unit_shares, vertex_shares
-        if self.is_split:
-            self.reaches[units], self.means[units] = reaches, means
-        at = self.quad_starts[units][unit] + turn
-        self.unit_of[at], self.around[at] = units[unit], around
-        self.is_ringed[units] = _same_members(unit, around, len(units), len(self.vertices))
-        self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
-        self.steps[at], self.finest[at] = steps, most
-        self.wholes[at] = quads.total * scale[unit]
-        self.bulge_m[new] = largest(self.heights_m[at], which[unit], len(new))
-        of_cells = np.bincount(cell, 1 + np.bincount(unit, most * most, len(units)))
-        self.most_samples[new] = np.maximum(largest(of_cells[cell], which, len(new)), 1.0)
-        self._place_samples(at, quads, scale[unit])
-
-    def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
-        """The quads of units: number, unit, triangle from the unit on, places around it."""
-        corner_order, corner_starts = self.mesh.corners, self.mesh.starts
-        step, unit = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
-        vertices = self.vertices[units]
-        face, turn = np.divmod(corner_order[corner_starts[vertices][unit] + step], 3)
-        # Corners from the unit's own, the way round that the triangle goes.
-        ring = np.stack(
-            [self.surface.triangles[face, _TURNED[k].take(turn)] for k in range(3)], axis=1
-        )
-        # A vertex of the skin may be in several clusters: its place in the one of the unit.
-        more, which = ramp(self.starts[clusters + 1] - self.starts[clusters])
-        places = self.starts[clusters][which] + more
-        size = len(self.surface)
-        keys = self._cluster[places] * size + self.vertices[places]
-        order = np.argsort(keys, kind="stable")
-        wanted = self._cluster[units][unit][:, None] * size + ring[:, 1:]
-        return step, unit, ring, places[order[np.searchsorted(keys[order], wanted)]]
 
     def _make_room(self, count: int) -> None:
         """Make room for samples in a new array, as others may be reading the present one."""
@@ -269,20 +187,7 @@ class SkinTable:
     @cached_property
     def _closeness(self) -> F64:
         """Reciprocal spacing of vertices, up to a constant factor, (skin vertices,)."""
-        return closeness(self.mesh.areas_m2)
-
-    def _place_samples(self, at: I64, quads: Quads, scale: F64) -> None:
-        steps = self.steps[at]
-        counts = steps * steps
-        self.sample_starts[at] = self._sample_count + np.cumsum(counts) - counts
-        self._make_room(self._sample_count + int(counts.sum()))
-        curved = self.heights_m[at] > 0.0
-        parts = quads.places, quads.areas * (scale / counts), quads.bulges * curved
-        self.quads[at] = np.concatenate(parts).T
-        for number in np.unique(steps).tolist():
-            mine = np.flatnonzero(steps == number)
-            places = self.sample_starts[at[mine]][:, None] + np.arange(number * number)
-            self._samples[:, places] = self.samples_of(at[mine], number)
+        return (1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))).astype(np.float64)
 
     def samples_at(self, quads: I64, number: int) -> F64:
         """Samples of some quads, ``number`` squared of each, (4, k, N); see :attr:`samples`.
@@ -312,11 +217,3 @@ class SkinTable:
         height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
         fewer = np.square(self.steps[quads] / number)[:, None]
         return np.stack([one, two, height, (area + s * by_s + t * by_t) * fewer])
-
-
-def _same_members(owners: I64, pairs: I64, count: int, size: int) -> Bool:
-    """Test owners for pairs (N, 2) whose first and second members are equal sets, (count,) bool."""
-    first, other = (np.sort(owners * size + each) for each in pairs.T)
-    same = np.ones(count, np.bool_)
-    same[first[first != other] // size] = False
-    return same

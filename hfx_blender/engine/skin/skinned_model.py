@@ -79,40 +79,16 @@ class SkinnedModel:
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
-        if native.is_there():
-            return PosedBones(pose.bones, rows, to_target, UsedBones(bones)).matrices
-        if len(bones) and bones.max() == self._still:
-            posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
-            moving = np.flatnonzero(bones < self._still)
-            posed[:, moving] = pose.bones[rows[:, None], bones[None, moving]]
-        else:
-            posed = pose.bones[rows[:, None], bones[None, :]]
-        moved = to_target[:, None, :3, :3] @ posed
-        moved[..., 3] += to_target[:, None, :3, 3]
-        return moved
+        return PosedBones(pose.bones, rows, to_target, UsedBones(bones)).matrices
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        if native.is_there():
-            assert pose.bones is not None
-            return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
-        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
-        pairs = matrices[:, self._boxes.slots]
-        centres = np.einsum("npij,pj->npi", pairs[..., :3], self._boxes.centres) + pairs[..., 3]
-        halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._boxes.halves)
-        low = np.minimum.reduceat(centres - halves, self._boxes.ends[:-1], axis=1)
-        high = np.maximum.reduceat(centres + halves, self._boxes.ends[:-1], axis=1)
-        return low, high
+        assert pose.bones is not None
+        return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        if native.is_there():
-            assert pose.bones is not None
-            around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
-            return around[:, 0], around[:, 1]
-        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
-        linear, (middles, edges) = matrices[..., :3], self._boxes.of_bones
-        centres = np.einsum("nbij,bj->nbi", linear, middles) + matrices[..., 3]
-        halves = np.einsum("nbij,bj->nbi", np.abs(linear), edges)
-        return (centres - halves).min(axis=1), (centres + halves).max(axis=1)
+        assert pose.bones is not None
+        around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
+        return around[:, 0], around[:, 1]
 
     @cached_property
     def outline(self) -> Outline:
@@ -144,27 +120,6 @@ class SkinnedModel:
         matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
         return SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
 
-    def cluster_moves(
-        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
-    ) -> F64:
-        starts = self._boxes.ends[clusters]
-        counts = self._boxes.ends[clusters + 1] - starts
-        firsts = np.cumsum(counts) - counts
-        pairs = np.repeat(starts - firsts, counts) + np.arange(int(counts.sum()))
-        bones, slots = np.unique(self._boxes.slots[pairs], return_inverse=True)
-        before, after = (
-            self.bone_matrices(pose, row, target, self._boxes.used[bones])
-            for row, target in zip(rows, to_target, strict=True)
-        )
-        changes = (after - before)[:, slots]
-        moves = np.abs(
-            np.einsum("npij,pj->npi", changes[..., :3], self._boxes.centres[pairs])
-            + changes[..., 3]
-        )
-        moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._boxes.halves[pairs])
-        squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
-        return np.sqrt(squared)
-
     def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones = [self.cluster_bones(cluster) for cluster in clusters.tolist()]
         firsts = np.cumsum([0, *(len(some) for some in bones[:-1])])
@@ -193,7 +148,8 @@ class SkinnedModel:
         return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
 
     def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
-        """:meth:`cluster_moves` between two rows of bones, in the space of ``linear`` (n, 3, 3)."""
+        """Upper bound of the way of clusters' vertices between two rows of bones, (n, k), in the
+        space of ``linear`` (n, 3, 3)."""
         before, after = rows
         return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
 

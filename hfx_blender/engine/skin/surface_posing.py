@@ -1,45 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Positions of vertices that ride on an avatar's surface; see :mod:`.posing`."""
+"""Positions of vertices that ride on an avatar's surface, and of any without the compiled library;
+see :mod:`.posing`."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import largest
 from ..kinematics.motion import longest_axis
-from ..scene import PoseBlock, SurfaceAnchors
+from ..reference.pose import by_bones
+from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
 from .posing import LinkTable, PosedClusters, joined, runs
 
 
-class SurfaceModel:
-    """Vertices ride on the triangles of an avatar's evaluated mesh."""
+class PointwiseModel(ABC):
+    """Model whose clusters are bounded by posing them."""
 
-    def __init__(
-        self,
-        model: PerceptualModel,
-        anchors: SurfaceAnchors,
-        clusters: list[I32] | None = None,
-    ) -> None:
-        self.clusters = clusters_of(model) if clusters is None else clusters
-        self._anchors = anchors
+    clusters: list[I32]
 
-    def _on_surface(self, vertices: I32, surface: npt.NDArray[np.float32]) -> F64:
-        """Positions on surfaces (n, A, 3) -> (n, k, 3), avatar's local space."""
-        anchors = self._anchors
-        corners = surface[:, anchors.corners[vertices]].astype(np.float64)
-        edge_1 = corners[:, :, 1] - corners[:, :, 0]
-        edge_2 = corners[:, :, 2] - corners[:, :, 0]
-        normals = np.cross(edge_1, edge_2)
-        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-        normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-        points: F64 = np.einsum("nvci,vc->nvi", corners, anchors.weights[vertices])
-        return points + normals * anchors.offset_m[vertices][:, None]
+    @abstractmethod
+    def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
+        """Positions of vertices (k,) at some rows, (n, k, 3), the body's own space."""
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         lows, highs = [], []
@@ -49,31 +37,21 @@ class SurfaceModel:
             highs.append(points.max(axis=2).T)
         return np.stack(lows, axis=1), np.stack(highs, axis=1)
 
-    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        assert pose.surface is not None
-        surface = pose.surface[rows]
-        low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
-        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
-        beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
-        above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
-        half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above
-        linear = to_target[:, :3, :3]
-        centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
-        reach = np.einsum("nij,nj->ni", np.abs(linear), half)
-        return centre - reach, centre + reach
-
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        assert pose.surface is not None
-        local = self._on_surface(self.clusters[cluster], pose.surface[rows])
+        local = self._local(self.clusters[cluster], pose, rows)
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        return _SurfaceClusters(self, pose, rows, to_target)
+        return _PointwiseClusters(self, pose, rows, to_target)
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
     ) -> F64:
+        """Upper bound of the way of a cluster's vertices between two rows, (n, k), target space.
+
+        ``rows`` and ``to_target`` are those before and those after.
+        """
         moves = np.zeros((len(rows[0]), len(clusters)))
         for k, cluster in enumerate(clusters.tolist()):
             before, after = (
@@ -89,17 +67,76 @@ class SurfaceModel:
         return np.repeat(stretches[:, None], len(clusters), axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
-        assert pose.surface is not None
-        local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
+        local = self._local(vertices, pose, np.array([row]))[0]
         moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
         return moved
 
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        low, high = self.cluster_bounds(pose, rows, to_target)
+        return low.min(axis=1), high.max(axis=1)
+
+
+class BlendedModel(PointwiseModel):
+    """Linear blend skinning as :mod:`..reference` defines it, without the compiled library."""
+
+    def __init__(self, model: PerceptualModel, binding: SkinBinding, clusters: list[I32]) -> None:
+        self.clusters, self._model, self._names = clusters, model, binding.bone_names
+
+    def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
+        each = [_blended(self._model, self._names, pose, row)[vertices] for row in rows.tolist()]
+        return np.stack(each) if each else np.zeros((0, len(vertices), 3))
+
+
+@lru_cache(maxsize=80)
+def _blended(model: PerceptualModel, names: tuple[str, ...], pose: PoseBlock, row: int) -> F64:
+    """Positions of all vertices (V, 3); not to be changed."""
+    assert pose.bones is not None
+    return by_bones(model, names, pose.bones[row]).T
+
+
+class SurfaceModel(PointwiseModel):
+    """Vertices ride on the triangles of an avatar's evaluated mesh."""
+
+    def __init__(
+        self,
+        model: PerceptualModel,
+        anchors: SurfaceAnchors,
+        clusters: list[I32] | None = None,
+    ) -> None:
+        self.clusters = clusters_of(model) if clusters is None else clusters
+        self._anchors = anchors
+
+    def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
+        assert pose.surface is not None
+        anchors, surface = self._anchors, pose.surface[rows]
+        corners = surface[:, anchors.corners[vertices]].astype(np.float64)
+        edge_1 = corners[:, :, 1] - corners[:, :, 0]
+        edge_2 = corners[:, :, 2] - corners[:, :, 0]
+        normals = np.cross(edge_1, edge_2)
+        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+        normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+        points: F64 = np.einsum("nvci,vc->nvi", corners, anchors.weights[vertices])
+        return points + normals * anchors.offset_m[vertices][:, None]
+
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        assert pose.surface is not None
+        surface = pose.surface[rows]
+        low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
+        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
+        beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
+        above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
+        half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above
+        linear = to_target[:, :3, :3]
+        centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
+        reach = np.einsum("nij,nj->ni", np.abs(linear), half)
+        return centre - reach, centre + reach
+
 
 @dataclass(frozen=True, eq=False)
-class _SurfaceClusters:
-    """Clusters of a model that rides on a surface."""
+class _PointwiseClusters:
+    """Clusters of a model at some rows."""
 
-    model: SurfaceModel
+    model: PointwiseModel
     pose: PoseBlock
     rows: I64
     to_target: F64

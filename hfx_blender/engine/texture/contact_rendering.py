@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import F64, I64
 from .contact_path import ContactPaths
-from .height_field import HeightField
+from .height_field import HeightField, Order
 from .lookup import REST_M_S, strongest_crossed
 from .surface_texture import Renderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, without_waviness
@@ -48,6 +48,7 @@ class ContactRenderer:
             assert texture.height is not None
             is_direct = texture.renderer is Renderer.DIRECT
             self._field = without_waviness(texture.height) if is_direct else texture.height
+            self._order: Order = "cubic" if is_direct else "linear"  # as strokes are rendered
             across, up = self._field.texel_m
             self._per_texel = np.array([[1.0 / up], [1.0 / across]])
 
@@ -152,7 +153,7 @@ class ContactRenderer:
         new = np.zeros((texels.shape[1], steps))
         seams = paths.seams - paths.carried
         if most <= steps * (1.0 + 1e-9) and new.size <= _AT_ONCE:
-            return _on_the_way(field, places, seams, steps, 1)
+            return _on_the_way(field, self._order, places, seams, steps, 1)
         factors = np.ceil(texels.max(axis=0) / steps - 1e-9).clip(1, _MAX_FACTOR)
         for factor in set(factors.tolist()):
             mine = (factors == factor).nonzero()[0]
@@ -160,7 +161,9 @@ class ContactRenderer:
             for first in range(0, len(mine), at_once):
                 part = mine[first : first + at_once]
                 apart = np.isin(part, seams).nonzero()[0]
-                new[part] = _on_the_way(field, places[:, :, part], apart, steps, int(factor))
+                new[part] = _on_the_way(
+                    field, self._order, places[:, :, part], apart, steps, int(factor)
+                )
         return new
 
 
@@ -171,7 +174,9 @@ def _shares(count: int) -> F64:
     return shares
 
 
-def _on_the_way(field: HeightField, ends: F64, seams: I64, steps: int, factor: int) -> F64:
+def _on_the_way(
+    field: HeightField, order: Order, ends: F64, seams: I64, steps: int, factor: int
+) -> F64:
     """Heights (n, steps) on paths, each the mean of ``factor`` ones, so that no texel is skipped.
 
     The way takes the time of a sample: its first half the first piece, then the second.
@@ -186,7 +191,7 @@ def _on_the_way(field: HeightField, ends: F64, seams: I64, steps: int, factor: i
             first, end = ends[begin : begin + 2, :, seams, None]
             along = 2.0 * shares[part] - (begin == 2)
             places[:, seams, part] = first - 0.5 + along * (end - first)
-    heights = field.at_places(places)
+    heights = field.at_places(places, order)
     if factor == 1:
         return heights
     return np.asarray(heights.reshape(-1, steps, factor).mean(axis=2))

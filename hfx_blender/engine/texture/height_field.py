@@ -78,11 +78,13 @@ class HeightField:
         size = more.size - 1
         return np.ndarray((size,), np.complex128, more, 0, (more.itemsize,))
 
-    def at_places(self, places: F64) -> F64:
-        """Heights at rows and columns (2, ...), 0 the middle of the first texel; linear.
+    def at_places(self, places: F64, order: Order = "linear") -> F64:
+        """Heights at rows and columns (2, ...), 0 the middle of the first texel.
 
         The same as :meth:`sample` for places in texels, and quicker; ``places`` is used up.
         """
+        if order == "cubic":
+            return cubic(self.heights_m, places, self.tiles)
         rows, columns = self.heights_m.shape
         if not self.tiles:
             last = np.array([rows - 1.0, columns - 1.0]).reshape(2, *[1] * (places.ndim - 1))
@@ -196,8 +198,11 @@ def sample_at(
     places = np.stack([y_m, x_m])
     places *= np.array([1.0 / texel_m[1], 1.0 / texel_m[0]]).reshape(2, *[1] * x_m.ndim)
     places -= 0.5
-    if order == "linear":
-        return bilinear(grid, places, tiles)
+    return (bilinear if order == "linear" else cubic)(grid, places, tiles)
+
+
+def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
+    """Catmull-Rom values of a grid (H, W) at places as of :func:`bilinear`."""
     rows, columns = grid.shape
     low = np.floor(places)
     y, x = places - low

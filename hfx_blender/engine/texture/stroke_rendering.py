@@ -12,7 +12,7 @@ from .signal import Signal, carrier
 from .stroke import Stroke
 from .surface_texture import Renderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, profile
-from .textile import drive_levels
+from .textile import WINDOW_S, drive_levels
 
 
 def render_stroke(
@@ -20,6 +20,7 @@ def render_stroke(
     stroke: Stroke,
     *,
     step_s: float | None = None,
+    window_s: float | None = None,
     waveform_rate_hz: float = 8000.0,
 ) -> Signal:
     """Render a stroke as a vibration signal.
@@ -28,7 +29,9 @@ def render_stroke(
     ----------
     step_s : float, optional
         Time between two values of amplitude and frequency; the device's own update by default.
-        For ``TEXTILE`` it is the window of the Fourier transform as well.
+    window_s : float, optional
+        Duration up to the end of a step that ``TEXTILE`` and ``DIRECT`` look at; by default that
+        of exports, ``WINDOW_S``, or a step that is longer.
     waveform_rate_hz : float
         Rate of the waveform; 8 kHz is plenty for skin, 48 kHz is for ears.
 
@@ -47,11 +50,12 @@ def render_stroke(
         raise InputError(
             f"Stroke: it lasts {stroke.duration_s:g} s, less than one step of {step:g} s."
         )
+    window = max(WINDOW_S, step) if window_s is None else window_s
     if texture.renderer is Renderer.DIRECT:
-        return _direct(texture, stroke, step, count, waveform_rate_hz)
+        return _direct(texture, stroke, step, window, count, waveform_rate_hz)
     if texture.renderer is Renderer.TEXTILE:
         assert texture.height is not None
-        levels = drive_levels(texture.height, stroke, texture.drive_per_m, step)
+        levels = drive_levels(texture.height, stroke, texture.drive_per_m, window, step)
         amplitude = texture.device.amplitude_m_s2(levels)
         frequency = np.full(count, texture.device.carrier_hz)
     else:
@@ -70,21 +74,25 @@ def render_stroke(
 
 
 def _direct(
-    texture: SurfaceTexture, stroke: Stroke, step: float, count: int, rate_hz: float
+    texture: SurfaceTexture,
+    stroke: Stroke,
+    step: float,
+    window_s: float,
+    count: int,
+    rate_hz: float,
 ) -> Signal:
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
-    waveform = full * np.clip(drive, -1.0, 1.0)
-    begins = np.minimum(np.rint(step * rate_hz * np.arange(count)).astype(np.int64), len(drive) - 1)
-    length = max(round(step * rate_hz), 3)
-    window = np.minimum(begins[:, None] + np.arange(length), len(drive) - 1)
-    amplitude, frequency = amplitude_and_frequency(waveform[window], rate_hz)
+    length = max(round(window_s * rate_hz), 3)
+    begins = np.rint(step * rate_hz * np.arange(1, count + 1)).astype(np.int64) - length
+    window = np.clip(begins[:, None] + np.arange(length), 0, len(drive) - 1)
+    amplitude, frequency = amplitude_and_frequency(drive[window], rate_hz)  # before it is cut
     return Signal(
         stroke.times_s[0] + step * np.arange(count),
         step,
-        np.minimum(amplitude, full),
+        full * np.minimum(amplitude, 1.0),
         frequency,
-        waveform,
+        full * np.clip(drive, -1.0, 1.0),
         rate_hz,
     )

@@ -108,18 +108,25 @@ def _unlike_full(n: int, rate_hz: float) -> F64:
 
 
 def drive_levels(
-    field: HeightField, stroke: Stroke, drive_per_m: float, window_s: float = WINDOW_S
+    field: HeightField,
+    stroke: Stroke,
+    drive_per_m: float,
+    window_s: float = WINDOW_S,
+    step_s: float | None = None,
 ) -> F64:
-    """Levels P of equation 3 for each window of a stroke, from its begin; an incomplete window is
-    dropped.
+    """Levels P of equation 3 at the end of each step of a stroke; an incomplete one is dropped.
+
+    A window ends with its step, which is as long as it by default. Before the stroke the finger
+    rests where it begins.
 
     Returns
     -------
-    (floor(duration / window_s),) float64
+    (floor(duration / step_s),) float64
         Drive levels; above 1 a device is at its limit.
     """
-    count = int(np.floor(stroke.duration_s / window_s * (1.0 + 1e-12)))
-    begins = stroke.times_s[0] + window_s * np.arange(count)
+    step_s = window_s if step_s is None else step_s
+    count = int(np.floor(stroke.duration_s / step_s * (1.0 + 1e-12)))
+    begins = stroke.times_s[0] + step_s * np.arange(1, count + 1) - window_s
     levels = np.zeros(count)
     factors = np.array([_factor(field, stroke, t, window_s) for t in begins], np.int64)
     for factor in np.unique(factors).tolist():

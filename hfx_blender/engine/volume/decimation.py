@@ -83,7 +83,7 @@ def _is_kept(
     bound: float,
     to_surface: Callable[[F64], F64],
 ) -> bool:
-    """Whether a mesh of fewer faces is as good."""
+    """Test that a mesh of fewer faces is as good."""
     from trimesh.triangles import area, mass_properties
 
     if not is_closed(faces) or _farthest(vertices, points, faces) > bound:

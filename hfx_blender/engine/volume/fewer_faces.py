@@ -12,7 +12,7 @@ from .mesh import MeshVolume
 from .shape import Shape
 
 SHARE: Final = 1.0 / 8.0
-"""Of the error of a contact's edge that a tolerance accepts, for the mesh."""
+"""Share of the accepted error of a contact's edge that the mesh may take."""
 
 _STEPS: Final = 2.0  # of bounds in an octave, so that a turning volume keeps its mesh
 

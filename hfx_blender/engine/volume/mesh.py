@@ -12,15 +12,15 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, Bool
-from ..native.library import library
+from ..native import mesh_crossing
+from ..native.mesh_tree import NativeTree
 from ..ways import Ways
-from .mesh_crossing import comes_near, crossings
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
 
 MANY_FACES: Final = 50_000
-"""From here on, searching depths among all faces takes longer than finding fewer."""
+"""Number of faces from which on searching depths among all takes longer than finding fewer."""
 
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
@@ -29,6 +29,7 @@ _ALIKE: Final = 1e-9  # depths, as shares of the largest
 _AROUND: Final = 1 / 16  # of the extent: beyond it the distance to the box is enough
 _NEARLY: Final = 0.4  # a bound of a distance is found ten times faster, and is nearly as useful
 _UNSURE: Final = 1e-9  # of the extent: nearer to the boundary a point may count for either side
+_SLACK: Final = 1e-12  # of the largest coordinate: boxes of a tree are that much too small
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 _BOX_TRIANGLES: Final = np.array(
@@ -128,7 +129,7 @@ class MeshVolume:
 
     @property
     def is_fine(self) -> bool:
-        """Whether it has so many faces that it may pay to feel fewer."""
+        """Test for so many faces that it may pay to feel fewer."""
         return len(self._triangles) >= MANY_FACES
 
     def within(self, bound: float) -> MeshVolume:
@@ -208,14 +209,11 @@ class MeshVolume:
     def clearance(self, points: F64) -> F64:
         """A bound of the distance to the boundary, see :meth:`Shape.clearance`.
 
-        In the box and around it told by the compiled tree; without, only that to the box is known,
-        as looking at samples costs less.
+        In the box and around it told by the compiled tree.
         """
         low, high = self.bounds
         to_box = np.maximum(low[:, None] - points, points - high[:, None]).max(axis=0)
         clear: F64 = np.maximum(to_box, 0.0)
-        if library() is None:
-            return clear
         extent = high - low
         rounding = (
             _UNSURE * extent.max() + 8.0 * np.finfo(np.float64).eps * np.abs(low + high).max()
@@ -229,12 +227,19 @@ class MeshVolume:
         return clear
 
     def crossings(self, ways: Ways) -> tuple[F64, F64]:
-        """First and last crossings of paths, see :func:`mesh_crossing.crossings`."""
-        return crossings(self._tree, self._middle, ways)
+        """First and last crossings of paths, see :func:`.native.mesh_crossing.crossings`."""
+        return mesh_crossing.crossings(*self._searched, self._middle, ways)
 
-    def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
-        """Points that come near the surface, see :func:`mesh_crossing.comes_near`."""
-        return comes_near(self._tree, self._middle, ways, reaches)
+    def comes_near(self, ways: Ways, reaches: F64) -> Bool:
+        """Paths that may come within ``reaches`` (N,) of the surface."""
+        return mesh_crossing.comes_near(*self._searched, self._middle, ways, reaches)
+
+    @property
+    def _searched(self) -> tuple[NativeTree, float]:
+        """Compiled tree, and how much its boxes are too small."""
+        tree = self._tree.compiled
+        assert tree is not None
+        return tree, _SLACK * float(np.abs(np.stack(tree.extent)).max())
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
         """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""

@@ -37,7 +37,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
 
 
 def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Which of 0 .. ``count`` - 1 occur, ascending, and the place of each number among them."""
+    """Numbers below ``count`` that occur, ascending, and the place of each number among them."""
     occurs = np.zeros(count, np.bool_)
     occurs[numbers] = True
     return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
@@ -97,7 +97,7 @@ def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
 
 
 def is_closed(triangles: I32) -> bool:
-    """Whether each edge is used as often in one direction as in the other."""
+    """Test that each edge is used as often in one direction as in the other."""
     edge, _, up = _edges(triangles)
     return not _balance(edge, up).any()
 

@@ -54,7 +54,7 @@ RECORDS: Final[dict[str, np.dtype[Any]]] = {
         *("id", "modality", "first_column", "columns", "first_row", "rows", "first_value"),
         *("place", "side", "parts", "bone", "human", "centre_m:f4*3", "radius_m:f4"),
         *("latency_ms:f4", "update_interval_ms:f4", "slew_per_s:f4", "maximum_on_s:f4"),
-        *("rest_s:f4", "zero"),
+        *("rest_s:f4", "reserved"),
     ),
     "COLM": _record(
         *("parameter", "unit", "actuator", "neutral_number"),
@@ -63,15 +63,15 @@ RECORDS: Final[dict[str, np.dtype[Any]]] = {
     "ROWS": np.dtype("<u4"),
     "VALU": np.dtype("<u2"),
     "CLIP": _record("name", "loops", "start_s:f8", "end_s:f8"),
-    "BODY": _record("name", "first_bone", "bones", "first_model", "models", "zero"),
+    "BODY": _record("name", "first_bone", "bones", "first_model", "models", "reserved"),
     "BONE": _record("name", "human", "mixamo", "unreal", "parent", "length_m:f4", "rest:f4*12"),
-    "MODL": _record("id", "modality", "level", "first_vertex", "vertices", "zero"),
+    "MODL": _record("id", "modality", "level", "first_vertex", "vertices", "reserved"),
     "VERT": _record("place:f4*3", "id", "first_weight", "weights"),
     "WGHT": _record("bone:u2", "weight:u2"),
     "EFCT": _record(
         *("name", "kind", "modality", "body", "model", "shape", "half_segment:f4", "falloff"),
         *("share:f4", "level:f4", "parameters:f4*4", "neutral_c:f4", "first_filter", "filters"),
-        *("first_painted", "painted", "matrix:f4*12", "zero"),
+        *("first_painted", "painted", "matrix:f4*12", "reserved"),
     ),
     "FLTR": _record("kind", "operation", "about", "controls:f4*5"),
     "PNTD": _record("vertex", "weight:f4"),
@@ -170,14 +170,20 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
     if count > _MOST_SECTIONS or _HEAD.size + _SECTION.size * count > size:
         raise InputError(f"{name}: 'sections' is {count}, which do not fit, allowed are 64.")
     found = {each: np.zeros(0, kind) for each, kind in RECORDS.items()}
+    names: set[str] = set()
     for k in range(count):
-        key, first, length, _ = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
+        key, first, length, reserved = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
         section = key.decode("latin-1")
+        if section in names:
+            raise InputError(f"{name}: the section {section!r} occurs twice.")
+        if reserved:
+            raise InputError(
+                f"{name}: 'reserved' of section {section!r} is {reserved}, allowed is 0."
+            )
+        names.add(section)
         if section not in RECORDS:
             continue
         kind = RECORDS[section]
-        if len(found[section]):
-            raise InputError(f"{name}: the section '{section}' occurs twice.")
         if first % _ALIGNED or first + length > size or length % kind.itemsize:
             raise InputError(
                 f"{name}: the section '{section}' has {length} bytes from byte {first}, allowed "

@@ -189,7 +189,8 @@ def _numbers(sections: Sections) -> list[Finding]:
     for section, kind in RECORDS.items():
         for field in kind.names or ():
             values = sections[section][field]
-            low, high = _WHOLE.get(section, {}).get(field, (0.0, float(NONE)))
+            most = 0.0 if field == "reserved" else float(NONE)
+            low, high = _WHOLE.get(section, {}).get(field, (0.0, most))
             if values.dtype.kind == "f":
                 low, high = _REAL.get(section, {}).get(field, (-np.inf, np.inf))
                 is_bad = ~((values >= low) & (values <= high))
@@ -290,4 +291,16 @@ def _spatial(sections: Sections) -> list[Finding]:
     of = reactions["actuator"].astype(np.int64)
     found += _first("REAC", "actuator", of, np.diff(of, prepend=0) < 0, "ascending")
     most = np.repeat(counts, reactions["reached"])
-    return found + _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
+    found += _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
+    factors = sections["RCHV"]["factor"]
+    found += _first("RCHV", "factor", factors, factors <= 0.0, "above 0, up to 1")
+    for section, values, counts in (
+        ("RCHV", reached, reactions["reached"]),
+        ("PNTD", sections["PNTD"]["vertex"], sections["EFCT"]["painted"]),
+    ):
+        owners = np.repeat(np.arange(len(counts)), counts)
+        is_bad = (np.diff(owners, prepend=-1) == 0) & (
+            np.diff(values.astype(np.int64), prepend=-1) <= 0
+        )
+        found += _first(section, "vertex", values, is_bad, "above the one before")
+    return found

@@ -11,7 +11,7 @@ from ...engine.arrays import F64, I64
 from ...engine.body.levels import level_count, level_of
 from ...engine.body.model import PerceptualModel, load_model, load_skeleton
 from ...engine.modality import MODALITIES, neutral_temperature_c
-from ...engine.rendering.device import DeviceConfig, RoomPlace
+from ...engine.rendering.device import Actuator, DeviceConfig, RoomPlace
 from ...engine.rendering.schemes import cells_of
 from ...engine.response_filters.controls import About, FilterKind, Operation
 from ...engine.scene import BodyDescription, HapticVolume, PaintedArea, SkinBinding
@@ -64,6 +64,8 @@ def sections_of(
     found = bodies.sections()
     found |= _effects(effects, bodies, texts)
     found |= _reactions(played, bodies, {each.effect.modality for each in effects})
+    standing = [f"{x.name}: {each.id}" for x, _ in played for each in x.actuators if _stands(each)]
+    lost += counted(standing, "actuators at a place in the room follow no avatar")
     return found, Written(notes=lost)
 
 
@@ -308,8 +310,7 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
         for number, actuator in enumerate(device.actuators, first):
             for source in _MODALITIES:
                 shown = _shown(device, source, actuator.type.modality)
-                is_standing = isinstance(actuator.place, RoomPlace) and actuator.place.at_m
-                if shown is None or source not in felt or is_standing:
+                if shown is None or source not in felt or _stands(actuator):
                     continue
                 for (body_id, _), (model, rank, whole) in bodies.kept.items():
                     if body_id != raster.body_id or whole.modality != MODALITIES[source].model:
@@ -330,6 +331,11 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
         "REAC": records("REAC", rows),
         "RCHV": np.concatenate([records("RCHV", []), *reached]),
     }
+
+
+def _stands(actuator: Actuator) -> bool:
+    """Test for an actuator at a fixed place in the room."""
+    return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
 def _shown(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:

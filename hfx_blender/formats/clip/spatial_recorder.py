@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the spatial part of a clip needs of a scene's animation, kept block by block."""
+"""Recorder of the animation that the spatial part of a clip needs, block by block."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SpatialRecorder:
             known["level"], known["parameters"] = seen["level"], seen["parameters"]
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """What was recorded, as arrays that one process can hand on to another."""
+        """Recorded values as arrays that one process can hand on to another."""
         found = {f"{k}.{name}": each for k, of in self._found.items() for name, each in of.items()}
         return {**found, "others": np.array(sorted(self._others), np.int64)}
 

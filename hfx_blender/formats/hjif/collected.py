@@ -35,7 +35,7 @@ class Collected:
         self.first_set: tuple[I64, F64] | None = None
         """Vertices and weights of the first sample."""
         self.changes = False
-        """Whether any sample has other vertices; only told if not by part."""
+        """Test for a sample with other vertices; only told if not by part."""
 
     def add(self, run: SampleRun) -> None:
         """Take the next samples."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from ..checking import Finding, Items, Number, Record, Shape, Text
+from ..checking import Finding, Items, Number, Record, Report, Shape, Text, check
 
 _OLD_NAMES: Final = {
     "mixing_weight": "mixing_coefficient",
@@ -91,9 +91,9 @@ def standardized(shape: Shape, value: Any, name: str = "") -> Any:
     if isinstance(shape, Items):
         if not isinstance(value, list):
             return value
-        if name == "composition":  # the standard's schema lets anything be in it
-            value = [each for each in value if isinstance(each, dict)]
         items = [standardized(shape.item, each) for each in value]
+        if name == "composition":  # the standard's schema lets anything be in it
+            return [each for each in items if _is_effect(shape.item, each)]
         if isinstance(shape.item, Text) and shape.item.choices:
             return [each for each in items if each in shape.item.choices]
         return items
@@ -121,6 +121,15 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
         if name not in found and name in _DEFAULTS:
             found[name] = _DEFAULTS[name]
     return found
+
+
+def _is_effect(shape: Shape, item: Any) -> bool:
+    """Test for an effect of a composition whose own members, not those within it, can be read."""
+    report = Report("HJIF")
+    if isinstance(item, dict):
+        item = {key: member for key, member in item.items() if key != "composition"}
+    check(shape, item, report)
+    return not any(each.code != "HJIF-RANGE" for each in report.findings)
 
 
 def _is_length(item: Any) -> bool:

@@ -47,7 +47,7 @@ UNITS: Final = {  # of full scale
 PITCH_HZ: Final = 1.0
 
 TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
-"""What is told of :func:`vanished` places."""
+"""Remark on :func:`vanished` places."""
 
 
 @dataclass(eq=False)

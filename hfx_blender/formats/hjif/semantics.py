@@ -167,7 +167,7 @@ def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
 
 def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> None:
     resolution = channel.get("actuator_resolution")
-    if resolution is not None and min(resolution.values()) < 0:
+    if resolution is not None and min(resolution[axis] for axis in "XYZ") < 0:
         message = "a resolution is not negative"
         report.error("RESOLUTION-NEGATIVE", (place, "actuator_resolution"), message)
     if resolution is not None:

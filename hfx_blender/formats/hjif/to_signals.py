@@ -68,6 +68,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
         if any(each.perception_modality == "Other" for each in document.perceptions):
             told += ("modality Other is taken as vibration",)
+        if any(_is_placed(one) for each in document.perceptions for one in each.channels):
+            told += ("where on the body its channels are is not kept",)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=told)
     hertz = [
@@ -79,6 +81,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return signals, FrequencyRange(
         min(hertz, default=0.0), max(hertz, default=1.0), is_stated=False
     )
+
+
+def _is_placed(channel: Channel) -> bool:
+    places = (channel.body_part_mask, channel.vertices, channel.body_part_target)
+    return any(places) or bool(channel.actuator_target) or channel.direction is not None
 
 
 def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:

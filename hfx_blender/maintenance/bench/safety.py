@@ -49,7 +49,7 @@ _VALUES_A_ROUND: Final = 100_000
 Progress = Callable[[float], None]
 
 KINDS: Final = {**safety_stops.KINDS, **safety_silences.KINDS, **safety_borders.KINDS}
-"""Who makes the rounds of rows, and how many of them at a time."""
+"""Runner of the rounds of rows, and how many of them at a time."""
 
 ROWS: Final = (*LIMITS_MS, "limiter", "opened files")
 

@@ -28,7 +28,7 @@ from .safety_stops import (
 )
 
 _WATCHED_S: Final = 0.05
-"""So long a device that was muted is fed on: something loud would mean that it is not."""
+"""Time that a muted device is fed on: something loud would mean that it is not muted."""
 
 _BOARD: Final = "arduino_uno_pwm"
 
@@ -150,4 +150,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "mute": (_Mutes, 1),
     "cable lost": (_CableIsCut, 4),
 }
-"""Who makes the rounds, and how many of them at a time."""
+"""Runner of the rounds, and how many of them at a time."""

@@ -91,7 +91,7 @@ def run(
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """Run all rounds of one kind, in threads: each waits most of the time.
+    """Run all rounds of one kind, several in threads: each waits most of the time.
 
     Parameters
     ----------
@@ -121,11 +121,14 @@ def run(
         except BaseException as error:
             errors.append(error)
 
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(at_a_time)]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
+    if at_a_time == 1:
+        work(0)  # here: Blender may be used in the main thread only
+    else:
+        threads = [threading.Thread(target=work, args=(k,)) for k in range(at_a_time)]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
     if errors:
         raise errors[0]
     return Trials(

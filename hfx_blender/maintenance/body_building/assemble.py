@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ...engine.arrays import F64, I32, I64, U8
-from ...engine.body.mesh_edges import edges_of, triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, Skeleton, SkinWeights
 from ...engine.body.parts import CENTRE, LEFT, RIGHT
 from .left_skin import Half
+from .mesh_edges import edges_of, triangle_normals
 from .nearest_places import locate
 
 if TYPE_CHECKING:

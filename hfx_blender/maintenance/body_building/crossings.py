@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
-from ...engine.body import mesh_edges
+from . import mesh_edges
 
 _PAIRS_AT_ONCE: Final = 1_000_000
 

@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64, Bool
-from ...engine.body import mesh_edges
-from . import mesh_edit
+from . import mesh_edges, mesh_edit
 from .crossings import crossings
 from .nearest_places import locate
 from .remesher import Remesher

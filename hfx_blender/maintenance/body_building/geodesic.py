@@ -10,9 +10,9 @@ import numpy as np
 
 from ...atomic_files import atomic_file
 from ...engine.arrays import F64, I32, I64
-from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
+from .mesh_edges import edges_of
 
 _SEED_LINKS: Final = 6  # nearest fine vertices that a coarse vertex is joined to
 _SHORTEST_M: Final = 1e-9  # scipy takes a length of zero for "no edge"

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64, U8, Bool
-from ...engine.body import mesh_edges
 from ...engine.body.parts import CENTRE, RIGHT
+from . import mesh_edges
 from .skin import Skins
 
 SAMPLES_ACROSS: Final = 7

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine.arrays import F64, I64, Bool
-from ...engine.body.mesh_edges import Edges, edges_of, expand, key, triangle_normals
+from ...engine.body.mesh_edges import expand
+from .mesh_edges import Edges, edges_of, key, triangle_normals
 
 
 def neighbours(edges: Edges) -> tuple[I64, I64]:

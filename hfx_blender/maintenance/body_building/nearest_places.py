@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
-from ...engine.body.mesh_edges import expand, triangle_normals
+from ...engine.body.mesh_edges import expand
 from ...engine.body.nearest import barycentric
+from .mesh_edges import triangle_normals
 
 _CANDIDATES: Final = 8
 """Number of candidate triangles, enough for any mesh without slivers."""

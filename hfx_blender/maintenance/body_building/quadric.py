@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
-from ...engine.body import mesh_edges
 from ...engine.body.parts import PARTS
+from . import mesh_edges
 from .left_skin import Half, LeftSkin, Samples
 from .remesher import HEXAGON
 

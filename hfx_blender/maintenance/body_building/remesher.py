@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
-from ...engine.body import mesh_edges
 from ...engine.body.parts import PARTS
-from . import measure, mesh_edit
+from . import measure, mesh_edges, mesh_edit
 from .left_skin import Half, LeftSkin, sample
 
 HEXAGON: Final = np.sqrt(3.0) / 2.0

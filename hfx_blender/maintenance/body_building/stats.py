@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from .left_skin import Half
+from .mesh_edges import edges_of
 from .thresholds import NOTE_ON_TABLE_1, TABLE_1_MM, TABLE_1_SD_MM
 
 TIMES_FILE: Final = "build-times.json"

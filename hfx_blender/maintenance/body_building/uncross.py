@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64, U8, Bool
-from ...engine.body import mesh_edges
+from . import mesh_edges
 from .crossings import crossings, depth_m, pierced
 from .remesher import Remesher
 

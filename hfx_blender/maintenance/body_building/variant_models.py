@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ...engine.arrays import F64, U8
-from ...engine.body.mesh_edges import triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, load_avatar, load_model, manifest
 from ...engine.body.parts import CENTRE, PARTS, RIGHT
 from . import (
@@ -30,6 +29,7 @@ from . import (
 )
 from . import source as source_data
 from .left_skin import LeftSkin
+from .mesh_edges import triangle_normals
 from .nearest_places import locate
 from .progress import Progress, quiet
 from .skin import Skins

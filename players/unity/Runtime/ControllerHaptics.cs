@@ -5,34 +5,54 @@ using UnityEngine.XR;
 namespace Hfx.Haptics
 {
     /// <summary>
-    /// Plays the vibrations of a haptic player on the two controllers of a headset. Actuators worn on the
-    /// left go to the left controller, those on the right to the right one; of several the strongest counts.
+    /// Plays the vibrations of a haptic player, of a haptic body, or of both on the two controllers of a headset.
+    /// Actuators worn on the left go to the left controller, those on the right to the right one; of several the
+    /// strongest counts.
     /// </summary>
     [AddComponentMenu("Haptics/Controller Haptics")]
     public sealed class ControllerHaptics : MonoBehaviour
     {
         [SerializeField] HapticPlayer player;
+        [SerializeField] HapticBody body;
         /// <summary>Id of a device in the clip (say oculus_touch); empty: all devices.</summary>
         [SerializeField] string device = "";
+
+        struct Pulse
+        {
+            public float Share, Seconds;
+        }
 
         bool isLeftOn, isRightOn;
 
         void OnEnable()
         {
-            if (player != null) player.ValuesChanged += Play;
+            if (player != null) player.ValuesChanged += OfPlayer;
+            if (body != null) body.ValuesChanged += OfBody;
         }
 
         void OnDisable()
         {
-            if (player != null) player.ValuesChanged -= Play;
-            Send(XRNode.LeftHand, 0.0f, 0.0f, ref isLeftOn);
-            Send(XRNode.RightHand, 0.0f, 0.0f, ref isRightOn);
+            if (player != null) player.ValuesChanged -= OfPlayer;
+            if (body != null) body.ValuesChanged -= OfBody;
+            Send(XRNode.LeftHand, new Pulse(), ref isLeftOn);
+            Send(XRNode.RightHand, new Pulse(), ref isRightOn);
         }
 
-        void Play(HapticPlayer source)
+        void OfPlayer(HapticPlayer source) { Play(); }
+
+        void OfBody(HapticBody source) { Play(); }
+
+        void Play()
         {
-            float left = 0.0f, right = 0.0f, leftSeconds = 0.0f, rightSeconds = 0.0f;
-            HapticClip clip = source.Clip;
+            Pulse left = new Pulse(), right = new Pulse();
+            if (player != null && player.Values != null) Add(player.Clip, player.Values, ref left, ref right);
+            if (body != null && body.Values != null) Add(body.Clip, body.Values, ref left, ref right);
+            Send(XRNode.LeftHand, left, ref isLeftOn);
+            Send(XRNode.RightHand, right, ref isRightOn);
+        }
+
+        void Add(HapticClip clip, float[] values, ref Pulse left, ref Pulse right)
+        {
             foreach (Device each in clip.Devices)
             {
                 if (device.Length > 0 && each.Id != device) continue;
@@ -40,31 +60,24 @@ namespace Hfx.Haptics
                 {
                     Actuator actuator = clip.Actuators[k];
                     if (actuator.Modality != Modality.Vibration) continue;
-                    Column strength = clip.Columns[actuator.FirstColumn];
-                    float share = (float)(source.Values[actuator.FirstColumn] / strength.Highest);
-                    if (actuator.Side == Side.Left && share > left)
+                    Pulse pulse = new Pulse
                     {
-                        left = share;
-                        leftSeconds = (float)each.DeadManSeconds;
-                    }
-                    else if (actuator.Side == Side.Right && share > right)
-                    {
-                        right = share;
-                        rightSeconds = (float)each.DeadManSeconds;
-                    }
+                        Share = (float)(values[actuator.FirstColumn] / clip.Columns[actuator.FirstColumn].Highest),
+                        Seconds = (float)each.DeadManSeconds,
+                    };
+                    if (actuator.Side == Side.Left && pulse.Share > left.Share) left = pulse;
+                    if (actuator.Side == Side.Right && pulse.Share > right.Share) right = pulse;
                 }
             }
-            Send(XRNode.LeftHand, left, leftSeconds, ref isLeftOn);
-            Send(XRNode.RightHand, right, rightSeconds, ref isRightOn);
         }
 
-        static void Send(XRNode node, float amplitude, float seconds, ref bool isOn)
+        static void Send(XRNode node, Pulse pulse, ref bool isOn)
         {
-            if (amplitude <= 0.0f && !isOn) return;
+            if (pulse.Share <= 0.0f && !isOn) return;
             InputDevice controller = InputDevices.GetDeviceAtXRNode(node);
-            isOn = amplitude > 0.0f;
+            isOn = pulse.Share > 0.0f;
             if (!controller.isValid) return;
-            if (isOn) controller.SendHapticImpulse(0, amplitude, seconds);
+            if (isOn) controller.SendHapticImpulse(0, pulse.Share, pulse.Seconds);
             else controller.StopHaptics();
         }
     }

@@ -45,9 +45,36 @@ namespace Hfx.Haptics
         public bool Loops;
     }
 
+    /// <summary>A body of the spatial part, in the order in which the core numbers them.</summary>
+    public sealed class Body
+    {
+        public string Name;
+        public Bone[] Bones;
+    }
+
+    /// <summary>A bone by its names in the scene and in common rigs; these may be empty.</summary>
+    public sealed class Bone
+    {
+        public string Name, Human, Mixamo, Unreal;
+        /// <summary>Index within the body, below its own; -1: it has none.</summary>
+        public int Parent;
+    }
+
+    public enum VolumeShape { Cuboid, Sphere, Cylinder, Capsule }
+
+    /// <summary>A volume or painted area of the spatial part.</summary>
+    public sealed class Effect
+    {
+        public string Name;
+        public bool IsPainted;
+        public Modality Modality;
+        public VolumeShape Shape;
+        public float HalfSegment, Level;
+    }
+
     /// <summary>
-    /// The baked part of a clip (.hfxclip), as docs/formats/clip.md describes it: what each
-    /// actuator of each device plays over time. Needs nothing of Unity.
+    /// A clip (.hfxclip), as docs/formats/clip.md describes it: what each actuator of each device plays
+    /// over time, and the names of what avatars can feel. Needs nothing of Unity.
     /// </summary>
     public sealed class HapticClip
     {
@@ -57,6 +84,7 @@ namespace Hfx.Haptics
         {
             { "TEXT", 1 }, { "TIME", 24 }, { "DEVC", 32 }, { "ACTR", 88 }, { "COLM", 40 },
             { "ROWS", 4 }, { "VALU", 2 }, { "CLIP", 24 },
+            { "BODY", 24 }, { "BONE", 72 }, { "EFCT", 128 },
         };
 
         readonly byte[] bytes;
@@ -74,6 +102,9 @@ namespace Hfx.Haptics
         public Actuator[] Actuators { get; private set; }
         public Column[] Columns { get; private set; }
         public NamedClip[] NamedClips { get; private set; }
+        public Body[] Bodies { get; private set; }
+        public Effect[] Effects { get; private set; }
+        internal byte[] Bytes { get { return bytes; } }
 
         /// <exception cref="FormatException">The bytes are no clip, damaged, or of a newer version.</exception>
         public HapticClip(byte[] bytes)
@@ -140,6 +171,8 @@ namespace Hfx.Haptics
             Actuators = Records("ACTR", ReadActuator);
             Devices = Records("DEVC", ReadDevice);
             NamedClips = Records("CLIP", ReadNamedClip);
+            Bodies = Records("BODY", ReadBody);
+            Effects = Records("EFCT", ReadEffect);
         }
 
         T[] Records<T>(string name, Func<int, T> read)
@@ -202,6 +235,33 @@ namespace Hfx.Haptics
             return new NamedClip
             {
                 Name = Text(at), Loops = U32(at + 4) == 1, StartSeconds = F64(at + 8), EndSeconds = F64(at + 16),
+            };
+        }
+
+        Body ReadBody(int at)
+        {
+            int first = Index(at + 4, parts["BONE"].Count + 1, "bone"), count = Index(at + 8, 65536, "bones");
+            Demand(first + count <= parts["BONE"].Count, "a body's bones are not there");
+            Body body = new Body { Name = Text(at), Bones = new Bone[count] };
+            for (int k = 0; k < count; k++)
+            {
+                int bone = parts["BONE"].Offset + RecordSizes["BONE"] * (first + k);
+                bool isRoot = U32(bone + 16) == uint.MaxValue;
+                body.Bones[k] = new Bone
+                {
+                    Name = Text(bone), Human = Text(bone + 4), Mixamo = Text(bone + 8), Unreal = Text(bone + 12),
+                    Parent = isRoot ? -1 : Index(bone + 16, k, "parent"),
+                };
+            }
+            return body;
+        }
+
+        Effect ReadEffect(int at)
+        {
+            return new Effect
+            {
+                Name = Text(at), IsPainted = Index(at + 4, 2, "kind") == 1, Modality = (Modality)Index(at + 8, 4, "modality"),
+                Shape = (VolumeShape)Index(at + 20, 4, "shape"), HalfSegment = F32(at + 24), Level = F32(at + 36),
             };
         }
 

@@ -7,7 +7,8 @@ using Hfx.Haptics;
 
 /// <summary>
 /// Plays players/conformance and compares each value; then every clip with one byte changed is refused, and
-/// playing makes no garbage. Ends with 1 if anything is wrong.
+/// playing makes no garbage. With a second folder, say players/conformance/spatial, a body feels volumes by the
+/// compiled core. Ends with 1 if anything is wrong.
 /// </summary>
 static class Conformance
 {
@@ -20,8 +21,10 @@ static class Conformance
         int damaged = 0;
         foreach (string path in paths) damaged += Damage(path);
         foreach (string path in paths) Garbage(path);
-        Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + wrong + " wrong");
-        return wrong > 0 || compared == 0 ? 1 : 0;
+        int felt = 0;
+        if (arguments.Length > 1) felt = Spatial.Walk(arguments[1], ref wrong);
+        Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + felt + " weights felt, " + wrong + " wrong");
+        return wrong > 0 || compared == 0 || (arguments.Length > 1 && felt == 0) ? 1 : 0;
     }
 
     static void Play(string path)

@@ -1,15 +1,116 @@
 // SPDX-License-Identifier: MIT
 // As much of Unity's classes as the package names, so that it can be compiled without an editor.
 using System;
+using System.Collections.Generic;
 
 namespace UnityEngine
 {
-    public class Object { }
+    public class Object { public string name = ""; }
     public class ScriptableObject : Object
     {
         public static T CreateInstance<T>() where T : ScriptableObject, new() { return new T(); }
     }
-    public class MonoBehaviour : Object { }
+    public class Component : Object
+    {
+        public Transform transform;
+        public T[] GetComponentsInChildren<T>() { return (T[])(object)transform.all.ToArray(); }
+    }
+    public class Behaviour : Component { }
+    public class MonoBehaviour : Behaviour { }
+    public class Transform : Component
+    {
+        public readonly List<Transform> all = new List<Transform>();
+        public Matrix4x4 localToWorldMatrix = Matrix4x4.identity;
+        public Matrix4x4 worldToLocalMatrix { get { return localToWorldMatrix.inverse; } }
+    }
+    public sealed class Animator : Behaviour
+    {
+        public readonly Dictionary<HumanBodyBones, Transform> bones = new Dictionary<HumanBodyBones, Transform>();
+        public bool isHuman { get { return true; } }
+        public Transform GetBoneTransform(HumanBodyBones bone)
+        {
+            Transform found;
+            return bones.TryGetValue(bone, out found) ? found : null;
+        }
+    }
+    public enum HumanBodyBones { Hips, LeftUpperLeg, LeftHand, RightThumbProximal, RightThumbIntermediate, LastBone }
+    public struct Vector3
+    {
+        public float x, y, z;
+        public Vector3(float x, float y, float z) { this.x = x; this.y = y; this.z = z; }
+        public static Vector3 zero { get { return new Vector3(); } }
+        public static Vector3 one { get { return new Vector3(1, 1, 1); } }
+        public static Vector3 up { get { return new Vector3(0, 1, 0); } }
+        public static Vector3 operator *(float by, Vector3 of) { return new Vector3(by * of.x, by * of.y, by * of.z); }
+        public static Vector3 operator -(Vector3 of) { return -1.0f * of; }
+        public static Vector3 operator +(Vector3 a, Vector3 b) { return new Vector3(a.x + b.x, a.y + b.y, a.z + b.z); }
+        public static Vector3 operator -(Vector3 a, Vector3 b) { return a + -b; }
+    }
+    public struct Matrix4x4 // mRC: row R, column C
+    {
+        public float m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23, m30, m31, m32, m33;
+        public static Matrix4x4 zero { get { return new Matrix4x4(); } }
+        public static Matrix4x4 identity { get { return new Matrix4x4 { m00 = 1, m11 = 1, m22 = 1, m33 = 1 }; } }
+        public Matrix4x4 inverse { get { return From(Inverse(Numbers())); } }
+        public static Matrix4x4 operator *(Matrix4x4 a, Matrix4x4 b)
+        {
+            double[,] one = a.Numbers(), other = b.Numbers(), found = new double[4, 4];
+            for (int i = 0; i < 64; i++) found[i / 16, i / 4 % 4] += one[i / 16, i % 4] * other[i % 4, i / 4 % 4];
+            return From(found);
+        }
+        public static Matrix4x4 From(double[,] n)
+        {
+            return new Matrix4x4
+            {
+                m00 = (float)n[0, 0], m01 = (float)n[0, 1], m02 = (float)n[0, 2], m03 = (float)n[0, 3],
+                m10 = (float)n[1, 0], m11 = (float)n[1, 1], m12 = (float)n[1, 2], m13 = (float)n[1, 3],
+                m20 = (float)n[2, 0], m21 = (float)n[2, 1], m22 = (float)n[2, 2], m23 = (float)n[2, 3],
+                m30 = (float)n[3, 0], m31 = (float)n[3, 1], m32 = (float)n[3, 2], m33 = (float)n[3, 3],
+            };
+        }
+        double[,] Numbers()
+        {
+            return new double[,] { { m00, m01, m02, m03 }, { m10, m11, m12, m13 }, { m20, m21, m22, m23 }, { m30, m31, m32, m33 } };
+        }
+        static double[,] Inverse(double[,] of) // Gauss and Jordan
+        {
+            double[,] found = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 }, { 0, 0, 0, 1 } };
+            for (int k = 0; k < 4; k++)
+            {
+                int pivot = k;
+                for (int i = k; i < 4; i++) if (Math.Abs(of[i, k]) > Math.Abs(of[pivot, k])) pivot = i;
+                for (int j = 0; j < 4; j++)
+                {
+                    double a = of[k, j], b = found[k, j];
+                    of[k, j] = of[pivot, j]; of[pivot, j] = a;
+                    found[k, j] = found[pivot, j]; found[pivot, j] = b;
+                }
+                double by = of[k, k];
+                for (int j = 0; j < 4; j++) { of[k, j] /= by; found[k, j] /= by; }
+                for (int i = 0; i < 4; i++)
+                {
+                    double times = i == k ? 0.0 : of[i, k];
+                    for (int j = 0; j < 4; j++) { of[i, j] -= times * of[k, j]; found[i, j] -= times * found[k, j]; }
+                }
+            }
+            return found;
+        }
+    }
+    public struct Color { public Color(float r, float g, float b) { } }
+    public static class Mathf
+    {
+        public const float PI = (float)Math.PI;
+        public static float Cos(float angle) { return (float)Math.Cos(angle); }
+        public static float Sin(float angle) { return (float)Math.Sin(angle); }
+    }
+    public static class Gizmos
+    {
+        public static Color color;
+        public static Matrix4x4 matrix;
+        public static void DrawLine(Vector3 from, Vector3 to) { }
+        public static void DrawWireSphere(Vector3 centre, float radius) { }
+        public static void DrawWireCube(Vector3 centre, Vector3 size) { }
+    }
     public static class Time { public static float deltaTime = 1.0f / 60.0f, timeScale = 1.0f; }
     public static class Debug { public static void LogError(object message, Object context) { Console.WriteLine(message); } }
     public sealed class SerializeField : Attribute { }

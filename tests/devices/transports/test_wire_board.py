@@ -116,7 +116,7 @@ def test_a_board_that_does_not_answer_is_refused_and_its_port_is_free_again(
     board, terminal, monkeypatch
 ):
     board.is_deaf = True
-    monkeypatch.setattr(wire_board.WireBoard.__init__, "__defaults__", (0.3,))
+    monkeypatch.setattr(wire_board, "START_S", 0.3)
     for _ in range(2):
         with pytest.raises(OutputLostError, match="does not answer"):
             opened(terminal)

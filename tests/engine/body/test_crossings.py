@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import mesh_edges, model
+from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import PARTS, RIGHT
-from hfx_blender.maintenance.body_building import mesh_edit, uncross
+from hfx_blender.maintenance.body_building import mesh_edges, mesh_edit, uncross
 from hfx_blender.maintenance.body_building.crossings import crossings, depth_m, pierced
 from hfx_blender.maintenance.body_building.left_skin import Samples
 

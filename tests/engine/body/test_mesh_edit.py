@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import mesh_edges
-from hfx_blender.maintenance.body_building import mesh_edit
+from hfx_blender.maintenance.body_building import mesh_edges, mesh_edit
 from hfx_blender.maintenance.body_building.nearest_places import locate
 
 

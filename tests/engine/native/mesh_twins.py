@@ -12,7 +12,6 @@ import pytest
 import trimesh
 
 from hfx_blender.engine.native.library import library
-from hfx_blender.engine.volume import mesh as mesh_volume
 from hfx_blender.engine.volume import mesh_distance, mesh_inside
 from hfx_blender.engine.volume.mesh import MeshVolume
 
@@ -22,9 +21,9 @@ needs_library = pytest.mark.skipif(library() is None, reason="no library was bui
 @contextmanager
 def without_library() -> Iterator[None]:
     """Mesh volumes that are made and first asked here do not know the library."""
-    modules = (mesh_volume, mesh_distance, mesh_inside)
+    modules = (mesh_distance, mesh_inside)
     patches = [mock.patch.object(module, "library", lambda: None) for module in modules]
-    with patches[0], patches[1], patches[2]:
+    with patches[0], patches[1]:
         yield
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around skin and volumes, and which of them meet: compiled as in numpy."""
+"""Boxes around skin and volumes as they must be, and which of them meet as in numpy."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from both_ways import in_numpy, needs_library
+from both_ways import needs_library
 from moving_scenes import moving_scene
 from test_compiled_contact import TOLERANCES, load
 
 from hfx_blender.engine.active_rows import FARTHEST, followed
-from hfx_blender.engine.contact import block_broad_phase, compiled_broad_phase, contacts
-from hfx_blender.engine.contact.broad_phase import VolumeBroadPhase
+from hfx_blender.engine.contact import compiled_broad_phase, contacts
+from hfx_blender.engine.contact.broad_phase import ReachableBounds, VolumeBroadPhase
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.kinematics.motion import turns_since_before
+from hfx_blender.engine.kinematics.motion import largest_stretch, turns_since_before
 from hfx_blender.engine.native import bounds as native_bounds
 from hfx_blender.engine.native import volume_boxes
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
@@ -40,9 +40,22 @@ def _skin(model, tolerance):
 
 
 def _boxes(skin, pose, rows):
-    found = contacts.bounds_of(skin, pose, rows).boxes
-    with in_numpy(), np.errstate(all="ignore"):
-        return found, contacts.bounds_of(skin, pose, rows).boxes
+    """Boxes as they are found, and the hulls, over bones, of what each one does to its box."""
+    ends, bones, centres, halves = skin.surface.pairs
+    still = np.tile(np.eye(4)[:3], (len(pose.bones), 1, 1, 1))
+    posed = np.concatenate([pose.bones, still], axis=1)[rows][:, bones]
+    to_world, margins = pose.to_world[rows], skin.skin.margins_m
+    with np.errstate(all="ignore"):
+        linear = to_world[:, None, :3, :3] @ posed[..., :3]
+        middles = np.einsum("npij,pj->npi", linear, centres)
+        middles += np.einsum("nij,npj->npi", to_world[:, :3, :3], posed[..., 3])
+        middles += to_world[:, None, :3, 3]
+        reaches = np.einsum("npij,pj->npi", np.abs(linear), halves)
+        bulges = largest_stretch(to_world)[:, None, None] * margins[:, None]
+        low = np.minimum.reduceat(middles - reaches, ends[:-1], axis=1) - bulges
+        high = np.maximum.reduceat(middles + reaches, ends[:-1], axis=1) + bulges
+        expected = ReachableBounds.around(rows, low, high)
+    return contacts.bounds_of(skin, pose, rows).boxes, expected.boxes
 
 
 # Skin
@@ -50,7 +63,7 @@ def _boxes(skin, pose, rows):
 
 @pytest.mark.parametrize("modality", ["vibration", "temperature"])
 @pytest.mark.parametrize("count", [0, 1, 6])
-def test_boxes_of_skin_are_those_of_numpy(modality, count):
+def test_boxes_of_skin_are_around_what_bones_move(modality, count):
     model = load(f"hfx-{modality}-1")
     skin = _skin(model, TOLERANCES[1])
     assert skin.skin.margins_m is not None and skin.skin.margins_m.any()
@@ -67,7 +80,7 @@ def test_boxes_of_skin_are_those_of_numpy(modality, count):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
-def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_as_in_numpy(value):
+def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_where_it_is(value):
     model = load("hfx-pressure-1")
     skin = _skin(model, TOLERANCES[1])
     _, block = moving_scene(model, 5, 0.4, 1.0)
@@ -115,7 +128,7 @@ numbers = st.floats(-10.0, 10.0) | st.sampled_from([0.0, 1e-95, 1e95, 1e13, np.n
 
 @settings(max_examples=150, deadline=None)
 @given(st.data(), st.integers(0, 3), st.integers(1, 4))
-def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
+def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volumes, rows):
     rng = np.random.default_rng(data.draw(st.integers(0, 2**31)))
     matrices = np.tile(np.eye(4), (volumes, rows, 1, 1))
     matrices[..., :3, :] = rng.normal(size=(volumes, 1, 3, 4))
@@ -132,11 +145,28 @@ def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
     low = rng.normal(size=(volumes, 3))
     limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
     found = volume_boxes.volume_boxes(matrices, levels, limits)
-    expected = block_broad_phase._boxes(matrices, levels, limits)
-    assert (found[2] == expected[2]).all()
-    for one, other in zip(found[:2], expected[:2], strict=True):
-        # Where it is not sure, numbers do not count.
-        np.testing.assert_allclose(one[found[2]], other[found[2]], rtol=1e-12, atol=1e-9)
+    picks = np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)
+    for volume in range(volumes):
+        on = levels[volume] > 0.0
+        linear, origins = matrices[volume, :, :3, :3], matrices[volume, :, :3, 3]
+        with np.errstate(all="ignore"):
+            lengths = np.linalg.norm(linear, axis=1)
+            usable = np.abs(np.linalg.det(linear)) >= 0.05 * lengths.prod(axis=1)
+            usable &= ((lengths > 1e-90) & (lengths < 1e90)).all(axis=1)
+            usable &= np.isfinite(origins).all(axis=1)
+        assert found[2][volume] == usable[on].all()
+        if not (found[2][volume] and on.any()):
+            continue
+        corners = limits[volume][picks, [0, 1, 2]]
+        places = np.einsum("tij,cj->tci", linear[on], corners) + origins[on][:, None]
+        most = np.abs(limits[volume]).max(axis=0)  # from the shape's origin
+        arms = np.linalg.norm(np.abs(linear[on]) @ most, axis=1)
+        turns = (linear[1:] != linear[:-1]).any()
+        swing = arms.max() if turns else 0.0
+        ends = places.min(axis=(0, 1)) - swing, places.max(axis=(0, 1)) + swing
+        near = 1e-9 + 1e-11 * np.abs(places).max()
+        np.testing.assert_allclose(found[0][volume], ends[0], rtol=1e-12, atol=near)
+        np.testing.assert_allclose(found[1][volume], ends[1], rtol=1e-12, atol=near)
 
 
 # Both

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from both_ways import in_numpy, needs_library
+from both_ways import by_reference, needs_library
 
 from hfx_blender.engine.kinematics.motion import turned_by
 
@@ -51,7 +51,7 @@ def test_a_stretched_and_mirrored_placement_turns_as_far_as_it_was_turned(
     before = _placement(size * handed[0] * start @ stretches[0])
     after = _placement(size * handed[1] * _rotation(rng, angle) @ start @ stretches[1])
     found = turned_by(before[None], after[None])[0]
-    with in_numpy():
+    with by_reference():
         expected = turned_by(before[None], after[None])[0]
     # Half a turn is found by its sine alone, which is then next to nothing.
     assert found == pytest.approx(angle, abs=1e-7)
@@ -74,7 +74,7 @@ def test_a_flat_placement_turns_with_its_plane(seed, library):
     turn, angle = _rotation(rng, 1.0) if seed else np.eye(3), rng.uniform(0.1, 3.0)
     planes = [turn @ np.diag(sizes) @ turn.T for sizes in ([1.0, 2.0, 0.0], [2.0, 1.0, 0.0])]
     before, after = _placement(planes[0]), _placement(_rotation(rng, angle) @ planes[1])
-    with nullcontext() if library else in_numpy():
+    with nullcontext() if library else by_reference():
         assert turned_by(before[None], after[None])[0] == pytest.approx(angle, abs=1e-7)
 
 

@@ -88,6 +88,18 @@ def test_the_textile_renderer_equals_an_independent_computation() -> None:
         assert level == pytest.approx(1e4 * _slow_level(field, stroke, 0.05 * k, 2000.0), rel=1e-9)
 
 
+def test_a_device_of_short_updates_plays_windows_of_the_paper_as_an_export_does() -> None:
+    """Every 10 ms the 50 ms before; an export keeps as much of each contact's heights."""
+    field = HeightField(np.random.default_rng(4).normal(size=(32, 32)) * 1e-5, (1e-4, 1e-4))
+    stroke = strokes.line((0.0, 0.0), 0.4, 0.01, 0.1, 240.0)
+    texture = SurfaceTexture(field, None, Renderer.TEXTILE, 1e4)
+    signal = render_stroke(texture, stroke, step_s=0.01)
+    assert len(signal.amplitude_m_s2) == 10
+    level = 1e4 * _slow_level(field, stroke, 0.08 - 0.05, 2000.0)
+    full = float(texture.device.amplitude_m_s2(1.0))
+    assert signal.amplitude_m_s2[7] == pytest.approx(level * full, rel=1e-9) and level < 1.0
+
+
 def test_weights_are_those_of_equation_4() -> None:
     np.testing.assert_array_equal(
         receptor_weights([0.0, 9.9, 10.0, 39.9, 40.0, 799.9, 800.0]),

@@ -205,6 +205,29 @@ def test_before_it_touched_nothing_changed_under_a_contact() -> None:
     np.testing.assert_allclose(drive, [0.0, 1e4 * weighted_rms(heights, 2000.0)], rtol=1e-9)
 
 
+def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
+    """0.5 mm in texels of 0.25 mm and 0.1 mm at 6 cm/s: 120 Hz, 30 um times the drive."""
+    vertices, triangles = SHEET
+    for texel, drive_per_m, expected in ((2.5e-4, 1.6e4, 0.48), (1e-4, 1e6, 1.0)):
+        wave = 30e-6 * np.sin(2.0 * np.pi * (np.arange(round(0.1 / texel)) + 0.5) * texel / 5e-4)
+        field = HeightField(np.tile(wave, (8, 1)), (texel, texel), True)
+        texture = SurfaceTexture(field, None, Renderer.DIRECT, drive_per_m)
+        follower = ContactFollower(SurfaceMesh(triangles, vertices[triangles][..., :2]), 0.003)
+        points = np.zeros((20, 3))
+        points[:, 0] = -0.03 + 6e-4 * np.arange(20)
+        paths = follower.follow(
+            np.tile(np.eye(4), (20, 1, 1)),
+            vertices[None],
+            np.arange(20),
+            np.zeros(20, np.int64),
+            points,
+            np.arange(20) > 0,
+        )
+        drive, frequency = ContactRenderer(texture, 0.01).render(paths)
+        assert drive[10:].max() == pytest.approx(expected, rel=0.04)
+        assert frequency[-1] == pytest.approx(120.0, rel=0.02)
+
+
 def test_what_is_off_or_nowhere_is_not_felt(hand: PerceptualModel) -> None:
     scene = _scene(_texture(Renderer.MCHA), 10, hand)
     engine = Engine(scene, models=lambda _: hand, tolerance=PAPER)

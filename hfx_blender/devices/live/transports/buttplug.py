@@ -193,7 +193,7 @@ class ButtplugOutput:
 
 
 def _seconds(milliseconds: object) -> float:
-    """What a server tells in milliseconds; 0 where it is no number above 0."""
+    """Milliseconds that a server tells; 0 where it is no number above 0."""
     if isinstance(milliseconds, bool) or not isinstance(milliseconds, int | float):
         return 0.0
     return milliseconds / 1000.0 if 0.0 < milliseconds < math.inf else 0.0

@@ -4,15 +4,17 @@ class_name HapticClip
 extends Resource
 ## A clip made by HFX (.hfxclip): what each actuator of each device plays over time.
 ##
-## Reads the baked part of docs/formats/clip.md. Bytes are checked as a whole once, when they are
+## Reads the baked part of docs/formats/clip.md, and names of the spatial part. Bytes are checked as a whole once, when they are
 ## imported or given to [method from_bytes].
 
 const MAGIC := "48465843 4c49500a"
 const VERSION := 1
 const SIZES := {
 	"TEXT": 1, "TIME": 24, "DEVC": 32, "ACTR": 88, "COLM": 40, "ROWS": 4, "VALU": 2, "CLIP": 24,
+	"BODY": 24, "BONE": 72, "EFCT": 128,
 }
 const MODALITIES: PackedStringArray = ["vibration", "pressure", "temperature", "wind"]
+const SHAPES: PackedStringArray = ["cuboid", "sphere", "cylinder", "capsule"]
 const SIDES: PackedStringArray = ["", "left", "right"]
 
 ## The file as it is.
@@ -93,6 +95,37 @@ func get_columns() -> Array[Dictionary]:
 func get_named_clips() -> Dictionary:
 	_read()
 	return _named_clips
+
+
+## Bodies of the spatial part: name, and bones, each with name, human (of VRM 1.0), mixamo, unreal
+## and parent (-1: none).
+func get_bodies() -> Array[Dictionary]:
+	_read()
+	var found: Array[Dictionary] = []
+	for k in _count("BODY"):
+		var at := _at("BODY", k)
+		var first := bytes.decode_u32(at + 4)
+		var bones: Array[Dictionary] = []
+		for number in range(first, mini(first + bytes.decode_u32(at + 8), _count("BONE"))):
+			bones.append(_bone(_at("BONE", number), number - first))
+		found.append({"name": _text(at), "bones": bones})
+	return found
+
+
+## Volumes and painted areas: name, is_painted, modality, shape, half_segment.
+func get_effects() -> Array[Dictionary]:
+	_read()
+	var found: Array[Dictionary] = []
+	for k in _count("EFCT"):
+		var at := _at("EFCT", k)
+		found.append({
+			"name": _text(at),
+			"is_painted": bytes.decode_u32(at + 4) == 1,
+			"modality": MODALITIES[mini(bytes.decode_u32(at + 8), 3)],
+			"shape": SHAPES[mini(bytes.decode_u32(at + 20), 3)],
+			"half_segment": bytes.decode_float(at + 24),
+		})
+	return found
 
 
 ## What each column gives while nothing is felt.
@@ -236,6 +269,17 @@ func _device(at: int) -> Dictionary:
 		"first_actuator": bytes.decode_u32(at + 12),
 		"actuators": bytes.decode_u32(at + 16),
 		"dead_man_ms": bytes.decode_u32(at + 28),
+	}
+
+
+func _bone(at: int, number: int) -> Dictionary:
+	var parent := bytes.decode_u32(at + 16)
+	return {
+		"name": _text(at),
+		"human": _text(at + 4),
+		"mixamo": _text(at + 8),
+		"unreal": _text(at + 12),
+		"parent": parent if parent < number else -1,
 	}
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 class_name HapticControllers
 extends Node
-## Plays the vibrations of a [HapticPlayer] on the two controllers of an OpenXR headset.
+## Plays the vibrations of a [HapticPlayer], of a [HapticBody], or of both on the two controllers of an OpenXR headset.
 ##
 ## Vibration actuators of the chosen device that are worn on the left go to the left controller,
 ## those on the right to the right one; of several the strongest counts. Each pulse ends by itself
@@ -11,11 +11,13 @@ const _SILENCE_S := 0.01
 
 @export var player: HapticPlayer:
 	set(value):
-		if player != null and player.values_changed.is_connected(_play):
-			player.values_changed.disconnect(_play)
+		_change(player, value)
 		player = value
-		if player != null:
-			player.values_changed.connect(_play)
+## Plays what it feels, too.
+@export var body: HapticBody:
+	set(value):
+		_change(body, value)
+		body = value
 @export var left: XRController3D
 @export var right: XRController3D
 ## The haptic action of the project's OpenXR action map.
@@ -23,33 +25,41 @@ const _SILENCE_S := 0.01
 ## Id of a device in the clip (say oculus_touch); empty: all devices.
 @export var device := ""
 
-var _sides := {}  # "left", "right": [strength column, frequency column or -1, dead-man seconds]
-var _clip: HapticClip
+var _felt := {}  # source: [its clip, its columns by side, its newest values]
 var _on := {"left": false, "right": false}
 
 
-func _play(values: PackedFloat32Array) -> void:
-	if player.clip != _clip:
-		_clip = player.clip
-		_sides = _columns_of(_clip)
+func _change(before: HapticSource, after: HapticSource) -> void:
+	if before != null and before.values_changed.is_connected(_play):
+		before.values_changed.disconnect(_play)
+		_felt.erase(before)
+	if after != null:
+		after.values_changed.connect(_play.bind(after))
+
+
+func _play(values: PackedFloat32Array, source: HapticSource) -> void:
+	if not _felt.has(source) or _felt[source][0] != source.clip:
+		_felt[source] = [source.clip, _columns_of(source.clip), values]
+	_felt[source][2] = values
 	for side in ["left", "right"]:
-		_pulse(side, values)
+		_pulse(side)
 
 
-func _pulse(side: String, values: PackedFloat32Array) -> void:
+func _pulse(side: String) -> void:
 	var controller := left if side == "left" else right
 	if controller == null:
 		return
-	var columns := _clip.get_columns()
 	var amplitude := 0.0
 	var frequency_hz := 0.0
 	var seconds := 0.0
-	for found in _sides[side]:
-		var share: float = values[found[0]] / columns[found[0]].highest
-		if share > amplitude:
-			amplitude = share
-			frequency_hz = values[found[1]] if found[1] >= 0 else 0.0
-			seconds = found[2]
+	for source in _felt.values():
+		var values: PackedFloat32Array = source[2]
+		for found in source[1][side]:  # strength column, its highest, frequency column or -1, seconds
+			var share: float = values[found[0]] / found[1]
+			if share > amplitude:
+				amplitude = share
+				frequency_hz = values[found[2]] if found[2] >= 0 else 0.0
+				seconds = found[3]
 	if amplitude > 0.0:
 		controller.trigger_haptic_pulse(action, frequency_hz, amplitude, seconds, 0.0)
 	elif _on[side]:  # a pulse of nothing takes the place of the one that runs
@@ -69,5 +79,8 @@ func _columns_of(clip: HapticClip) -> Dictionary:
 			var actuator: Dictionary = actuators[k]
 			if actuator.modality == "vibration" and found.has(actuator.side):
 				var frequency: int = actuator.first_column + 1 if actuator.columns > 1 else -1
-				found[actuator.side].append([actuator.first_column, frequency, each.dead_man_ms / 1000.0])
+				var highest: float = clip.get_columns()[actuator.first_column].highest
+				found[actuator.side].append(
+					[actuator.first_column, highest, frequency, each.dead_man_ms / 1000.0]
+				)
 	return found

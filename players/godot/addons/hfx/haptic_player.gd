@@ -1,39 +1,26 @@
 # SPDX-License-Identifier: MIT
 @icon("haptic_player.svg")
 class_name HapticPlayer
-extends Node
+extends HapticSource
 ## Plays a [HapticClip] in step with the game: each frame, of each actuator, the strongest row
 ## since the last frame.
 ##
-## An output (say [HapticControllers]) takes the values from [signal values_changed]. While
-## nothing plays, while the game is paused, and when the window or the headset loses its focus, all
-## values are neutral.
+## Values are sent each frame in which something plays, and once more when it ends.
 
-## All columns of the clip, in their units; sent each frame in which something plays, and once more
-## when it ends.
-signal values_changed(values: PackedFloat32Array)
 ## The clip came to its end by itself.
 signal finished
 
 const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 
-## What is played.
-@export var clip: HapticClip:
-	set(value):
-		stop()
-		clip = value
 ## Plays as soon as the node is in the scene.
 @export var autoplay := false
 ## Begins again at the end.
 @export var loop := false
 ## Scales how far all strengths are from neutral.
 @export_range(0.0, 4.0, 0.01) var gain := 1.0
-## Silent while the window or the headset is in the background.
-@export var silent_without_focus := true
 
 var _playing := false
 var _paused := false
-var _has_focus := true
 var _position := 0.0
 var _start := 0.0
 var _end := 0.0
@@ -42,11 +29,7 @@ var _factors := {}
 
 
 func _ready() -> void:
-	var headset := XRServer.find_interface("OpenXR")
-	if headset != null and headset.is_initialized():
-		headset.session_focussed.connect(_set_focus.bind(true))
-		headset.session_visible.connect(_set_focus.bind(false))
-		headset.session_stopping.connect(_set_focus.bind(false))
+	super()
 	if autoplay:
 		play()
 
@@ -55,19 +38,6 @@ func _process(delta: float) -> void:
 	if not _playing or _paused or not _has_focus:
 		return
 	values_changed.emit(advance(delta))
-
-
-func _notification(what: int) -> void:
-	match what:
-		NOTIFICATION_APPLICATION_FOCUS_OUT, NOTIFICATION_APPLICATION_PAUSED:
-			if not get_viewport().use_xr:  # a headset has a focus of its own
-				_set_focus(false)
-		NOTIFICATION_APPLICATION_FOCUS_IN, NOTIFICATION_APPLICATION_RESUMED:
-			_set_focus(true)
-		NOTIFICATION_PAUSED, NOTIFICATION_DISABLED:
-			_silence()
-		NOTIFICATION_EXIT_TREE:
-			stop()
 
 
 ## Begins at the beginning, or with a named clip of the scene.
@@ -158,17 +128,6 @@ func advance(seconds: float) -> PackedFloat32Array:
 			return clip.get_neutral_values()
 	_shown_row = now
 	return _strongest(spans)
-
-
-func _set_focus(has_focus: bool) -> void:
-	_has_focus = has_focus or not silent_without_focus
-	if not _has_focus:
-		_silence()
-
-
-func _silence() -> void:
-	if clip != null:
-		values_changed.emit(clip.get_neutral_values())
 
 
 func _row_of(seconds: float) -> int:

@@ -16,9 +16,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ..devices.strict_json import read as read_json
-from ..engine.arrays import F32, U8
-from ..errors import HfxError, InputError
+from ...devices.strict_json import read as read_json
+from ...engine.arrays import F32, U8
+from ...errors import HfxError, InputError
 
 PIPELINES: Final = (
     "StableDiffusionPipeline",
@@ -26,7 +26,7 @@ PIPELINES: Final = (
     "StableDiffusion3Pipeline",
 )
 _LIBRARIES: Final = ("diffusers", "transformers", "stable_diffusion")
-"""Where the parts of a pipeline come from: a folder may bring no code of its own."""
+"""Sources of a pipeline's parts: a folder may bring no code of its own."""
 
 _UNSAFE: Final = (".bin", ".ckpt", ".pt", ".pth", ".pkl")
 Progress = Callable[[float], None]

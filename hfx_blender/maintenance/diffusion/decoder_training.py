@@ -16,8 +16,8 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from ..engine.arrays import F32
-from ..errors import InputError
+from ...engine.arrays import F32
+from ...errors import InputError
 from . import touch_decoder
 from .model_folder import libraries
 

@@ -14,12 +14,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..engine.texture.device_range import NoticeableSteps
-from ..engine.texture.mcha import MapSettings
-from ..file_hash import sha256_of
-from .generated import Generated, name_of
+from ...engine.texture.device_range import NoticeableSteps
+from ...engine.texture.mcha import MapSettings
+from ...file_hash import sha256_of
+from ...generation.generated import Generated, name_of
+from ...generation.picture_conversion import WAYS, Way, surface_of
 from .model_folder import ModelFolder, Progress
-from .picture_conversion import WAYS, Way, surface_of
 from .touch_decoder import WEIGHTS
 
 NAME: Final = "diffusers"

@@ -7,9 +7,9 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from ..devices.strict_json import read as read_json
-from ..errors import InputError
-from ..file_hash import sha256_of
+from ...devices.strict_json import read as read_json
+from ...errors import InputError
+from ...file_hash import sha256_of
 from .model_folder import libraries
 
 WEIGHTS: Final = "decoder.safetensors"

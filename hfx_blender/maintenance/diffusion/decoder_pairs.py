@@ -15,15 +15,15 @@ from typing import Final, Literal
 
 import numpy as np
 
-from ..engine.arrays import F32, F64
-from ..engine.texture.mcha import MapSettings, make_map
-from ..engine.texture.procedural import KINDS, MATERIALS
-from ..errors import InputError
-from .albedo import albedo
-from .colour_words import COLOURS
-from .picture_conversion import surface_of
-from .picture_folder import SUFFIXES
-from .steering import Steering, steered
+from ...engine.arrays import F32, F64
+from ...engine.texture.mcha import MapSettings, make_map
+from ...engine.texture.procedural import KINDS, MATERIALS
+from ...errors import InputError
+from ...generation.albedo import albedo
+from ...generation.colour_words import COLOURS
+from ...generation.picture_conversion import surface_of
+from ...generation.picture_folder import SUFFIXES
+from ...generation.steering import Steering, steered
 
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]
@@ -98,7 +98,7 @@ class FolderPairs:
         return len(self.paths)
 
     def __getitem__(self, number: int) -> tuple[F32, F32]:
-        """As of :class:`LibraryPairs`; the middle of the picture."""
+        """Pair as of :class:`LibraryPairs`; the middle of the picture."""
         srgb = self.pixels(self.paths[number])
         rows, columns = srgb.shape[:2]
         if min(rows, columns) < self.texels:

@@ -1,94 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Diffusion models of the user's own for ``hfx texture``: ``generate`` and ``train-decoder``."""
+"""``hfx texture train-decoder``: train a decoder of touch for a diffusion model."""
 
 from __future__ import annotations
 
 import argparse
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..console import Console
-from ..errors import UsageError
-from . import texture_folder
+from ...commands import texture_folder
+from ...console import Console
+from ...errors import UsageError
+from .texture_diffusers import DEVICES
 
 if TYPE_CHECKING:
-    from ..generation.decoder_training import DecoderTraining
-    from ..generation.generated import Generated
+    from ..diffusion.decoder_training import DecoderTraining
 
-_DEVICES: Final = ("auto", "cpu", "cuda", "mps")
-_PRESETS: Final = ("wood", "gravel", "metal", "textile")
 _HELD_OUT: Final = 32
 
 
-def add_arguments(parser: Any) -> None:
-    """Add the options of generation by a model."""
-    group = parser.add_argument_group("a diffusion model of your own")
-    group.add_argument("--model", type=Path, metavar="DIR", help="folder of diffusers, safetensors")
-    group.add_argument("--decoder", type=Path, metavar="DIR", help="of hfx texture train-decoder")
-    group.add_argument("--preset", choices=_PRESETS, help="words of the map paper's materials")
-    group.add_argument("--inference-steps", type=int, default=30, metavar="N", help="(30)")
-    group.add_argument("--guidance", type=float, default=7.5, metavar="N", help="(7.5)")
-    group.add_argument("--device", choices=_DEVICES, default="auto", help="(auto)")
-    group.add_argument("--no-tiling", action="store_true", help="the picture may have a seam")
-
-
-def maker(options: argparse.Namespace, console: Console) -> Callable[[int], Generated]:
-    """Function that makes the surface of a seed with the model of the options.
-
-    Raises
-    ------
-    HfxError
-        The model, the decoder or the packages are missing or cannot be used.
-    """
-    from ..generation import diffusion, touch_decoder
-    from ..generation.model_folder import ModelFolder
-
-    if options.model is None:
-        raise UsageError("--back-end diffusers needs --model DIR, a folder of diffusers")
-    if not 1 <= options.inference_steps <= 1000:
-        raise UsageError(f"--inference-steps {options.inference_steps}: expected 1 to 1000")
-    words, negative = options.words, options.negative
-    if options.preset is not None:
-        preset = diffusion.PRESETS[options.preset]
-        words = f"{words}. {preset[0]}" if words.strip() else preset[0]
-        negative = negative or preset[1]
-    if not words.strip():
-        raise UsageError("give words or --preset")
-    model = ModelFolder(options.model, options.device)
-    tiling = not options.no_tiling
-    decoder = options.decoder and touch_decoder.load(options.decoder, model.vae, tiling=tiling)
-    size = options.size or (100.0, 100.0)
-    settings = diffusion.Settings(
-        texels=options.resolution,
-        steps=options.inference_steps,
-        guidance=options.guidance,
-        tiling=tiling,
-        size_m=(size[0] / 1000.0, size[1] / 1000.0),
-        depth_m=options.height / 1000.0,
-        way=options.way,
-        noticeable=texture_folder.steps_of(options),
-    )
-
-    def make(seed: int) -> Generated:
-        return diffusion.generate(
-            model,
-            words,
-            negative=negative,
-            seed=seed,
-            settings=settings,
-            decoder=decoder,
-            decoder_folder=options.decoder,
-            is_metal=options.preset == diffusion.METAL,
-            progress=console.progress(f"Diffusing {seed}"),
-        )
-
-    return make
-
-
-def add_training(actions: Any) -> None:
-    """Add ``train-decoder``."""
+def add_parser(actions: Any) -> None:
     parser = actions.add_parser(
         "train-decoder",
         help="train a decoder of touch for a diffusion model",
@@ -116,9 +47,9 @@ def add_training(actions: Any) -> None:
         "--perceptual", type=Path, metavar="DIR", help="vision model of transformers, safetensors"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--device", choices=_DEVICES, default="auto", help="(auto)")
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="(auto)")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=_train)
+    parser.set_defaults(run=run)
 
 
 def _is_stopped(training: DecoderTraining, console: Console) -> bool:
@@ -132,10 +63,11 @@ def _is_stopped(training: DecoderTraining, console: Console) -> bool:
     return bool(asked)
 
 
-def _train(options: argparse.Namespace, console: Console) -> int:
-    from ..generation.decoder_pairs import FolderPairs, LibraryPairs
-    from ..generation.decoder_training import DecoderTraining, Pairs, TrainingSettings
-    from ..generation.model_folder import ModelFolder
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Train, and tell the errors on pairs that were held out."""
+    from ..diffusion.decoder_pairs import FolderPairs, LibraryPairs
+    from ..diffusion.decoder_training import DecoderTraining, Pairs, TrainingSettings
+    from ..diffusion.model_folder import ModelFolder
 
     for name in ("pairs", "training_steps", "batch", "resolution"):
         if getattr(options, name) < 1:

@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: MIT */
+#include "live_body.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "../core/hfx_player.h"
+
+struct hfx_live_body {
+  void *bytes, *memory;
+  hfx_clip clip;
+  hfx_body body;
+};
+
+static int opened(hfx_live_body *self, const void *bytes, size_t size, uint32_t body) {
+  size_t needed;
+  int error;
+  self->bytes = bytes && size ? malloc(size) : NULL;
+  if (!self->bytes) return HFX_ERROR_KIND;
+  memcpy(self->bytes, bytes, size);
+  error = hfx_clip_open(&self->clip, self->bytes, size);
+  if (error) return error;
+  needed = hfx_body_bytes(&self->clip, body);
+  if (!needed) return HFX_ERROR_INDEX;
+  self->memory = malloc(needed);
+  return hfx_body_open(&self->body, &self->clip, body, self->memory, needed);
+}
+
+hfx_live_body *hfx_live_open(const void *bytes, size_t size, uint32_t body, int32_t *error) {
+  hfx_live_body *self = (hfx_live_body *)calloc(1, sizeof *self);
+  const int found = self ? opened(self, bytes, size, body) : HFX_ERROR_MEMORY;
+  if (error) *error = found;
+  if (!found) return self;
+  hfx_live_close(self);
+  return NULL;
+}
+
+void hfx_live_close(hfx_live_body *self) {
+  if (!self) return;
+  free(self->memory);
+  free(self->bytes);
+  free(self);
+}
+
+const char *hfx_live_error(int32_t error) { return hfx_error_text(error); }
+
+uint32_t hfx_live_columns(const hfx_live_body *self) {
+  return self ? hfx_clip_columns(&self->clip) : 0;
+}
+
+int32_t hfx_live_set_bones(hfx_live_body *self, const float *matrices, uint32_t count) {
+  if (!self || !matrices || count != 12 * hfx_clip_bones(&self->clip, self->body.body))
+    return HFX_ERROR_SIZE;
+  hfx_body_set_bones(&self->body, matrices);
+  return 0;
+}
+
+int32_t hfx_live_set_volume(hfx_live_body *self, uint32_t effect, const float *matrix, uint32_t count) {
+  if (!self || !matrix || count != 12) return HFX_ERROR_SIZE;
+  return hfx_body_set_volume(&self->body, effect, matrix);
+}
+
+int32_t hfx_live_set_parameter(hfx_live_body *self, uint32_t effect, uint32_t parameter, double value) {
+  return self ? hfx_body_set_parameter(&self->body, effect, parameter, value) : HFX_ERROR_INDEX;
+}
+
+int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double level) {
+  return self ? hfx_body_trigger(&self->body, effect, level) : HFX_ERROR_INDEX;
+}
+
+int32_t hfx_live_evaluate(hfx_live_body *self, double seconds, float *out, uint32_t count) {
+  if (!self || !out || count != hfx_clip_columns(&self->clip)) return HFX_ERROR_SIZE;
+  hfx_body_evaluate(&self->body, seconds, out);
+  return 0;
+}
+
+uint32_t hfx_live_weights(const hfx_live_body *self, uint32_t effect, float *out, uint32_t count) {
+  uint32_t there = 0;
+  const float *found = self ? hfx_body_weights(&self->body, effect, &there) : NULL;
+  if (found && out && count == there) memcpy(out, found, sizeof *out * there);
+  return there;
+}
+
+double hfx_live_level(const hfx_live_body *self, uint32_t effect) {
+  return self ? hfx_body_level(&self->body, effect) : 0.0;
+}

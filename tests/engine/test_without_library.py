@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine where the compiled library is missing: the same is felt, by definition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from both_ways import by_reference, needs_library
+from coverage_synthetic import ball, evaluated, moved_along, placed
+from distorted_scenes import load
+from moving_scenes import moving_scene
+
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.native import library
+from hfx_blender.engine.tolerance import EXACT, PAPER
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.errors import InputError
+
+
+def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
+    """Weights by effect and sample of a body that bends, stretches and turns among volumes."""
+    model = load(f"hfx-{modality}-1")
+    scene, block = moving_scene(model, 3, 0.3, 0.4)
+    found = {}
+    for run in Engine(scene, models=load, tolerance=PAPER).evaluate(block):
+        for index, sample in zip(run.indices.tolist(), run, strict=True):
+            weights = found[run.stream.effect_id, index] = np.zeros(len(model))
+            weights[sample.vertices] = sample.weights
+    return found
+
+
+@needs_library
+@pytest.mark.parametrize("modality", ["pressure", "temperature"])
+def test_vertices_of_shipped_models_feel_the_same(modality: str) -> None:
+    expected = _felt(modality)
+    with by_reference():
+        found = _felt(modality)
+    assert found.keys() == expected.keys() and len(found) > 4
+    for key, weights in found.items():
+        np.testing.assert_allclose(weights, expected[key], atol=1e-6)
+
+
+def test_what_flies_by_is_felt_in_between() -> None:
+    """A ball of 4 mm, a metre a sample, through a ball of skin: where it enters and leaves."""
+    matrices = moved_along(placed(0.002, (-1.5, 0.0, 0.0)), (3.0, 0.0, 0.0), 4)
+    with by_reference():
+        weights, _, engine = evaluated(ball(0.1, 2), Sphere(), matrices, tolerance=EXACT)
+    poles = np.flatnonzero(weights[2])
+    assert not weights[[0, 1, 3]].any() and len(poles)
+    places = ball(0.1, 2).vertices[poles]
+    assert (np.abs(places[:, 1:]) < 0.03).all() and {*np.sign(places[:, 0])} == {-1.0, 1.0}
+    assert engine.counters.vertices_posed < 20  # cells beside the way are not looked at
+
+
+def test_a_report_says_so_once_and_only_then() -> None:
+    scene, _ = moving_scene(load("hfx-pressure-1"), 3, 0.0, 0.0)
+    with by_reference():
+        (note,) = Engine(scene).notes
+    assert "without the compiled part" in note
+    assert library.is_there() == (not Engine(scene).notes)
+
+
+def test_nobody_is_made_to_wait_for_the_definition() -> None:
+    with by_reference(), pytest.raises(InputError, match="need the compiled part of HFX"):
+        library.require_in_time()
