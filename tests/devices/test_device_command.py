@@ -97,8 +97,8 @@ def test_check_notes_an_id_that_is_not_the_files_name(own, tmp_path, capsys, nam
         (NODE_MAP, "Bad Name", "is no name for a device; allowed: 1 to 64"),
         (NODE_MAP, "taken", "exists already"),
         (FULL, "mine", "is a device configuration already"),
-        ({"nodes": []}, "mine", "'nodes' is not a list of 1 to 1000"),
-        ([1], "mine", "'nodes' is not a list"),
+        ({"nodes": []}, "mine", "nodes is [], allowed is a list of 1 to 1000"),
+        ([1], "mine", "the document is [1], allowed is an object with 'nodes'"),
         ({"actuators": [], "views": []}, "mine", "actuators is [], allowed is a list of 1 to 1000"),
     ],
 )
