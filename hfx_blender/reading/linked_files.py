@@ -87,7 +87,10 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
         if isinstance(owner, bpy.types.Text) or _is_packed(owner):
             continue  # the .blend holds them
         for raw in paths:
-            yield owner, raw, bpy.path.abspath(raw, library=owner.library) not in folders
+            path = bpy.path.abspath(raw, library=owner.library)
+            # Blender 5 names the folder of point caches, whether anything is cached on disk or not.
+            is_cache = Path(path).name.startswith("blendcache_")
+            yield owner, raw, path not in folders and not is_cache
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False

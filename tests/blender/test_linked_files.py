@@ -230,7 +230,8 @@ def test_what_a_library_reaches_counts(base: Path, tmp_path: Path, is_left_out: 
 
 
 def test_what_is_in_the_file_itself_is_not_missing(base: Path, tmp_path: Path) -> None:
-    _user(base, tmp_path, "user")
+    emitter = _user(base, tmp_path, "user")
+    emitter.modifiers.new("Emitter", "PARTICLE_SYSTEM")
     text = bpy.data.texts.new("Note")
     text.filepath = "//gone.txt"
     picture = tmp_path / "packed.png"
