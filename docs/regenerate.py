@@ -89,14 +89,15 @@ def bodies() -> None:
 
 
 def surfaces() -> None:
-    """The textile renderer against measured roughness: picture, and table; the judge of strokes."""
-    from hfx_blender.maintenance.bench import textile_correlation, texture, texture_chart
+    """Renderer against measured roughness (picture, table), judge of strokes, words."""
+    from hfx_blender.maintenance.bench import textile_correlation, texture, texture_chart, words
 
     result = textile_correlation.correlation(20)
     chart = texture_chart.svg(result)
     (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
     replace_part(DOCS / "surfaces.md", "correlation", textile_correlation.as_markdown(result))
     replace_part(DOCS / "surfaces.md", "judge", texture.as_markdown())
+    replace_part(DOCS / "surfaces-from-words.md", "words", words.as_markdown())
 
 
 def devices() -> None:

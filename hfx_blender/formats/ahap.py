@@ -25,6 +25,7 @@ from .ahap_rules import (
     MAX_EVENT_S,
     SHARPNESS,
     SHARPNESS_CONTROL,
+    completed,
     findings,
 )
 from .checking import clean, parse
@@ -212,8 +213,12 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     found = parse(content, name)
     # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
-    lenient = ("AHAP-DURATION", "AHAP-CURVE-ORDER", "AHAP-ENTRY", "AHAP-CHOICE")
-    told = refuse_but(findings(found), name, lambda each: each.code in lenient)
+    lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
+    codes = {f"AHAP-{code}" for code in lenient}
+    told = refuse_but(findings(found), name, lambda each: each.code in codes)
+    if any("[AHAP-MISSING]" in each for each in told):
+        found = completed(found)
+        told += refuse_but(findings(found), name, lambda each: each.code in codes)
     metadata = found.get("Metadata")
     frequencies = _range_of(metadata)
     entries = found["Pattern"]

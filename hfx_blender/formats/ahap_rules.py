@@ -128,6 +128,39 @@ def findings(found: Any) -> list[Finding]:
     return report.findings
 
 
+_NEEDED: Final = {
+    "Event": ("EventType",),
+    "Parameter": ("ParameterID", "ParameterValue"),
+    "ParameterCurve": ("ParameterID", "ParameterCurveControlPoints"),
+    "EventParameters": ("ParameterID", "ParameterValue"),
+    "ParameterCurveControlPoints": ("ParameterValue",),
+}
+"""Members without which an entry, or an item of a list, says nothing."""
+
+
+def completed(found: dict[str, Any]) -> dict[str, Any]:
+    """A document, valid but for what is missing, as Core Haptics takes it.
+
+    Times that are missing are 0; what lacks anything else has no effect and is left out.
+    """
+    entries = []
+    for entry in found.get("Pattern", []):
+        full = {kind: _completed(kind, entry[kind]) for kind in entry.keys() & _NEEDED.keys()}
+        entries.append({kind: item for kind, item in full.items() if item is not None})
+    return {**found, "Pattern": entries}
+
+
+def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
+    """An entry or an item with its time; None: it has no effect."""
+    found = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
+    for listed in ("EventParameters", "ParameterCurveControlPoints"):
+        if listed in found:
+            rows = [_completed(listed, each) for each in found[listed]]
+            found[listed] = [each for each in rows if each is not None]
+    has_no_points = found.get("ParameterCurveControlPoints") == []
+    return None if has_no_points or any(key not in found for key in _NEEDED[kind]) else found
+
+
 def _check_range(parameter: dict[str, Any], report: Report, place: Any) -> None:
     name, value = parameter["ParameterID"], parameter["ParameterValue"]
     low, high = _RANGES.get(name, (-1e9, 1e9))

@@ -221,15 +221,20 @@ def _whole_findings(path: Path, kind: str) -> list[Finding]:
 
 
 def _refuse_no_svg(path: Path) -> None:
-    elements: list[str] = []
+    root = ""
     parser = expat.ParserCreate()
-    parser.StartElementHandler = lambda name, _: elements.append(name)
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        nonlocal root
+        root, parser.StartElementHandler = name, None
+
+    parser.StartElementHandler = begin
     try:
         parser.Parse(read_bytes(path), True)
     except expat.ExpatError as error:
         raise InputError(f"{path}: is not valid XML ({error}).") from None
-    if elements[0] != "svg":
-        raise InputError(f"{path}: begins with '{elements[0][:60]}', expected is 'svg'.")
+    if root != "svg":
+        raise InputError(f"{path}: begins with '{root[:60]}', expected is 'svg'.")
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:

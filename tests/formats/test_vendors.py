@@ -63,6 +63,24 @@ def test_sounds_and_ramps_of_ticks_are_named_as_lost():
     assert "1 parameters AttackTime of events" in found.left_out
 
 
+def test_what_is_missing_has_its_default_value_as_in_core_haptics():
+    whole = event(HapticIntensity=0.5)["Event"]
+    curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
+    early = {key: value for key, value in whole.items() if key != "Time"}
+    unnamed = {**whole, "EventParameters": [{"ParameterValue": 0.2}]}
+    for entry, times, levels in (
+        ({"Event": early}, [0.0, 1.9], [0.5, 0.5]),
+        ({"Event": whole, "ParameterCurve": curve}, [0.5, 2.5], [0.0, 0.5]),
+        ({"Event": unnamed}, [0.5, 2.5], [0.0, 1.0]),
+    ):
+        found = pattern_signal(entry)
+        assert found.amplitude.at(times) == pytest.approx(levels)
+        assert any("AHAP-MISSING" in each for each in found.notes)
+    endless = {key: value for key, value in whole.items() if key != "EventDuration"}
+    found = pattern_signal(event("HapticTransient", time=0.5), {"Event": endless})
+    assert "1 continuous events without a duration" in found.left_out
+
+
 def test_more_than_16_points_are_a_warning():
     points = [{"Time": k / 10, "ParameterValue": k / 20} for k in range(20)]
     curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}

@@ -133,3 +133,21 @@ def as_text(result: dict[str, Any]) -> str:
         "right; rows are, columns were found:"
     )
     return "\n".join(lines + texture.confusion_lines(told))
+
+
+def as_markdown() -> str:
+    """Table for ``docs/surfaces-from-words.md``."""
+    found, rows, few, many = kinds(), comparatives(), judge(1, None), judge(3, PROMPTS)
+    strokes = [int(np.sum(each["confusion"])) for each in (few, many)]
+    lines = [
+        "| what | right |",
+        "|---|---|",
+        f"| kind of material of {found['asked']} wishes | {found['right']} |",
+        f"| comparatives that move RSm, Ra or the map's level, of {len(rows)} | "
+        f"{sum(row['is_right'] for row in rows)} |",
+        f"| strokes over {', '.join(_JUDGED)}, named by the judge of the library's own strokes, of "
+        f"{strokes[0]} | {round(few['share'] * strokes[0])} |",
+        f"| {strokes[1]} strokes over all those wishes, at whatever size and depth they ask for | "
+        f"{100 * many['share']:.0f} % |",
+    ]
+    return "\n".join(lines)
