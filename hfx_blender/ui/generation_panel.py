@@ -8,8 +8,10 @@ from typing import Any
 import bpy
 import bpy.utils.previews
 
+from ..authoring import surfaces
 from ..file_suffixes import GENERATED
 from ..operators import generation
+from ..operators.shared import active_armature
 from .sidebar import HfxPanel, draw_text
 
 _previews: Any = None
@@ -19,12 +21,16 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
     """A material that can be felt, from words or from any picture"""
 
     bl_label = "Material from Words or Picture"
-    bl_order = 8
+    bl_order = 1  # above the panel of the surface that it makes, or its results would be far below
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return context.mode == "OBJECT"
+        obj = context.object
+        if context.mode != "OBJECT" or generation.running is not None or obj is None:
+            return context.mode == "OBJECT"
+        is_free = obj.hfx.role == "NONE" and active_armature(context) is None
+        return obj.type == "MESH" and (is_free or surfaces.is_surface(obj))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -75,6 +75,9 @@ def steps(h: Any) -> Iterator[float]:
     span = strip.frame_start, strip.frame_end
     h.check(span == (frame, frame + FPS / 2), f"one clip of half a second {span}")
 
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("ctrl+KP_1")  # finishing has brought the view from before back
+    yield 1.0
     yield from hands.go_to(h, frame - 3)
     h.check(not is_green(h, h.shot("5_before.png")), "before it, nothing is felt")
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import hands
 
-PLACE = -2  # of the panel: above sound and video
+PLACE = 1  # of the panel: below the effects
 
 
 def steps(h: Any) -> Iterator[float]:
