@@ -100,17 +100,17 @@ class Quality:
 
 
 def joint_faults(qualities: Sequence[Quality]) -> list[str]:
-    """Joints whose skin lies beside them, as text, each by the model that fits it worst."""
+    """Joints whose skin lies beside them, as one sentence, each by the model that fits it worst."""
     worst: dict[str, float] = {}
     for quality in qualities:
         for joint, off_mm in quality.joints_mm.items():
             worst[joint] = max(off_mm, worst.get(joint, 0.0))
-    return [
-        f"{'left' if joint.endswith('.L') else 'right'} {joint.partition('.')[0]} is up to "
-        f"{off_mm:.0f} mm from where the rig has it"
-        for joint, off_mm in worst.items()
+    found = [
+        f"{'left' if joint.endswith('.L') else 'right'} {joint.partition('.')[0]} {off_mm:.0f} mm"
+        for joint, off_mm in sorted(worst.items(), key=lambda item: -item[1])
         if off_mm > JOINT_MM
     ]
+    return [f"the skin lies beside joints of the rig: {', '.join(found)}"] if found else []
 
 
 def judge(

@@ -151,7 +151,7 @@ def _cut(corners: F64) -> tuple[F64, I64, F64]:
     while True:
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         long = edges.max(axis=1) > _LONGEST_EDGE_M
-        if not long.any() or len(corners) > 1_000_000:
+        if not long.any() or len(corners) > 300_000:
             return corners, parent, places
         halves = []
         for values in (corners, places):
