@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import bpy
+
+_UNDO_S = 0.5
+_changed_s = 0.0
 
 Handlers = Mapping[str, Callable[..., None]]
 """Functions by the names of their lists in ``bpy.app.handlers``."""
@@ -47,6 +51,27 @@ def call_soon(
         ended = [each for each in _until_load if not bpy.app.timers.is_registered(each)]
         _until_load.difference_update(ended)
         _until_load.add(function)
+
+
+def push_undo_soon() -> None:
+    """Make an undo step once a value is no longer changed.
+
+    For properties of the window manager that change the scene: Blender makes none for these.
+    """
+    global _changed_s
+    _changed_s = time.monotonic()
+    if not bpy.app.background:
+        call_soon(_push_undo, _UNDO_S)
+
+
+def _push_undo() -> float | None:
+    wait = _changed_s + _UNDO_S - time.monotonic()
+    if wait > 0.0:
+        return wait
+    window = bpy.context.window_manager.windows[0]
+    with bpy.context.temp_override(window=window):
+        bpy.ops.ed.undo_push(message="Haptic Effects")
+    return None
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:

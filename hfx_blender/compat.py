@@ -13,7 +13,7 @@ from bpy_extras import anim_utils
 TELLS_OWNERS_OF_PATHS = hasattr(bpy.types.BlendData, "file_path_map")
 
 CAN_JOIN_AREAS = bpy.app.version >= (4, 3)
-"""Whether areas of a window can be joined by their places."""
+"""Ability of Blender to join areas of a window by their places."""
 
 
 def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:

@@ -45,6 +45,7 @@ from .export_report import (
     stale_files,
 )
 from .formats import gate, registry
+from .formats.clip import DETAIL
 from .formats.curves import CurveTolerance
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
@@ -76,6 +77,7 @@ class ExportSettings:
     record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
     processes: int = field(default_factory=cores)  # at most; the results are the same
+    clip_detail: int = DETAIL  # level of detail of bodies in game clips
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
     missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
 
@@ -140,7 +142,9 @@ class SceneExport:
             _refuse((*self._warnings, *self._settings.missing.values()))
 
     def _recorders(self) -> SceneRecorders:
-        return SceneRecorders(self.reader.description, self._settings.formats)
+        return SceneRecorders(
+            self.reader.description, self._settings.formats, self._settings.clip_detail
+        )
 
     def whole(
         self,

@@ -24,12 +24,7 @@ TARGETS = (
 )
 
 
-def bake(
-    scene: bpy.types.Scene,
-    effect: bpy.types.Object,
-    target: str = "ENVELOPE",
-    frames: tuple[int, int] | None = None,
-) -> int:
+def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELOPE") -> int:
     """Write the values of a volume's response at each frame as keys; returns their number.
 
     Of several bodies the one that feels it most counts. Keys where nothing changes are left out.
@@ -45,7 +40,7 @@ def bake(
     from .reading.animation_time import animation_frames
     from .reading.scene_reader import SceneReader
 
-    reader = SceneReader(scene, frames=frames)
+    reader = SceneReader(scene)
     ids = [e.id for e in reader.description.effects if e.name == effect.name]
     if not ids:
         raise InputError(f"'{effect.name}' is muted, hidden or no effect of this scene.")

@@ -28,9 +28,9 @@ class SceneRecorders:
         For ``clip``.
     """
 
-    def __init__(self, scene: SceneDescription, formats: Sequence[str]) -> None:
+    def __init__(self, scene: SceneDescription, formats: Sequence[str], detail: int) -> None:
         self.volumes = VolumeRecorder(scene) if "glb" in formats else None
-        self.spatial = SpatialRecorder(scene) if "clip" in formats else None
+        self.spatial = SpatialRecorder(scene, detail) if "clip" in formats else None
 
     @property
     def is_any(self) -> bool:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, Final
+
+from .atomic_files import take_lock
 
 _OWNER: Final = "owner"
 _SUFFIX: Final = ".tmp"
@@ -55,7 +56,7 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     try:
         owner = open(stage / _OWNER, "xb")
         with suppress(OSError):  # some network file systems have no locks: then it is not removed
-            _lock(owner)
+            take_lock(owner.fileno(), _LOCKED_BYTE)
             owner.write(_machine())  # last: without it, nobody else touches the folder
             owner.flush()
         yield stage
@@ -78,7 +79,7 @@ def _is_abandoned(owner: Path) -> bool:
         with open(owner, "r+b") as file:
             if file.read(_LOCKED_BYTE) != _machine():
                 return False  # of another machine, or just being made
-            _lock(file)
+            take_lock(file.fileno(), _LOCKED_BYTE)
             return True
     except OSError:  # the lock is held, or it is not ours to change
         return False
@@ -86,23 +87,3 @@ def _is_abandoned(owner: Path) -> bool:
 
 def _machine() -> bytes:
     return f"{platform.node()}\n".encode()
-
-
-def _lock(file: BinaryIO) -> None:
-    """Lock a file, until it is closed.
-
-    Raises
-    ------
-    OSError
-        Somebody else has it.
-    """
-    if sys.platform == "win32":
-        import msvcrt
-
-        file.seek(_LOCKED_BYTE)
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        file.seek(0)
-    else:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -96,11 +96,11 @@ def test_a_long_name_is_shortened(tmp_path: Path) -> None:
 def test_where_there_are_no_locks_it_is_never_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_locks(_: object) -> None:
+    def no_locks(*_: object) -> None:
         raise OSError(errno.ENOTSUP, "Operation not supported")
 
     with monkeypatch.context() as patch:
-        patch.setattr(stage_folders, "_lock", no_locks)
+        patch.setattr(stage_folders, "take_lock", no_locks)
         with stage_folder(tmp_path, "scene") as stage:
             patch.undo()
             stage_folders.remove_abandoned(tmp_path)

@@ -8,7 +8,6 @@ seed rains the same.
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 from math import ceil
 
 import bpy
@@ -26,6 +25,7 @@ GENERATOR = "hfx_rain"
 MAX_SPOTS = 64
 """Places that drops fall on; more drops than that share them."""
 
+_PARTS = ("head", "upper_arm", "forearm", "hand_dorsum")
 _DROP_S = 0.06
 _FADE_S = 0.04
 
@@ -39,7 +39,6 @@ def make(
     drop_size_m: float = 0.02,
     frame: float = 0.0,
     duration_s: float = 4.0,
-    parts: Sequence[str] = ("head", "upper_arm", "forearm", "hand_dorsum"),
     strength_m_s2: float = 5.0,
     seed: int = 0,
 ) -> list[bpy.types.Object]:
@@ -48,7 +47,7 @@ def make(
     Raises
     ------
     InputError
-        Too few or too many drops, or none of the parts looks up.
+        Too few or too many drops, or none of the parts that rain falls on looks up.
     """
     count = round(drops_per_second * duration_s)
     if not 1 <= count <= 5000:
@@ -59,7 +58,7 @@ def make(
     remove(body, name)
     model = load_model(effects.model_id_for("vibration"))
     chance = random.Random(seed)
-    centres = _places(model, parts, min(count, MAX_SPOTS), chance)
+    centres = _places(model, min(count, MAX_SPOTS), chance)
     times = sorted(chance.uniform(0.0, max(duration_s - _DROP_S, 0.0)) for _ in range(count))
     fps = fps_of(scene)
     made = []
@@ -94,12 +93,10 @@ def remove(body: bpy.types.Object, name: str) -> int:
     return len(found)
 
 
-def _places(
-    model: PerceptualModel, parts: Sequence[str], count: int, chance: random.Random
-) -> list[int]:
+def _places(model: PerceptualModel, count: int, chance: random.Random) -> list[int]:
     """Draw vertices for raindrops, each as likely as its share of the visible sky."""
     seen = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
-    seen[~np.isin(model.part, [PARTS.index(part) for part in parts])] = 0.0
+    seen[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0
     if not seen.any():
         raise InputError("Rain needs at least one body part that it can fall on.")
     weights = seen.tolist()

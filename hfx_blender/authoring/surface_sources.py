@@ -13,8 +13,7 @@ import numpy.typing as npt
 from ..engine.texture import procedural
 from ..engine.texture.height_field import HeightField, from_image
 from ..engine.texture.relief_estimate import EstimatedRelief
-from ..engine.texture.scan import from_points
-from ..engine.texture.scan_alignment import seen_from_above
+from ..engine.texture.scan import from_points, seen_from_above
 from ..errors import InputError
 from ..formats import point_cloud
 from . import image_values, surface_baking, surface_uv

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import bpy
@@ -151,13 +151,14 @@ def _facing_out(
     """Turn meshes whose faces look inwards, for the fit; with a sentence about each."""
     turned, notes = [], []
     for mesh, target in zip(meshes, targets, strict=True):
-        if retarget_target.is_inside_out(target):
-            target = replace(target, triangles=target.triangles[:, ::-1])
+        outwards, share = retarget_target.faced_out(target)
+        turned.append(outwards)
+        if share:
             notes.append(
-                f"the normals of '{mesh.name}' point inwards: it was read turned inside out; "
-                "correct it with Mesh > Normals > Recalculate Outside"
+                f"the normals of '{mesh.name}' point inwards on {max(100 * share, 1):.0f} % of its "
+                "surface: it was read turned outwards; correct it with Mesh > Normals > "
+                "Recalculate Outside"
             )
-        turned.append(target)
     return turned, notes
 
 

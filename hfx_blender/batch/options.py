@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any, Self
 
 from ..engine.tolerance import parse as parse_tolerance
+from ..formats.clip import DETAIL
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class ExportOptions:
     strict: bool = False
     scene: str | None = None
     per_clip: bool = False
+    clip_detail: int = DETAIL
 
     def __post_init__(self) -> None:
         if self.rate is not None:

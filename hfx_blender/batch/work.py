@@ -188,6 +188,7 @@ def _settings(
         record=options.record,
         strict=options.strict,
         per_clip=options.per_clip,
+        clip_detail=options.clip_detail,
     )
 
 

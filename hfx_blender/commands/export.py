@@ -21,6 +21,7 @@ from ..console import Console
 from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
+from ..formats.clip import COARSEST, DETAIL
 from ..own_processes import cores
 from ..printable import printable
 
@@ -85,6 +86,15 @@ def add_parser(commands: Any) -> None:
         "--per-clip",
         action="store_true",
         help="each named clip as files of its own, from time 0, instead of the whole timeline",
+    )
+    parser.add_argument(
+        "--clip-detail",
+        type=int,
+        choices=range(COARSEST + 1),
+        default=DETAIL,
+        metavar="N",
+        help="level of detail of bodies in game clips: 0 is all vertices, each level has about a "
+        f"quarter of those before it (default: {DETAIL})",
     )
     work = parser.add_argument_group("many scenes, long scenes")
     work.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
@@ -210,6 +220,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
         strict=options.strict,
         scene=options.scene,
         per_clip=options.per_clip,
+        clip_detail=options.clip_detail,
     )
     return [
         Unit(

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _SLOW: Final = (
     "without the compiled part of HFX, what volumes touch was computed by its definition, "
-    "which is far slower"
+    "some 500 times as slowly (measured on the garage scene)"
 )
 
 

@@ -78,11 +78,6 @@ class GeneratedFiles:
     notes: tuple[str, ...] = ()
     slope: F32 | None = None
 
-    @property
-    def colour_path(self) -> Path:
-        """Path of the colour picture."""
-        return self.path.with_name(f"{self.name}.colour.png")
-
 
 def name_of(words: str, mark: str) -> str:
     """File name of a wish or a picture: its words and a mark, in letters that any system allows.

@@ -116,11 +116,10 @@ class _ClipOperator(_OfEffect):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split = True
         unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
-        for name in ("shown_start", "shown_duration", "shown_fade_in", "shown_fade_out"):
-            label = self.bl_rna.properties[name].name
-            layout.prop(self, name, text=f"{label} ({unit})")
+        for name in ("start", "duration", "fade_in", "fade_out"):
+            label = name.replace("_", " ").title()
+            layout.prop(self, f"shown_{name}", text=f"{label} ({unit})")
         layout.prop(self, self.last_field)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -15,6 +15,7 @@ from functools import partial
 import bpy
 import numpy as np
 
+from ..authoring import responses
 from ..avatars import avatar_meshes
 from ..engine.arrays import F64, I64, Bool
 from ..engine.body.model import load_model
@@ -33,10 +34,10 @@ from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, 
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import EffectChunks
-from .nearness import SkinBoxes
+from .nearness import SkinBoxes, may_meet
 from .reading_plan import Plan
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
+from .scene_rows import Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 from .stepped_volumes import SteppedVolumes, near, over_time, swept
@@ -83,6 +84,8 @@ class Pass:
         self._full = [k for k in self._effects if k not in placed]
         model_ids = {scene.effects[k].model_id for k in placed}
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
+        self._outlined = self._skins_of_surfaces()
+        self._unread = set(self._outlined)  # of these: near no volume, only bounds are read
         self._last: dict[int, Row] = {}  # the last ones, which the next block may begin with
         self._rows: dict[int, Row] = {}
         self._cell = (0, -1)
@@ -106,6 +109,18 @@ class Pass:
             if stepped and bodies:
                 self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
+
+    def _skins_of_surfaces(self) -> dict[int, SkinBoxes]:
+        """Bodies that follow their mesh, whose bounds can tell that no volume reaches them."""
+        volumes = [self._found.effects[k].hfx for k in self._volumes]
+        if not self._is_judged or self._always_posed:
+            return {}
+        if any(hfx.kind != "VOLUME" or responses.active(hfx) for hfx in volumes):
+            return {}
+        model_ids = {self._scene.effects[k].model_id for k in self._volumes}
+        bodies = self._scene.bodies
+        surfaces = (k for k in self._bodies if isinstance(bodies[k].binding, SurfaceBinding))
+        return {k: SkinBoxes(bodies[k], model_ids) for k in surfaces}
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
         """Step these objects; rigs that are presampled as copies."""
@@ -218,13 +233,11 @@ class Pass:
         """Frames of the animation at samples."""
         return animation_frames(self._found.scene, sample_frames(self._scene.time, indices))
 
-    def _read_poses(self, index: int) -> dict[int, PoseRow | None]:
-        assert self._whole is not None
-        return self._reading.read(index, self._whole, (), self._bodies).poses
-
     def _read_shown(self, index: int) -> Poses:
-        """The same of bodies that nothing hides."""
-        return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
+        """Poses of bodies that nothing hides."""
+        assert self._whole is not None
+        poses = self._reading.read(index, self._whole, (), self._bodies).poses
+        return {k: pose for k, pose in poses.items() if pose is not None}
 
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
         """Poses and places at samples without a gap between them."""
@@ -265,11 +278,17 @@ class Pass:
         poses: dict[int, PoseBlock] = {
             k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
         }
-        poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
+        for k in self._bodies:
+            read = (row.outlines if k in self._outlined else row.poses for row in rows)
+            poses[k] = pose_block([each.get(k) for each in read])
+        own = rows[history : len(rows) - future]
         if self._far:
-            own = rows[history : len(rows) - future]
             bodies = [poses[k] for k in range(len(poses))]
             effects |= self._judged(rows, bodies, idle, own)
+        for k in self._outlined:
+            poses[k] = self._surface(k, rows, poses[k], [effects[each] for each in self._volumes])
+            if k in self._unread:
+                self._reading.count_far(self._scene.bodies[k].name, own[0].index, len(own))
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -307,7 +326,7 @@ class Pass:
         found: dict[int, EffectBlock] = {}
         for n, k in self._far.items():
             if not is_near[n]:
-                self._reading.count_far(k, own[0].index, len(own))
+                self._reading.count_far(self._scene.effects[k].name, own[0].index, len(own))
                 if k not in self._full:
                     found[k] = self._silence(k, len(rows))
             elif self._reading.is_settled(k):
@@ -328,6 +347,23 @@ class Pass:
             missing = [k for k in which if k not in row.effects]
             if missing and self._light is not None:
                 row.effects |= self._reading.read(row.index, self._light, missing, ()).effects
+
+    def _surface(
+        self, which: int, rows: list[Row], outline: PoseBlock, volumes: list[EffectBlock]
+    ) -> PoseBlock:
+        """A body that follows its mesh: not there where no volume reaches its bounds.
+
+        Else it is read in full from now on, until it is far again.
+        """
+        skin = self._outlined[which].over(outline)
+        if not any(may_meet(each, skin) for each in volumes):
+            self._unread.add(which)
+            return pose_block([None] * len(rows))
+        self._unread.discard(which)
+        for row in rows:
+            if which in row.outlines and which not in row.poses and self._whole is not None:
+                row.poses |= self._reading.read(row.index, self._whole, (), [which]).poses
+        return pose_block([row.poses.get(which) for row in rows])
 
     def _block_of(self, which: int, rows: list[Row]) -> EffectBlock:
         return effect_block([row.effects[which] for row in rows], self._modality(which))
@@ -355,8 +391,12 @@ class Pass:
             return row
         if self._adaptive is not None:
             row.poses = dict(self._adaptive.at(index))
-        elif is_stepped and joint and stepper is not None:
-            self._reading.add_poses(row, stepper, self._bodies)
-        else:
-            row.poses = self._read_poses(index)
+            return row
+        if self._whole is not None and not (is_stepped and joint):
+            self._reading.read(index, self._whole, (), ())
+            stepper = self._whole
+        if stepper is not None:
+            read = (k for k in self._bodies if k not in self._unread)
+            self._reading.add_poses(row, stepper, read)
+            self._reading.add_outlines(row, stepper, self._outlined)
         return row

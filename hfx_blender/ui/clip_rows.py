@@ -13,6 +13,7 @@ import bpy
 from bpy.props import CollectionProperty, FloatProperty
 
 from ..authoring import clips, effects, swarms
+from ..blender_events import push_undo_soon
 from ..operators.shared import active_effect
 from ..playback import preview
 from ..scene_units import fps_of
@@ -57,6 +58,7 @@ def _set(name: str) -> Callable[[HfxClipRow, float], None]:
         if strip is not None:
             setattr(strip, name, value * frames_per_unit())
             preview.look_soon()
+            push_undo_soon()
 
     return set_time
 
@@ -77,6 +79,7 @@ def _start(_manager: object) -> float:
 def _set_start(manager: object, value: float) -> None:
     clips.shift(_group(), (value - _start(manager)) * frames_per_unit())
     preview.look_soon()
+    push_undo_soon()
 
 
 class HfxClipRow(bpy.types.PropertyGroup):

@@ -13,6 +13,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 
 from ..authoring import effects, swarms
+from ..blender_events import push_undo_soon
 from ..operators.shared import active_effect, select_only
 from ..playback import preview
 
@@ -80,6 +81,7 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
         for effect in _effects_of_row(row):
             setattr(effect.hfx, name, value)
         preview.look_soon()
+        push_undo_soon()
 
     return set_all
 
@@ -191,6 +193,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
         for obj in shown[1:]:
             if obj.name in context.view_layer.objects:
                 obj.select_set(True)
+        push_undo_soon()
 
 
 def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:

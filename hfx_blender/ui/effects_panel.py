@@ -100,7 +100,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if group:
+        if found and group:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.

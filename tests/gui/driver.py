@@ -194,6 +194,8 @@ class Driver:
     def toggles(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's switches, like :meth:`op_buttons`."""
         found = yield from self._painted("wcol_toggle", region)
+        if not found:  # since Blender 5.2
+            found = yield from self._painted("wcol_regular", region)
         return found
 
     def enter(self, field: Point, value: str) -> Iterator[float]:

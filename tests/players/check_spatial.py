@@ -3,7 +3,8 @@
 
 ``python tests/players/check_spatial.py --walkers 5 --seconds 10`` prints, for volumes alone and
 with responses, the share of samples (an effect, a vertex of the level, a moment at which either
-feels it) whose weight times level is within 1/255 of the engine's.
+feels it) whose weight times level is within 1/255 of the engine's. ``--standard`` prints how far
+actuators are from what they are given at ``standard``.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device import DeviceConfig
 from hfx_blender.engine.rendering.render import Renderer
 from hfx_blender.engine.samples import SampleRun
-from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.tolerance import PAPER, STANDARD
 from hfx_blender.engine.track import TrackHeader
-from hfx_blender.formats.clip import rules
+from hfx_blender.formats.clip import COARSEST, rules
 from hfx_blender.formats.clip.container import texts_at
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_blender.formats.clip.writing import write
@@ -90,6 +91,33 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
     )
 
 
+def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
+    """How far a level's values are from those at ``standard``, of full scale, where either acts."""
+    whole = _models(made)
+    runs = Engine(made.scene, models=whole.__getitem__, tolerance=STANDARD).evaluate(made.block)
+    path, bones, given = _written(made, folder, level, runs)
+    columns = rules.read(path.read_bytes(), str(path))["COLM"]
+    strengths = np.flatnonzero((columns["highest"] > columns["lowest"]) & _are_first(columns))
+    body = Body(Clip(path.read_bytes()))
+    found = []
+    for row in range(len(made.matrices)):
+        body.set_bones(made.matrices[row, bones])
+        for k, animated in enumerate(made.block.effects):
+            body.set_volume(k, animated.matrices[row, :3])
+            body.trigger(k, float(animated.levels[row]))
+        found.append(body.evaluate(1.0 / RATE_HZ if row else 0.0))
+    values, neutral = np.array(found)[:, strengths], columns["neutral"][strengths]
+    expected = given[:, strengths]
+    full = (columns["highest"] - columns["lowest"])[strengths]
+    acts = (np.abs(values - neutral) > 1e-3 * full) | (np.abs(expected - neutral) > 1e-3 * full)
+    return np.asarray((np.abs(values - expected) / full)[acts])
+
+
+def _are_first(columns: np.ndarray) -> np.ndarray:
+    """Columns that are the first of their actuator: its strength."""
+    return np.diff(columns["actuator"].astype(np.int64), prepend=-1) > 0
+
+
 def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
     """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
     path, told = moments(made, folder, level)
@@ -135,9 +163,9 @@ def _written(
         renderer = Renderer(header, device, compensates_latency=False)
         renderer.add(runs)
         played.append((device, renderer.raster()))
-    recorder = SpatialRecorder(made.scene)
+    recorder = SpatialRecorder(made.scene, level)
     recorder.add(made.block)
-    (path,) = write(header, played, folder / "walk", recorder, level).files
+    (path,) = write(header, played, folder / "walk", recorder).files
     sections = rules.read(path.read_bytes(), str(path))
     number = {name: k for k, name in enumerate(made.scene.bodies[0].binding.bone_names)}
     bones = [number[each] for each in texts_at(sections, sections["BONE"]["name"])]
@@ -174,12 +202,28 @@ def _expected(run: SampleRun | None, row: int, count: int) -> np.ndarray:
     return dense
 
 
+def print_table(walkers: int, seconds: float) -> int:
+    """Print for each level how far actuators are from what they are given at ``standard``."""
+    sys.stdout.write("| level | values | mean | within 5 % | within 20 % |\n")
+    sys.stdout.write("|---|---|---|---|---|\n")
+    for level in range(COARSEST + 1):
+        with tempfile.TemporaryDirectory() as name:
+            walks = [walk(seed, seconds) for seed in range(walkers)]
+            away = np.concatenate([against_standard(each, Path(name), level) for each in walks])
+        shares = " | ".join(f"{np.mean(away <= most):.1%}" for most in (0.05, 0.2))
+        sys.stdout.write(f"| {level} | {len(away)} | {away.mean():.1%} | {shares} |\n")
+    return 0
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--walkers", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--level", type=int, default=1)
+    parser.add_argument("--standard", action="store_true", help="the table against 'standard'")
     options = parser.parse_args()
+    if options.standard:
+        return print_table(options.walkers, options.seconds)
     for responds in (False, True):
         shares = Shares()
         with tempfile.TemporaryDirectory() as name:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -78,6 +79,15 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     assert body.set_parameter(0, 0, 30.0) == 0
     assert body.evaluate(0.02)[0] == 10.0  # the motor's limit
     assert body.trigger(1, 1.0) == -6
+    fan = load_device("fan_heater")
+    place = replace(fan.actuators[0].place, at_m=(0.0, 1.0, 1.0))
+    fan = replace(fan, actuators=tuple(replace(each, place=place) for each in fan.actuators))
+    coarse = SpatialRecorder(scene, 2)
+    coarse.add(AnimationBlock(np.arange(2), (animated,), (still,)))
+    told = write(header, [(fan, render(header, [], fan))], tmp_path / "coarse", coarse)
+    assert any("actuators at a place in the room follow no avatar: 2" in n for n in told.notes)
+    models = rules.read(told.files[0].read_bytes(), "coarse")["MODL"]
+    assert models["level"].tolist() == [2] and models["vertices"] < sections["MODL"]["vertices"] / 3
     human = texts_at(sections, sections["BONE"]["human"])
     assert {"leftHand", "hips", "head", "rightLowerLeg"} <= set(human)
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import F64
-from ..native import library
 from ..native import turning as native
 
 _STILL: float = 1e-9  # radians; less is rounding
@@ -69,14 +68,7 @@ def longest_axis(linear: F64) -> F64:
 
 def turned_by(before: F64, after: F64) -> F64:
     """Angles of rotation between placements (n, 4, 4), radians (n,); exactly 0 for no rotation."""
-    if library.is_there():
-        return native.turns(before, after)
-    still = (before[:, :3, :3] == after[:, :3, :3]).all(axis=(1, 2))
-    angles = np.zeros(len(before))
-    some = np.flatnonzero(~still)
-    if len(some):
-        angles[some] = Motion.between(before[some], after[some]).angles
-    return angles
+    return native.turns(before, after)
 
 
 def turns_since_before(*placements: F64) -> F64:

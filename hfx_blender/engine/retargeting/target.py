@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
@@ -28,6 +28,9 @@ _DOUBLED_FACES: Final = 0.1
 
 _INSIDE_OUT: Final = 0.1
 """Share of a mesh's volume that must be negative: an open sheet encloses about none."""
+
+_TURNED: Final = 0.02
+"""Share of a mesh's surface from which single faces that look inwards are turned."""
 
 _UNSKINNED: Final = 0.2
 """Share of vertices that may have no weight of any bone."""
@@ -125,15 +128,58 @@ def check(target: TargetAvatar, name: str) -> str | None:
     return None
 
 
-def is_inside_out(target: TargetAvatar) -> bool:
-    """Test a mesh for faces that look inwards: the volume that they enclose is negative."""
-    corners = target.vertices[target.triangles]
+def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
+    """Turn faces that look inwards: those of pieces wound both ways, or all of a mesh that encloses
+    a negative volume. Returns the share of the surface that was turned, 0..1, as well.
+    """
     areas = areas_of(target.vertices, target.triangles)
     if not areas.sum() > 0.0:
-        return False
-    a, b, c = np.moveaxis(corners - np.average(corners.mean(axis=1), axis=0, weights=areas), 1, 0)
-    volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
-    return float(volumes.sum()) < -_INSIDE_OUT * float(np.abs(volumes).sum())
+        return target, 0.0
+    whole = _volumes(target, areas, np.zeros(len(areas), np.int64))
+    is_whole = whole.sum() < -_INSIDE_OUT * np.abs(whole).sum()
+    found = replace(target, triangles=target.triangles[:, ::-1]) if is_whole else target
+    inwards = _wound_inwards(found, areas)
+    if areas[inwards].sum() > _TURNED * areas.sum():
+        triangles = np.where(inwards[:, None], found.triangles[:, ::-1], found.triangles)
+        return replace(target, triangles=triangles), float(
+            areas[inwards != is_whole].sum() / areas.sum()
+        )
+    return found, float(is_whole)
+
+
+def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
+    """Find triangles (F,) that look inwards in connected pieces that are wound both ways."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    triangles, count = weld(target.vertices)[target.triangles], len(target.triangles)
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    forward = starts < ends
+    edge = np.minimum(starts, ends) * len(target.vertices) + np.maximum(starts, ends)
+    order = np.argsort(edge, kind="stable")
+    first, uses = np.unique(edge[order], return_index=True, return_counts=True)[1:]
+    one, other = (order[first[uses == 2] + k] for k in (0, 1))
+    # A triangle is two nodes, as it is and turned; nodes are linked where the windings agree.
+    against = np.where(forward[one] == forward[other], count, 0)
+    rows = np.concatenate((one // 3, one // 3 + count))
+    columns = np.concatenate((other // 3 + against, other // 3 + count - against))
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
+    labels = connected_components(graph, directed=False)[1].reshape(2, count)
+    piece = labels.min(axis=0)
+    turned = labels[0] != piece
+    mixed = np.bincount(piece, turned) * np.bincount(piece, ~turned) > 0
+    volumes = np.bincount(piece, _volumes(target, areas, piece) * np.where(turned, -1.0, 1.0))
+    found: npt.NDArray[np.bool_] = (turned ^ (volumes < 0.0)[piece]) & mixed[piece]
+    return found
+
+
+def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
+    """Volume (F,), six times, of each triangle with the middle of its piece."""
+    corners = target.vertices[target.triangles]
+    weight = np.maximum(np.bincount(piece, areas), 1e-300)
+    middles = [np.bincount(piece, areas * each) / weight for each in corners.mean(axis=1).T]
+    a, b, c = np.moveaxis(corners - np.column_stack(middles)[piece][:, None], 1, 0)
+    return np.einsum("fi,fi->f", a, np.cross(b, c))
 
 
 def weld(points: F64) -> I64:

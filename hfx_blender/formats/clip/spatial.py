@@ -24,9 +24,6 @@ from .common_rigs import RigNames, rig_names
 from .container import NONE, Records, Texts, records
 from .spatial_recorder import SpatialEffect, SpatialRecorder
 
-LEVEL: Final = 1
-"""Level of detail of models that have several: 10 to 20 mm on the torso, as the paper's own."""
-
 _MODALITIES: Final = tuple(MODALITIES)
 _FALLOFFS: Final = tuple(FalloffKind)
 _KINDS: Final = tuple(FilterKind)
@@ -36,7 +33,7 @@ _WHOLE: Final = 65535
 
 
 def sections_of(
-    recorder: SpatialRecorder, played: Played, texts: Texts, level: int = LEVEL
+    recorder: SpatialRecorder, played: Played, texts: Texts
 ) -> tuple[dict[str, Records], Written]:
     """Sections of a scene's bodies and effects, and what had to be left out.
 
@@ -48,14 +45,13 @@ def sections_of(
         Whose actuators react, in the order of the baked part.
     texts : Texts
         Gets all names.
-    level : int
-        Of models with levels; 0 is all vertices.
     """
     effects = recorder.effects()
     lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
     if not effects:
         return {}, Written(notes=lost)
-    bodies = _Bodies(texts, tuple(dict.fromkeys(each.effect.model_id for each in effects)), level)
+    models = tuple(dict.fromkeys(each.effect.model_id for each in effects))
+    bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
     others = [b.name for b in recorder.scene.bodies if b not in skinned]
     lost += counted(others, "bodies that follow their mesh cannot be posed by a player")

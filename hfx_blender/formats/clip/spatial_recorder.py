@@ -22,6 +22,7 @@ from ...engine.scene import (
     SceneDescription,
 )
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from . import DETAIL
 
 SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
 
@@ -40,10 +41,17 @@ class SpatialEffect:
 
 
 class SpatialRecorder:
-    """Recorder of a scene's volumes and painted areas: their beginnings and highest levels."""
+    """Recorder of a scene's volumes and painted areas: their beginnings and highest levels.
 
-    def __init__(self, scene: SceneDescription) -> None:
-        self.scene = scene
+    Parameters
+    ----------
+    scene : SceneDescription
+    detail : int
+        Level of detail of the models in the clip, of those that have several; 0 is all vertices.
+    """
+
+    def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
+        self.scene, self.detail = scene, detail
         self._found: dict[int, dict[str, npt.NDArray[Any]]] = {}
         self._others: set[int] = set()
 

@@ -20,7 +20,6 @@ def write(
     played: baked.Played,
     stem: Path,
     scene: SpatialRecorder | None = None,
-    level: int = spatial.LEVEL,
 ) -> Written:
     """Write ``stem.hfxclip``: what devices play of a track, and what avatars can feel of a scene.
 
@@ -35,7 +34,7 @@ def write(
     path = stem.with_name(stem.name + SUFFIX)
     sections, told = baked.sections_of(header, played, texts, stem.name)
     if scene is not None:
-        of_scene, told_of_scene = spatial.sections_of(scene, played, texts, level)
+        of_scene, told_of_scene = spatial.sections_of(scene, played, texts)
         sections, told = {**sections, **of_scene}, told + told_of_scene
     sections["TEXT"] = texts.records
     content = encoded(sections, str(path))

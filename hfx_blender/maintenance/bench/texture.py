@@ -298,7 +298,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def as_markdown() -> str:
-    """Measured results of the judge and of salience, for ``docs/surfaces.md``."""
+    """Shares that the judge and a device's gap keep, measured for ``docs/surfaces.md``."""
     one, many = identification(1, 1), identification(3, 10)
     names, table = one["names"], np.array(one["confusion"])
     lines = [

@@ -65,7 +65,8 @@ class _Tailor:
         self.known = np.ones(len(self.places), bool)
         self.normals = vertex_normals(variant.target.vertices, variant.target.triangles)
         self.kept = np.ones(len(variant.target.triangles), bool)
-        self.hidden = np.zeros(len(variant.target.triangles), bool)
+        self.hidden = ~self.inside(self.bare)
+        self.lift = np.zeros(len(self.rest))  # of the outermost layer
         self.pieces: list[Piece] = []
         self.unit = np.ptp(variant.target.vertices[:, 2]) / np.ptp(self.rest[:, 2])
 
@@ -91,11 +92,15 @@ class _Tailor:
         triangles = self.inside(vertices)
         lift = np.broadcast_to(lift_m, len(self.rest)) * self.unit
         points = shaped(self.target.vertices + lift[:, None] * self.normals)
-        self.pieces.append(self._piece(name, points, triangles, is_skin))
+        piece = self._piece(name, points, triangles, is_skin)
+        is_outer = lift > self.lift
+        self.pieces.append(replace(piece, is_seen=self.inside(is_outer)[triangles]))
         if not is_skin:
             return
         worn = np.zeros(len(self.rest), bool)
         worn[self.target.triangles[triangles].ravel()] = True
+        worn &= is_outer
+        self.lift[worn] = lift[worn]
         self.places[self.of[worn]] = points[worn]
         if is_cut:
             self.kept &= ~triangles
@@ -113,9 +118,8 @@ class _Tailor:
         return Piece(name, target, ~self.hidden[triangles], is_skin)
 
     def dressed(self, height: float) -> Dressed:
-        seen = [replace(p, is_seen=np.ones(len(p.target.triangles), bool)) for p in self.pieces]
         body = self._piece("body", self.target.vertices, self.kept)
-        return Dressed((body, *seen), self.places, self.known, height)
+        return Dressed((body, *self.pieces), self.places, self.known, height)
 
 
 def _trousers(tailor: _Tailor, lift_m: float = 0.008, flare_m: float = 0.03, *, cut: bool) -> None:

@@ -340,12 +340,27 @@ def test_split_seams_are_one_piece() -> None:
     assert retarget_target.check(split, "Anna") is None
 
 
-def test_faces_that_look_inwards_are_seen() -> None:
+@pytest.mark.parametrize("which", ["none", "all", "every second", "the left"])
+def test_faces_that_look_inwards_are_turned(which: str) -> None:
     target = canonical().target
-    assert not retarget_target.is_inside_out(target)
-    assert retarget_target.is_inside_out(replace(target, triangles=target.triangles[:, ::-1]))
+    count = len(target.triangles)
+    inwards = {
+        "none": np.zeros(count, bool),
+        "all": np.ones(count, bool),
+        "every second": np.arange(count) % 2 == 0,
+        "the left": target.vertices[target.triangles[:, 0], 0] > 0.0,
+    }[which]
+    spoilt = np.where(inwards[:, None], target.triangles[:, ::-1], target.triangles)
+    found, share = retarget_target.faced_out(replace(target, triangles=spoilt))
+    areas = retarget_target.areas_of(target.vertices, target.triangles)
+    assert abs(share - areas[inwards].sum() / areas.sum()) < 1e-9
+    np.testing.assert_array_equal(found.triangles, target.triangles)
+
+
+def test_sheets_of_two_sides_are_left_alone() -> None:
+    target = canonical().target
     both = np.concatenate((target.triangles, target.triangles[:, ::-1]))
-    assert not retarget_target.is_inside_out(replace(target, triangles=both))
+    assert retarget_target.faced_out(replace(target, triangles=both))[1] == 0.0
 
 
 def test_something_that_is_not_human_is_refused() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.texture.normal_integration import heights_of_normals
-from hfx_blender.engine.texture.scan_alignment import seen_from_above
+from hfx_blender.engine.texture.scan import seen_from_above
 from hfx_blender.errors import InputError
 
 TEXEL = (0.2e-3, 0.5e-3)

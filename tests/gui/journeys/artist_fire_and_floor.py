@@ -54,7 +54,7 @@ def steps(h: Any) -> Iterator[float]:
     back = hands.effect("temperature").matrix_world.translation.x
     h.check(abs(back) < 0.02, f"I keyframes it: {back:.2f} m at frame 1")
     yield from h.press_button("HFX_OT_add_clip")
-    yield from hands.adjust(h, {1: "2"}, shot="2_clip.png")
+    yield from hands.adjust(h, {1: "48"}, shot="2_clip.png")
     (strip,) = hands.clips_of(hands.effect("temperature"))
     h.check(strip.frame_end - strip.frame_start == 2 * FPS, "a clip of 2 s")
 
@@ -66,7 +66,7 @@ def steps(h: Any) -> Iterator[float]:
     size = tuple(round(each, 3) for each in floor.size)
     h.check(floor.frequency == 100 and size == (2, 2, 0.3), f"the floor: 100 Hz, {size} m")
     yield from h.press_button("HFX_OT_add_clip")
-    yield from hands.adjust(h, {1: "2"})
+    yield from hands.adjust(h, {1: "48"})
 
     ruler = [hands.ruler(h, frame) for frame in (4, 12, 20, 24)]
     yield from h.drag(ruler, step=0.3)

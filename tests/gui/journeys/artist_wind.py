@@ -43,7 +43,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(abs(world.translation.z - 1) < 1e-4, "G lifts it")
     yield from hands.go_to(h, 5 * FPS)
     yield from h.press_button("HFX_OT_add_clip")
-    yield from hands.adjust(h, {1: "2"}, shot="1_wind.png")
+    yield from hands.adjust(h, {1: "48"}, shot="1_wind.png")
     h.document("editor_volume.png", left=0.0)
     (strip,) = hands.clips_of(hands.effect("wind"))
     h.check(strip.frame_end - strip.frame_start == 2 * FPS, "it blows for 2 s")
@@ -58,7 +58,7 @@ def steps(h: Any) -> Iterator[float]:
         starts.append(bpy.context.scene.frame_current)
         yield from h.press_button("HFX_OT_add_clip")
         if number == 0:  # the next ones take the same length
-            yield from hands.adjust(h, {1: "0.1"})
+            yield from hands.adjust(h, {1: "2.4"})
     clips = hands.clips_of(hands.effect("pressure"))
     spans = [(clip.frame_start, round(clip.frame_end - clip.frame_start, 3)) for clip in clips]
     h.check(spans == [(start, 2.4) for start in starts], f"three strikes {spans}")

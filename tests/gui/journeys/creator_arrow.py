@@ -70,7 +70,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.go_to(h, round(2.5 * FPS))
     frame = bpy.context.scene.frame_current
     yield from h.press_button("HFX_OT_add_clip")
-    yield from hands.adjust(h, {1: "0.5"}, shot="4_clip.png")
+    yield from hands.adjust(h, {1: "12"}, shot="4_clip.png")
     (strip,) = hands.clips_of(hands.effect("pressure"))
     span = strip.frame_start, strip.frame_end
     h.check(span == (frame, frame + FPS / 2), f"one clip of half a second {span}")

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import hands
 
-PLACE = 1
+PLACE = -2  # of the panel: above sound and video
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -26,7 +26,6 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.sidebar("HFX")
     yield 1.0
     headers = yield from h.panels(h.region("UI"))
-    # From top to bottom: effects, this one.
     yield from h.click(*headers[PLACE])
     yield 0.5
     h.shot("1_panel.png")
