@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Errors that a user can cause, worded so that they can be shown as they are."""
 
+from pathlib import Path
+
 from .printable import printable
 
 
@@ -53,3 +55,16 @@ class DeviceError(HfxError):
 def fault_of_file(error: OSError) -> InputError:
     """Error message for a file that the system rejects, such as one with too long a name."""
     return InputError(f"{error.filename}: {error.strerror or error}.")
+
+
+def refuse_no_file(path: Path) -> None:
+    """Refuse a path of which nothing can be read: a pipe would be waited for without an end.
+
+    Raises
+    ------
+    InputError
+        It is missing, or no plain file.
+    """
+    if not path.is_file():
+        found = "it is a folder" if path.is_dir() else "it is no plain file"
+        raise InputError(f"{path}: {found if path.exists() else 'there is no such file'}.")

@@ -74,7 +74,7 @@ def fitting(
         tuple(meshes),
         tuple(found.models),
         tuple(found.qualities),
-        (*notes, *found.warnings),
+        (*(() if found.by_bones else notes), *found.warnings),  # bones have no normals
         mapping.report,
         found.by_bones,
     )

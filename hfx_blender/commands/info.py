@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import blender_session
 from ..console import Console
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from ..printable import printable
 from ..scene_units import fps_of
 from .largest import add_largest
@@ -30,18 +30,16 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts, as text or as JSON."""
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
+    refuse_no_file(path)
     if own := kind_of(path):
         tellers[path.suffix] = own.facts
-    elif path.is_file() and _is_of_a_format(path):
+    elif _is_of_a_format(path):
         tellers[path.suffix] = _of_a_format
     if path.suffix not in tellers:
         raise InputError(
             f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(tellers)} and "
-            "the "
-            "formats of hfx export."
+            "the formats of hfx export."
         )
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
     facts = tellers[path.suffix](path)
     console.say(_as_text(facts), several_lines=True)
     console.result(facts)

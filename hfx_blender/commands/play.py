@@ -85,11 +85,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if len(names) > 1 and one_each:
         raise UsageError(f"--{one_each[0]} is of one device; give one --device")
     with ExitStack() as stack:
+        told = ""
         source, worn = _opened(options, names, stack)
         if options.listen is None:
             _check_begin(options.begin, source.start_s, source.end_s)
         else:
-            source = _listening(options, worn, stack, console)
+            source, told = _listening(options, worn, stack)
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
         for name, (device, script) in worn.items():
@@ -102,6 +103,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             from_s=options.begin,
             offset_s=offset_ms / 1000.0,
             progress=console.progress(options.file.name) if options.listen is None else _unseen,
+            connected=lambda: _tell(told, console),
         )
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
@@ -111,14 +113,18 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def _tell(text: str, console: Console) -> None:
+    """Write what a game has to know before the end, which the result is too late for."""
+    if text:
+        (console.warn if console.as_json else console.say)(text)
+
+
 def _unseen(share: float) -> None:
     """Show no progress: nobody knows when a game ends."""
 
 
-def _listening(
-    options: argparse.Namespace, worn: Worn, stack: ExitStack, console: Console
-) -> Source:
-    """The door for a game's values; how a game finds it is said."""
+def _listening(options: argparse.Namespace, worn: Worn, stack: ExitStack) -> tuple[Source, str]:
+    """The door for a game's values, and how a game finds it."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
     from ..formats.clip.container import SUFFIX
 
@@ -134,8 +140,7 @@ def _listening(
     devices = {name: device for name, (device, _) in worn.items()}
     door = stack.enter_context(closing(GameDoor(devices, options.listen, token)))
     shown = _TOKEN if given else door.token.hex()
-    console.say(f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}")
-    return door
+    return door, f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}"
 
 
 def _opened(options: argparse.Namespace, names: list[str], stack: ExitStack) -> tuple[Source, Worn]:

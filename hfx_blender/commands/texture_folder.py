@@ -54,6 +54,9 @@ def _watch(options: argparse.Namespace, console: Console, keep: Keep) -> int:
             except InputError as error:
                 faults.append(str(error))
                 console.warn(f"left out: {error}")
+    for picture in watched.passed_over:
+        faults.append(f"{picture}: it is empty, or no plain file.")
+        console.warn(f"left out: {faults[-1]}")
     console.say(f"{len(made)} made, {len(faults)} left out")
     console.result({"made": made, "left_out": faults})
     return 5 if faults else 0

@@ -22,7 +22,7 @@ def add_parser(commands: Any) -> None:
         description=(
             "Check files strictly against the rules of their formats; of a folder, all that are "
             "known. Each finding has a code that stays the same, a place and a message. Ends with "
-            "3 if a file has errors."
+            "3 if all have errors, with 5 if some have."
         ),
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files or folders")
@@ -58,8 +58,9 @@ def _known_in(folder: Path) -> list[Path]:
 
     found = [
         path
-        for path in sorted(each for each in folder.rglob("[!.]*") if each.is_file())
-        if not any(part.startswith(".") for part in path.relative_to(folder).parts)
+        for path in sorted(folder.rglob("[!.]*"))
+        if (path.is_file() or not path.exists())  # the latter: a link to nothing
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
         and (kind_of(path) or can_validate(path))
     ]
     if not found:

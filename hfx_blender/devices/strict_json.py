@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 16
@@ -131,10 +131,9 @@ def read(path: Path, most_bytes: int = MAX_BYTES) -> Node:
         UTF-8, is not JSON, repeats a key in an object or holds a number that is not finite.
     """
     try:
+        refuse_no_file(path)
         with open(path, "rb") as file:
             content = file.read(most_bytes + 1)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
     return parse(content, str(path), most_bytes)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from ..devices.strict_json import STRICT
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 
 MAX_BYTES: Final = 64 << 20
 MAX_FINDINGS: Final = 1000
@@ -273,14 +273,13 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
         It cannot be read or is larger.
     """
     try:
+        refuse_no_file(path)
         with open(path, "rb") as file:
             parts, size = [], 0
             # Part by part: for one large read Python allocates the largest possible size.
             while size <= most and (part := file.read(_READ_BYTES)):
                 parts.append(part)
                 size += len(part)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
     if size > most:
@@ -296,14 +295,13 @@ def mapped(path: Path) -> bytes:
     InputError
         It cannot be read.
     """
+    refuse_no_file(path)
     try:
         with open(path, "rb") as file:
             if not os.fstat(file.fileno()).st_size:
                 return b""
             found: Any = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             return found  # type: ignore[no-any-return]  # it is sliced as bytes are
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
 

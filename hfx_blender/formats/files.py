@@ -13,7 +13,7 @@ from xml.parsers import expat
 from .. import file_limits
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from . import (
     ahap,
     ahap_rules,
@@ -176,6 +176,7 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Findin
     InputError
         It is of no known format, or cannot be read.
     """
+    refuse_no_file(path)
     for suffix, whole in _WHOLE.items():
         if path.name.endswith(suffix):
             return whole, _whole_findings(path, whole.name)
@@ -199,8 +200,6 @@ def _message(error: InputError, path: Path) -> str:
 
 def _whole_findings(path: Path, kind: str) -> list[Finding]:
     """Faults of a file that is read as a whole."""
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
     try:
         if kind == "texture":
             texture_map.read(path)

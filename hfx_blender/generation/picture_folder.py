@@ -30,6 +30,11 @@ _MOST_FILES: Final = 100_000
 class WatchedFolder:
     """Folder of pictures, each of which is new once: when its writer has ended.
 
+    Attributes
+    ----------
+    passed_over : list of Path
+        What has the name of a picture and no content, at the last look.
+
     Raises
     ------
     InputError
@@ -37,6 +42,7 @@ class WatchedFolder:
     """
 
     folder: Path
+    passed_over: list[Path] = field(default_factory=list, init=False)
     _seen: dict[Path, tuple[int, int]] = field(default_factory=dict)
     _done: dict[Path, tuple[int, int]] = field(default_factory=dict)
 
@@ -50,6 +56,7 @@ class WatchedFolder:
         A picture that changes later is given out again.
         """
         now: dict[Path, tuple[int, int]] = {}
+        self.passed_over = []
         for path in sorted(self.folder.iterdir())[:_MOST_FILES]:
             if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):
                 continue
@@ -59,6 +66,8 @@ class WatchedFolder:
                 continue  # gone meanwhile
             if stat.S_ISREG(state.st_mode) and state.st_size:
                 now[path] = (state.st_size, state.st_mtime_ns)
+            else:
+                self.passed_over.append(path)
         ready = [
             path
             for path, state in now.items()

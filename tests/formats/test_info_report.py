@@ -142,6 +142,27 @@ def test_a_folder_is_checked_with_those_below_it(tmp_path, capsys):
     assert cli.run(["validate", str(tmp_path / "empty")]) == 3
 
 
+@pytest.mark.parametrize("name", ["x.hfxclip", "x.hfxtrack", "x.hjif", "x.report.json", "x"])
+def test_what_is_no_plain_file_is_refused_and_not_waited_for(tmp_path, capsys, name):
+    gone, link, pipe = tmp_path / "none" / name, tmp_path / f"of.{name}", tmp_path / name
+    link.symlink_to(gone)
+    os.mkfifo(pipe)
+    for path, told in (
+        (gone, "there is no such file"),
+        (link, "there is no such file"),
+        (pipe, "it is no plain file"),
+        (tmp_path, "it is a folder"),
+    ):
+        code, _, err = info(capsys, path)
+        assert code == 3 and err == f"hfx: {path}: {told}.\n"
+        if path != tmp_path:
+            assert cli.run(["validate", str(path)]) == 3
+            assert capsys.readouterr().err == f"hfx: {path}: {told}.\n"
+    if name != "x":
+        assert cli.run(["validate", str(tmp_path)]) == 3  # the link: a pipe is no file
+        assert str(link) in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("suffix", [".hfxeffect", ".hfxpath"])
 def test_a_damaged_effect_or_path_is_not_valid(tmp_path, capsys, suffix):
     path = tmp_path / f"x{suffix.upper()}"

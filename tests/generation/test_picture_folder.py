@@ -108,11 +108,12 @@ def test_a_picture_is_given_out_once_when_its_writer_has_ended(tmp_path: Path) -
     watched = WatchedFolder(tmp_path)
     path = picture(tmp_path / "a.png")
     (tmp_path / "notes.txt").write_text("no picture")
+    (tmp_path / "empty.png").touch()
     assert watched.settled() == [] and watched.is_waiting
     path.write_bytes(path.read_bytes() + b"more")  # it is still being written
     assert watched.settled() == [] and watched.is_waiting
     assert watched.settled() == [path] and not watched.is_waiting
-    assert watched.settled() == []
+    assert watched.settled() == [] and watched.passed_over == [tmp_path / "empty.png"]
 
 
 def test_a_picture_becomes_a_surface_with_its_words(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
-from ...errors import DeviceError
+from ...errors import UsageError
 from .client import LiveClient
 from .live_targets import neutral_of
 from .wire import DEAD_MAN_MS
@@ -42,8 +42,23 @@ class _Driven:
 
     name: str
     neutral: F64
-    number: int = -1
+    number: int = -1  # last one that was heard
     heard_s: float = -np.inf
+    first: int | None = None  # first one of a game that may have begun anew
+
+    def is_next(self, number: int, now_s: float) -> bool:
+        """Test a datagram's number: it has to rise.
+
+        After the dead-man time a game may begin lower. It is heard from its second datagram on:
+        one datagram that is sent again and again is not.
+        """
+        rises = number > self.number
+        if not rises and now_s - self.heard_s > DEAD_MAN_S:
+            rises = self.first is not None and number > self.first
+            self.first = number
+        if rises:
+            self.number, self.heard_s, self.first = number, now_s, None
+        return rises
 
 
 class GameDoor:
@@ -60,8 +75,8 @@ class GameDoor:
 
     Raises
     ------
-    DeviceError
-        The port is taken.
+    UsageError
+        There is no such port, or it is taken.
     """
 
     is_rendered = False
@@ -85,9 +100,12 @@ class GameDoor:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((ADDRESS, port))
-        except (OSError, OverflowError) as error:
+        except OverflowError:
             self._socket.close()
-            raise DeviceError(f"{ADDRESS}:{port} cannot be listened to ({error}).") from None
+            raise UsageError(f"port {port}: expected 1 to 65535, or 0 for any") from None
+        except OSError as error:
+            self._socket.close()
+            raise UsageError(f"port {port} of {ADDRESS}: {error.strerror}") from None
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
 
@@ -123,9 +141,6 @@ class GameDoor:
         content = datagram[_HEAD.size + length :]
         if driven is None or len(content) != 4 * len(driven.neutral):
             return None
-        now_s = self._clock()
-        is_anew = now_s - driven.heard_s > DEAD_MAN_S  # another game, or the same one again
-        if number <= driven.number and not is_anew:
+        if not driven.is_next(number, self._clock()):
             return None
-        driven.number, driven.heard_s = number, now_s
         return driven.name, np.frombuffer(content, "<f4").astype(np.float64)

@@ -39,6 +39,7 @@ def play(
     from_s: float | None = None,
     offset_s: float = 0.0,
     progress: Callable[[float], None] = lambda share: None,
+    connected: Callable[[], None] = lambda: None,
 ) -> list[DeviceState]:
     """Play a file once on the connected devices of a client; returns those that failed meanwhile.
 
@@ -50,6 +51,8 @@ def play(
         The longest delay of a device: the end waits for it.
     progress : callable
         Takes the share that has been played.
+    connected : callable
+        Called once, when the devices are ready.
 
     Raises
     ------
@@ -61,6 +64,7 @@ def play(
     try:
         source.begin(client)
         _await_devices(client, is_prepared=not source.is_rendered)
+        connected()
         begin_s = source.start_s if from_s is None else from_s
         length_s = max(source.end_s - begin_s, 1e-9)
         step_s = min(max(source.sample_s, _STEPS_S[0]), _STEPS_S[1])
@@ -111,4 +115,6 @@ def _failed(client: LiveClient) -> list[DeviceState]:
 def fault_of(state: DeviceState) -> str:
     """Sentence about a device that does not play."""
     text = state.text or f"it is {state.state}"
+    if state.state == "frozen":  # the output process speaks of Blender
+        text = "this command did not run for 250 ms, so the device stopped"
     return f"Device '{state.name}': {text.removesuffix('.')}."

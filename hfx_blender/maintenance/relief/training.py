@@ -22,7 +22,7 @@ from .network import ReliefNetwork, weights_of
 
 SEED: Final = 1
 SAMPLES: Final = 5000
-STEPS: Final = 2950
+STEPS: Final = 10000
 _WHOLE: Final = 0.25  # of the steps take whole pictures that tile, the others crops
 _BATCH: Final = {True: 4, False: 8}
 _CROP: Final = 128
