@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Errors that a user can cause, worded so that they can be shown as they are."""
 
+import stat
 from pathlib import Path
 
 from .printable import printable
@@ -63,8 +64,14 @@ def refuse_no_file(path: Path) -> None:
     Raises
     ------
     InputError
-        It is missing, or no plain file.
+        It is missing, no plain file, or cannot be asked for.
     """
-    if not path.is_file():
-        found = "it is a folder" if path.is_dir() else "it is no plain file"
-        raise InputError(f"{path}: {found if path.exists() else 'there is no such file'}.")
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"{path}: cannot be read ({error}).") from error
+    if not stat.S_ISREG(mode):
+        found = "a folder" if stat.S_ISDIR(mode) else "no plain file"
+        raise InputError(f"{path}: it is {found}.")

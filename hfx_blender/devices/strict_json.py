@@ -130,11 +130,11 @@ def read(path: Path, most_bytes: int = MAX_BYTES) -> Node:
         It cannot be read, is larger than ``most_bytes`` or deeper than ``MAX_DEPTH``, is not
         UTF-8, is not JSON, repeats a key in an object or holds a number that is not finite.
     """
+    refuse_no_file(path)
     try:
-        refuse_no_file(path)
         with open(path, "rb") as file:
             content = file.read(most_bytes + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+    except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
     return parse(content, str(path), most_bytes)
 

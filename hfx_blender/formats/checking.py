@@ -272,15 +272,15 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     InputError
         It cannot be read or is larger.
     """
+    refuse_no_file(path)
     try:
-        refuse_no_file(path)
         with open(path, "rb") as file:
             parts, size = [], 0
             # Part by part: for one large read Python allocates the largest possible size.
             while size <= most and (part := file.read(_READ_BYTES)):
                 parts.append(part)
                 size += len(part)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+    except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
     if size > most:
         raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")

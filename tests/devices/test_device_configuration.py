@@ -362,7 +362,7 @@ def test_missing_files_and_folders(tmp_path):
         load_device(tmp_path / "nothing.json")
     with pytest.raises(InputError, match="it is a folder"):
         load_device(tmp_path)
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="cannot be read"):
         load_device(Path("a\0b.json"))
     with pytest.raises(InputError, match="no such file"):
         load_device("back_pad_left.json")
