@@ -69,7 +69,7 @@ def chart(
     scale : float
         Of the user's interface.
     """
-    left = min(150.0 * scale, 0.35 * width)
+    left = min(190.0 * scale, 0.35 * width)
     columns = max(int(width - left), 1)
     curve, row, gap = (each * scale for each in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
     quads: list[tuple[F64, F64]] = []

@@ -7,7 +7,7 @@ import bpy
 
 from ..authoring import clips, effects, swarms
 from ..operators.shared import active_armature, active_effect
-from . import effect_list, next_step
+from . import clip_rows, effect_list, next_step
 from .sidebar import HfxPanel, draw_text
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
@@ -100,7 +100,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if found and group:
+        if found and len(clip_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.

@@ -9,7 +9,7 @@ import bpy
 
 from ..playback.live import live
 from ..playback.track_source import summary
-from ..properties import SCHEMES
+from ..scene_properties import SCHEMES
 from .device_icons import forget_icons, icon_of
 from .sidebar import HfxPanel, draw_text
 
