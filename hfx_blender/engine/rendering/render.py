@@ -31,6 +31,7 @@ from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Column, Felt, Raster, Reason, Shortfall
 from .room import PlaySpace
+from .schemes import check_packages
 
 
 def render(
@@ -120,6 +121,7 @@ class Renderer:
         body_id: str | None = None,
         compensates_latency: bool = True,
     ) -> None:
+        check_packages(device)
         self._header = header
         self._compensates_latency = compensates_latency
         self._device = device
