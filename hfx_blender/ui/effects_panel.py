@@ -25,8 +25,8 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     column = layout.column()
     column.alert = True
     count = len(effects.without_body(context.scene))
-    gone = "The body of this effect is" if which == "ACTIVE" else f"The body of {count} effects is"
-    draw_text(context, column, f"{gone} not in this scene: not felt", "ERROR")
+    what = "this effect" if which == "ACTIVE" else "1 effect" if count == 1 else f"{count} effects"
+    draw_text(context, column, f"The body of {what} is not in this scene: not felt", "ERROR")
     bodies = effects.bodies_of(context.scene)
     if len(bodies) > 1:
         layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
