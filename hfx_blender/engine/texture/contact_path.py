@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, Bool
-from .nearest_place import NearestPlaces, PlaceSearch
+from ..body.surface_locator import NearestPlaces, SurfaceLocator
 
 _SEAM_SHARE: Final = 0.5
 """Coordinates that jump by so much more than the way itself have crossed a seam."""
@@ -219,7 +219,7 @@ class ContactFollower:
             outside |= a & b & c
         near = np.flatnonzero(~outside)
         corners = world[triangles[near]]
-        found = PlaceSearch(corners, self._reach_m).nearest(points[mine])
+        found = SurfaceLocator(corners, self._reach_m).nearest(points[mine])
         return NearestPlaces(
             mine[found.point], near[found.triangle], found.weights, found.place, found.distance
         )
@@ -311,7 +311,7 @@ class _Still:
     local: F64  # (V, 3)
     inverse: F64  # (3, 3) of the linear part of its placing
     placed: F64  # (1, V, 3) in the space of the search
-    search: PlaceSearch
+    search: SurfaceLocator
     charts: F64  # (F, 2, 3)
 
 
@@ -323,7 +323,7 @@ def _still(mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> _Still
         local.copy(),
         np.linalg.pinv(linear),
         placed[None],
-        PlaceSearch(corners, reach_m),
+        SurfaceLocator(corners, reach_m),
         _charts(corners, mesh.coordinates_m),
     )
 
