@@ -156,7 +156,7 @@ class HFX_OT_add_rain(OnBodyOperator):
         select_only(context, made[0])
         for effect in made[1:]:
             effect.select_set(True)
-        return f"{round(self.drops_per_second * self.duration)} drops on {len(made)} places"
+        return f"{round(self.drops_per_second * self.duration)} drops"
 
 
 register, unregister = bpy.utils.register_classes_factory(

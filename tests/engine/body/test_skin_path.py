@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,3 +102,13 @@ def test_a_way_round_the_body_stays_on_the_skin() -> None:
     assert (
         0.35 < _length(path) < 0.45 and np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01
     )
+
+
+def test_a_traced_path_needs_no_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = np.array([[0.0, -0.15, 1.25], [0.05, -0.13, 1.2], [0.1, -0.1, 1.3]])
+    model = load_model("hfx-pressure-1")
+    with_it, without = (SkinPaths(model.vertices, model.triangles) for _ in range(2))
+    expected, shares = with_it.traced(with_it.on_skin(places))
+    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    path, found = without.traced(without.on_skin(places))
+    assert path == pytest.approx(expected, abs=1e-12) and found == pytest.approx(shares)
