@@ -50,8 +50,8 @@ HINGES: Final = ("elbow", "wrist", "knee", "ankle")
 """Joints that any rig has at the same place of the body."""
 
 _FEWEST_IN_RING: Final = 6
-_BENT: Final = 0.82
-"""Cosine between the bones of a joint below which it is bent: 35 degrees."""
+_BENT: Final = 0.6
+"""Cosine between the bones of a joint below which it is bent: 53 degrees; ours hangs with 43."""
 
 _SECTORS: Final = 8
 """Directions in which outlines around a joint are compared."""

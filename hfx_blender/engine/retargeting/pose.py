@@ -182,9 +182,11 @@ class _Segments:
         start, end = f"{start}.{side}", f"{end}.{side}"
         if start not in self._t:
             return self._turn(above), self._matrix(above)
-        if end not in self._t:  # the skin that follows the limb's last bone tells its end
+        if end not in self._t:
             self._matrix(above)
-            return self._by_extent(above, start, name)
+            # The hand's skin tells where a forearm ends; a foot's tip is beside the shank's line.
+            is_arm = stem == "forearm"
+            return self._by_extent(above, start, name) if is_arm else self._rigid(above, start)
         return self._between(above, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:

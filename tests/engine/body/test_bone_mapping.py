@@ -257,10 +257,12 @@ def test_missing_fingers_toes_and_face_follow_their_parents_and_are_reported() -
     assert mapping.fallbacks["oris02"] == "Head"
     assert mapping.fallbacks["lowerarm02.L"] == "LeftForeArm"
     text = "\n".join(mapping.report)
-    assert "the left ring finger; the skin there follows 'LeftHand'" in text
+    ring = "the left and right ring finger; the skin there follows 'LeftHand' and 'RightHand'."
+    assert ring in text
     assert "1 of 3 joints of the left middle finger" in text
     assert "the right collar bone" in text
-    assert "toes of the right foot; the skin there follows 'RightFoot'" in text
+    toes = "toes of the left and right foot; the skin there follows 'LeftToeBase' and 'RightFoot'"
+    assert toes in text
     assert "left collar" not in text
     _check_complete(mapping)
 
@@ -292,7 +294,27 @@ def test_upper_body_alone_is_a_partial_human() -> None:
     mapping = bone_mapping.map_bones(bones)
     assert mapping.bones["wrist.R"] == "RightHand"
     assert mapping.fallbacks["lowerleg01.L"] == "Hips"
-    assert any("left thigh" in sentence for sentence in mapping.report)
+    assert "No bone for the left and right thigh; the skin there follows 'Hips'." in mapping.report
+
+
+def test_a_second_head_and_four_arms_are_told() -> None:
+    table = {bone: name for bone, name in MIXAMO.items() if "finger" not in bone}
+    bones = rig_of(table)
+    (arm,) = (bone for bone in bones if bone.name == "LeftHand")
+    (head,) = (bone for bone in bones if bone.name == "Head")
+
+    def beside(bone: RigBone, name: str, parent: str, way: tuple[float, float, float]) -> RigBone:
+        ends = (tuple(np.add(end, way)) for end in (bone.head, bone.tail))
+        return RigBone(name, parent, *ends)
+
+    more = [
+        beside(head, "Head2", "Neck", (0.3, 0.0, 0.0)),
+        beside(arm, "LeftHand2", "Spine", (0.0, 0.0, -0.4)),
+        beside(head, "Head_ik", "Neck", (0.3, 0.0, 0.0)),
+    ]
+    mapping = bone_mapping.map_bones([*bones, *more])
+    assert "Further heads or limbs ('LeftHand2' and 'Head2') are not felt." in mapping.report
+    assert not any("Further" in text for text in bone_mapping.map_bones(bones).report)
 
 
 def test_mirrored_names_are_mapped_by_where_they_lie() -> None:

@@ -9,10 +9,14 @@ import numpy as np
 import retarget_variants as variants
 
 from hfx_blender.engine.body.model import load_avatar, load_model
-from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.body.rigs.mapping import BoneMapping, map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting.limbs import Limbs
+from hfx_blender.engine.retargeting.pose import matrices, posed
+from hfx_blender.engine.retargeting.turns import apply
 
 MODEL_ID = "hfx-pressure-1"
 
@@ -72,3 +76,26 @@ def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
         np.testing.assert_allclose(
             bodies.joints["head"], canonical_heads()["head"], rtol=0.0, atol=0.03
         )
+
+
+def test_a_forearm_without_a_wrist_points_at_its_hand() -> None:
+    bend = {"lowerarm01.L": variants.turn(1, 40), "lowerarm01.R": variants.turn(1, -40)}
+    variant, avatar = variants.posed(variants.canonical(), bend, {}), load_avatar()
+    stems = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01", "foot")
+    kept = {"root", "spine01", "head", *(f"{stem}.{side}" for stem in stems for side in "LR")}
+    mapping = BoneMapping("plain", {name: name for name in kept}, {}, ())
+    bodies = skeletons_of(avatar, variant.target, mapping)
+    moved = apply(bodies.to_target, posed(avatar, matrices(avatar, bodies)))
+    hands = np.isin(avatar.part, [PARTS.index("hand_palm"), PARTS.index("fingers")])
+    off_m = np.linalg.norm(moved - variant.places, axis=1)[hands]
+    assert np.median(off_m) < 0.03  # 0.20 where the upper arm's direction goes on
+
+
+def test_a_bent_knee_has_no_outline_across_the_thigh() -> None:
+    sitting = {f"upperleg01.{side}": variants.turn(0, -80) for side in "LR"}
+    sitting |= {f"lowerleg01.{side}": variants.turn(0, 80) for side in "LR"}
+    target = variants.posed(variants.canonical(), sitting, {}).target
+    mapping = BoneMapping("plain", {bone.name: bone.name for bone in target.bones}, {}, ())
+    rings = Limbs(load_avatar(), skeletons_of(load_avatar(), target, mapping)).rings
+    bent = {name for name, ring in rings.items() if ring.is_bent}
+    assert bent == {"knee.L", "knee.R"}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Detection of several characters in one armature."""
+"""Detection of several characters in one armature, and of further heads and limbs of one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -11,10 +11,14 @@ import numpy as np
 
 from ....errors import InputError
 from .assignment import assigned_by_name, is_human
+from .digits import Digits
 from .rig import Rig
 
 _APART: Final = 0.1
 """Distance of like joints, as a share of the body's extent, from which two bodies are two."""
+
+_ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
+"""Ends of a body: what their names say, and the canonical bone."""
 
 
 def check_single(rig: Rig) -> None:
@@ -40,6 +44,23 @@ def check_single(rig: Rig) -> None:
                     f"'{other_top}' on are each a whole body. Give each an armature of its own (in "
                     "Edit Mode select the bones of one, Armature > Separate), with its own meshes."
                 )
+
+
+def doubled_ends(rig: Rig, found: Mapping[str, str]) -> list[str]:
+    """Name a body's second heads, further hands and feet, which are not felt."""
+    extent = float(np.ptp([rig.head(name) for name in found.values()], axis=0).max())
+    others = []
+    for (slot, side), names in Digits(rig).slots.items():
+        own = found.get(f"{_ENDS.get(slot)}{side and '.'}{side}")
+        if own is None:
+            continue
+        for name in names:
+            way = rig.head(name) - rig.head(own)
+            is_in_chain = own in rig.ancestors(name) or name in (own, *rig.ancestors(own))
+            if not is_in_chain and np.linalg.norm(way) > _APART * extent:
+                others.append(f"'{name}'")
+    found_more = " and ".join(others)
+    return [f"Further heads or limbs ({found_more}) are not felt."] if others else []
 
 
 def _bodies(rig: Rig, tops: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:

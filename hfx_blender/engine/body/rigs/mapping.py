@@ -15,7 +15,7 @@ from typing import Final
 from ....errors import InputError
 from ...arrays import F64
 from .assignment import assigned_by_name, is_human
-from .characters import check_single
+from .characters import check_single, doubled_ends
 from .conventions import convention_of
 from .geometry import assigned_by_geometry, geometric_left, left_by_soles, named_left
 from .rig import Rig, RigBone, canonical_parents
@@ -105,7 +105,7 @@ def map_bones(
             "The bone names are mirrored: bones named left lie on the body's right, as its feet "
             "point; they were mapped by where they lie."
         )
-    return _mapping(convention, found, notes)
+    return _mapping(convention, found, [*notes, *doubled_ends(rig, found)])
 
 
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
@@ -275,7 +275,24 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
             "their skin follows the limb's main bone."
         )
     tell("the jaw", "jaw")
-    return sentences
+    return _both_sides(sentences)
+
+
+def _both_sides(sentences: Sequence[str]) -> list[str]:
+    """Sentences of which two that differ in the side only are one."""
+    found: dict[str, list[str]] = {}
+    for sentence in sentences:
+        part, _, follows = sentence.partition(" follows ")
+        key = part.replace(" left ", " right ") if follows else sentence
+        found.setdefault(key, []).append(sentence)
+    return [
+        f"{pair[0].partition(' follows ')[0].replace(' left ', ' left and right ')} follows "
+        + " and ".join(dict.fromkeys(each.partition(" follows ")[2].rstrip(".") for each in pair))
+        + "."
+        if len(pair) == 2
+        else pair[0]
+        for pair in found.values()
+    ]
 
 
 def _missing_fingers(side: str, fallbacks: Mapping[str, str]) -> list[str]:
