@@ -565,3 +565,18 @@ def test_one_undo_takes_one_operator_back(body: Any, name: str) -> None:
     assert _state() == before
     bpy.ops.ed.redo()
     assert _state() == after
+
+
+@pytest.mark.parametrize("unit_m", [0.01, 0.0254])
+def test_an_avatar_and_volumes_are_as_large_as_people_in_any_unit(
+    scene: Any, unit_m: float
+) -> None:
+    scene.unit_settings.scale_length = unit_m
+    bpy.ops.hfx.add_avatar()
+    skin = bpy.context.object.children[0]
+    bpy.context.view_layer.update()
+    assert 1.6 < skin.dimensions.z * unit_m < 2.0
+    bpy.ops.hfx.add_volume(modality="pressure", shape="CUBOID")
+    assert [edge * unit_m for edge in bpy.context.object.hfx.size] == pytest.approx([1.0] * 3)
+    bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", radius=3.0)
+    assert bpy.context.object.hfx.radius == 3.0, "a script's numbers are Blender units"
