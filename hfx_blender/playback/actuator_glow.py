@@ -148,15 +148,14 @@ class ActuatorGlow:
 
 
 def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str) -> _Worn:
-    counts = [len(each.type.controls) for each in device.actuators]
     ranges = [each.type.strength for each in device.actuators]
     return _Worn(
         device,
         body_id,
         places_of(body, device),
-        np.cumsum([0, *counts])[:-1],
+        device.strength_columns,
         np.array([each.neutral for each in ranges]),
-        np.array([max(e.highest - e.neutral, e.neutral - e.lowest, 1e-9) for e in ranges]),
+        np.array([max(each.reach, 1e-9) for each in ranges]),
         MomentRenderer(live.description, device, body_id=body_id),
     )
 

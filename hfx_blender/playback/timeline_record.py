@@ -191,9 +191,13 @@ def _renderers(
     found = []
     for device in devices_of(scene, faults):
         for body in header.bodies:
-            renderer = Renderer(
-                header, device, load_model, body_id=body.id, compensates_latency=False
-            )  # the drawing belongs to the displayed frame
+            try:
+                renderer = Renderer(
+                    header, device, load_model, body_id=body.id, compensates_latency=False
+                )  # the drawing belongs to the displayed frame
+            except InputError as error:
+                faults.append(str(error))
+                continue
             found.append((device, renderer))
     return found
 

@@ -25,6 +25,9 @@ _PHYSICS = {
 }
 """Modifiers that move or deform an object otherwise than its curves say."""
 
+_MOVING_PAINT = {"DISPLACE", "WAVE"}
+"""Surfaces of dynamic paint that deform a mesh."""
+
 _CACHED = {"CLOTH", "SOFT_BODY"}
 """Modifiers with a point cache of their own; their steps depend on time remapping."""
 
@@ -84,24 +87,38 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
     )
 
 
-def to_bake(scene: bpy.types.Scene) -> list[str]:
-    """Warnings about simulations that need baking."""
-    if simulated(scene.objects) is None:
+def to_bake(scene: bpy.types.Scene, felt: Iterable[bpy.types.Object]) -> list[str]:
+    """Warnings about simulations, of what is felt and of all that it reaches, that need baking."""
+    felt = list(felt)
+    if simulated(felt) is None:
         return []
-    remapped = scene.render.frame_map_old != scene.render.frame_map_new
+    is_remapped = scene.render.frame_map_old != scene.render.frame_map_new
     found = []
-    for obj in _shown(scene):
+    for obj in _by_name(reached_from(felt)):
         for modifier in obj.modifiers:
-            if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
-                domain = modifier.domain_settings
-                if domain.cache_type != "REPLAY" and not domain.has_cache_baked_data:
-                    found.append(f"the fluid of '{obj.name}' is not baked: bake it to feel it")
-            elif modifier.type in _CACHED and remapped and not modifier.point_cache.is_baked:
+            if _is_unbaked(modifier):
+                name = modifier.bl_rna.name.removesuffix(" Modifier").lower()
+                found.append(f"the {name} of '{obj.name}' is not baked: bake it to feel it")
+            elif modifier.type in _CACHED and is_remapped and not modifier.point_cache.is_baked:
                 found.append(
                     f"time is remapped and the simulation of '{obj.name}' is not baked: bake it "
                     "to be sure of what is felt"
                 )
     return found
+
+
+def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
+    """Test for a simulation that playing forward once does not reproduce between frames."""
+    if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+        return not modifier.domain_settings.has_cache_baked_data
+    if modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
+        return any(
+            surface.is_active
+            and surface.surface_type in _MOVING_PAINT
+            and not surface.point_cache.is_baked
+            for surface in modifier.canvas_settings.canvas_surfaces
+        )
+    return False
 
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -95,6 +95,28 @@ def test_under_time_remapping_what_to_bake_is_told(scene: Any) -> None:
     assert not oracle.SceneReader(scene).description.warnings
 
 
+def test_unbaked_paint_and_fluid_are_told_where_they_are_felt(scene: Any) -> None:
+    """Between frames Blender gives another shape of both, each time that they are evaluated."""
+    oracle.add_avatar()
+    bpy.ops.mesh.primitive_cube_add(size=0.3, location=(0.0, 0.0, 1.1))
+    canvas = bpy.context.object
+    canvas.modifiers.new("Paint", "DYNAMIC_PAINT").ui_type = "CANVAS"
+    bpy.ops.dpaint.type_toggle(type="CANVAS")
+    (surface,) = canvas.modifiers[0].canvas_settings.canvas_surfaces
+    surface.surface_type = "DISPLACE"
+    canvas.modifiers.new("Water", "FLUID").fluid_type = "DOMAIN"
+    canvas.hfx.role, canvas.hfx.kind, canvas.hfx.shape = "EFFECT", "VOLUME", "MESH"
+    told = [
+        "the dynamic paint of 'Cube' is not baked: bake it to feel it",
+        "the fluid of 'Cube' is not baked: bake it to feel it",
+    ]
+    assert [*oracle.SceneReader(scene).description.warnings] == told
+    canvas.hfx.is_muted = True
+    oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1.1), radius=0.2)
+    (text,) = oracle.SceneReader(scene).description.warnings
+    assert "is muted" in text
+
+
 def test_what_reading_leaves_is_no_fault_of_the_file(scene: Any) -> None:
     """Asking for a pointer that was never set stores an empty group in 4.5."""
     scene.frame_end = 2

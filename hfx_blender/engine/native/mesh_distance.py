@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import F64
+from ..arrays import F64, I64
 from .library import DOUBLE, DOUBLES, INTEGER, LONGS, f64, loaded
 from .mesh_tree import NativeTree
 
@@ -21,13 +21,13 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = loaded()
     shared = DOUBLES, INTEGER, DOUBLES, DOUBLES, INTEGER
-    found.hfx_mesh_distances.argtypes = [*shared, DOUBLES]
+    found.hfx_mesh_nearest.argtypes = [*shared, DOUBLE, LONGS, DOUBLES]
     found.hfx_mesh_distances_at_least.argtypes = [*shared, DOUBLE, DOUBLE, DOUBLES]
     found.hfx_mesh_distances_beyond.argtypes = [
         *(*shared, DOUBLE, DOUBLE, INTEGER),
         *(LONGS, DOUBLES, DOUBLES),
     ]
-    for name in ("distances", "distances_at_least", "distances_beyond"):
+    for name in ("nearest", "distances_at_least", "distances_beyond"):
         getattr(found, f"hfx_mesh_{name}").restype = None
     return found
 
@@ -36,16 +36,18 @@ def _tree(tree: NativeTree) -> list[Any]:
     return [tree.boxes, tree.size, tree.frames]
 
 
-def distances(tree: NativeTree, points: F64) -> F64:
-    """Distance of each point of (3, N) to the nearest triangle, (N,); NaN where not finite."""
+def nearest(tree: NativeTree, points: F64, reach: float = np.inf) -> tuple[I64, F64]:
+    """Leaf and distance of the triangle nearest to each point of (3, N), both (N,): -1 and
+    infinity beyond ``reach``, -1 and NaN where not finite."""
     points = f64(points)
-    found = np.empty(points.shape[1])
-    _calls().hfx_mesh_distances(*_tree(tree), points, points.shape[1], found)
-    return found
+    count = points.shape[1]
+    leaves, distances = np.empty(count, np.int64), np.empty(count)
+    _calls().hfx_mesh_nearest(*_tree(tree), points, count, reach, leaves, distances)
+    return leaves, distances
 
 
 def distances_at_least(tree: NativeTree, points: F64, share: float) -> F64:
-    """Lower bound of :func:`distances`, at least ``share`` (below 1) of each; much faster where
+    """Lower bound of the distances, at least ``share`` (below 1) of each; much faster where
     consecutive points are near each other."""
     points = f64(points)
     found = np.empty(points.shape[1])

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Final
 
 import numpy as np
 
+from ...errors import InputError
 from ..arrays import F64, I32
 from ..body.model import PerceptualModel
 from ..body.parts import SIDES
@@ -37,6 +39,21 @@ _FARTHEST_M: Final = 1e6
 
 _NO_DIRECTION: Final = 1e-6
 """Share of a layout's size: an actuator nearer to its middle has no direction from there."""
+
+
+def check_packages(device: DeviceConfig) -> None:
+    """Check that the packages that a device's scheme needs are there.
+
+    Raises
+    ------
+    InputError
+        scipy is missing, as in the small zip of the extension.
+    """
+    if device.scheme.name != "coverage" and find_spec("scipy") is None:
+        raise InputError(
+            f"Device '{device.name}': the rendering scheme '{device.scheme.name}' needs the Python "
+            "package scipy, which is missing here; 'coverage' does without it."
+        )
 
 
 def cells_of(

@@ -11,8 +11,10 @@ import pytest
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering import schemes
 from hfx_blender.engine.rendering.device import DeviceConfig, Scheme
 from hfx_blender.engine.rendering.schemes import cells_of
+from hfx_blender.errors import InputError
 
 PANNING = ("nearest", "barycentric", "surface", "ring", "line", "vbap", "splat")
 MODEL = "hfx-pressure-1"
@@ -108,3 +110,10 @@ def test_devices_in_the_room_are_not_panned():
     device = with_scheme("fan_heater", "barycentric")
     cells = cells_of(device, device.actuators, load_model(MODEL))
     assert (cells.counts == len(load_model(MODEL))).all()
+
+
+def test_a_scheme_that_needs_scipy_says_so_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schemes, "find_spec", lambda name: None)
+    schemes.check_packages(with_scheme("back_pad", "coverage"))
+    with pytest.raises(InputError, match="'barycentric' needs the Python package scipy"):
+        schemes.check_packages(with_scheme("back_pad", "barycentric"))
