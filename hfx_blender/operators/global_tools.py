@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ..authoring import global_tools, swarms
 from ..errors import InputError
 from ..scene_units import fps_of
+from . import framing
 from .shared import HfxOperator, OnBodyOperator, select_only, target_body
 
 SCOPES = (
@@ -138,6 +139,9 @@ class HFX_OT_add_rain(OnBodyOperator):
         description="Replaces rain of the same name on the same body",
         default="Rain",
     )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return framing.done_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain

@@ -29,10 +29,11 @@ from ..reading_counters import ReadingCounters
 from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
+from .reached import is_instancer
 from .reading_pass import Pass, objects_of
 from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
-from .simulation import Simulation, goes_on_by_itself
+from .simulation import Simulation, goes_on_by_itself, to_bake
 from .stepped_reading import SteppedReading
 
 BLOCK_SIZE = 32
@@ -149,7 +150,9 @@ class SceneReader:
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
         told = self.description.warnings
-        warnings = (*told, *self._instances.warnings, *linked_files.missing())
+        makers = filter(is_instancer, scene.objects) if more else ()
+        unbaked = to_bake(scene, [*self._found.read, *makers])
+        warnings = (*told, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]

@@ -80,7 +80,8 @@ class TriangleTree:
         if self.compiled is not None:
             leaves, distances = native.nearest(self.compiled, points, reach)
         else:
-            bound = self._first_guess(points, _FEW) * (1.0 + 1e-12)
+            rounding = 1e-12 * float(np.abs(self.corners).max())  # of a place near its box
+            bound = self._first_guess(points, _FEW) * (1.0 + 1e-12) + rounding**2
             squared, leaves = self._squared(points, np.minimum(bound, reach * reach))
             distances = np.where(leaves < 0, np.inf, np.sqrt(squared))
         return np.where(leaves < 0, -1, self.order[leaves]), distances
