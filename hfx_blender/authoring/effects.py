@@ -253,6 +253,12 @@ def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
     return _stored(effect, VERTICES, int), _stored(effect, WEIGHTS, float)
 
 
+def has_other_area(effect: bpy.types.Object) -> bool:
+    """Test for an area that was painted on the model of another modality than the present one."""
+    is_other = effect.hfx.model_id != model_id_for(effect.hfx.modality)
+    return effect.hfx.kind == "PAINTED" and is_other and bool(area(effect)[0])
+
+
 def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
     found = effect.get(key, [])
     try:

@@ -130,6 +130,29 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
     return len(vertices)
 
 
+def carry_over(effect: bpy.types.Object) -> int:
+    """Carry an area over to the model of the modality that was chosen since; returns its size.
+
+    Raises
+    ------
+    InputError
+        It was painted on a model that is not here, or the stored area is spoilt.
+    """
+    import numpy as np
+
+    from ..engine.body import areas
+    from ..engine.body.model import load_model
+
+    source = load_model(effect.hfx.model_id)
+    if source.content_hash != effect.hfx.model_hash:
+        raise InputError(f"Effect '{effect.name}' was painted on another edition of '{source.id}'.")
+    weights = np.zeros(len(source))
+    vertices, values = effects.checked_area(effect.name, *effects.area(effect), len(source))
+    weights[vertices] = values
+    target = load_model(effects.model_id_for(effect.hfx.modality))
+    return set_weights(effect, areas.transferred(source, weights, target))
+
+
 def selected_vertices(effect: bpy.types.Object) -> Bool:
     """Selected vertices of the mesh that is being painted on, as a mask (V,)."""
     import numpy as np

@@ -204,6 +204,23 @@ class HFX_OT_area_copy(_AreaOperator):
         return f"Copied the area of '{source.name}' to {len(others)} effects"
 
 
+class HFX_OT_area_keep(_AreaOperator):
+    """Keep the painted area, carried over to the modality that was chosen since"""
+
+    bl_idname = "hfx.area_keep"
+    bl_label = "Keep Painted Area"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        effect = painted_effect(context)
+        is_other = effect is not None and effects.has_other_area(effect)
+        return cls.needs(is_other, "The area was painted for this modality")
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = painted_effect(context)
+        return self.covers(effect, painting.carry_over(effect))
+
+
 class HFX_OT_effect_mirrored(_AreaOperator):
     """Add a copy of the effect on the other side of the body, with the same clips"""
 
@@ -228,6 +245,7 @@ register, unregister = bpy.utils.register_classes_factory(
         HFX_OT_area_from_image,
         HFX_OT_area_from_selection,
         HFX_OT_area_copy,
+        HFX_OT_area_keep,
         HFX_OT_effect_mirrored,
     )
 )

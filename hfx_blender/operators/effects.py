@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ..authoring import effects
@@ -74,10 +73,7 @@ class HFX_OT_add_volume(HfxOperator):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
-        unit_m = metres_of(context.scene)
-        for name in ("size", "radius", "height"):
-            if not self.properties.is_property_set(name):  # the defaults are metres
-                setattr(self, name, np.divide(getattr(self, name), unit_m).tolist())
+        self._use_metres(1.0 / metres_of(context.scene))
         effect = effects.add_volume(context.scene, self.modality, self.shape, self.name or None)
         effect.hfx.size = self.size
         effect.hfx.radius = self.radius
@@ -86,6 +82,14 @@ class HFX_OT_add_volume(HfxOperator):
         _show_wire_colours(context)
         select_only(context, effect)
         return ""
+
+    def _use_metres(self, units_a_metre: float) -> None:
+        """Take default lengths for metres, whatever the scene's unit."""
+        for name in ("radius", "height"):
+            if not self.properties.is_property_set(name):
+                setattr(self, name, getattr(self, name) * units_a_metre)
+        if not self.properties.is_property_set("size"):
+            self.size = [edge * units_a_metre for edge in self.size]
 
 
 class HFX_OT_volume_from_mesh(HfxOperator):

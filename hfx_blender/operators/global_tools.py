@@ -54,7 +54,7 @@ class HFX_OT_scale_strength(_ManyEffects):
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.scale_strength(self.chosen(context), self.factor)
-        return f"{count} effects scaled by {self.factor:g}"
+        return f"Effects scaled by {self.factor:g}: {count}"
 
 
 class HFX_OT_scale_frequency(_ManyEffects):
@@ -96,7 +96,7 @@ class HFX_OT_modulate(_ManyEffects):
         count = global_tools.modulate(
             self.chosen(context), self.rate, self.depth, fps_of(context.scene)
         )
-        return f"{count} effects modulated"
+        return f"Effects modulated: {count}"
 
 
 class HFX_OT_add_rain(OnBodyOperator):

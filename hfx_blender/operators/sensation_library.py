@@ -104,8 +104,8 @@ class HFX_OT_add_from_library(HfxOperator):
         from ..authoring import effect_exchange
 
         sensation = effect_exchange.load_library(self.name)
-        made = _place(context, sensation)
-        return f"Added '{sensation.name}': {len(made)} effects"
+        _place(context, sensation)
+        return f"Added '{sensation.name}'"
 
 
 class HFX_OT_load_effects(HfxOperator, ImportHelper):
@@ -121,8 +121,8 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
         from ..authoring import effect_file
 
         sensation = effect_file.load(Path(self.filepath))
-        made = _place(context, sensation)
-        return f"Added '{sensation.name}': {len(made)} effects"
+        _place(context, sensation)
+        return f"Added '{sensation.name}'"
 
 
 class HFX_OT_save_effects(HfxOperator, ExportHelper):

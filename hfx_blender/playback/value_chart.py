@@ -84,7 +84,7 @@ def chart(
         quads.append(
             _bars(shares, _tints(shares, effect.stream.modality, palette), at, curve, left)
         )
-        unit = effect.unit.replace("^2", "²")
+        unit = effect.unit.replace("^2", "²").replace("degC", "°C")
         labels.append(Label(effect.name, 0.0, at + 0.3 * curve, effect.values, unit))
         at += curve + gap
     for device, raster in found.devices:

@@ -386,7 +386,8 @@ def _painted_area(
     if hfx.model_id != wanted:
         raise InputError(
             f"Effect '{effect.name}' has no area on the {hfx.modality} model: expected "
-            f"'{wanted}', found '{hfx.model_id or 'nothing painted'}'. Paint it first."
+            f"'{wanted}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what was "
+            "painted for another modality (Keep Painted Area)."
         )
     model = load_model(wanted)
     if hfx.model_hash != model.content_hash:

@@ -37,6 +37,8 @@ def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> Non
         return
     if effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
         layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
+    elif effects.has_other_area(effect):
+        layout.operator("hfx.area_keep", icon="FORWARD")
     elif not clips.strips_of(effect):
         layout.operator("hfx.add_clip", icon="NLA")
     else:

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..authoring import effects
 from ..authoring.painting import painted_mesh
 from ..operators.shared import painted_effect
-from .sidebar import HfxPanel
+from .sidebar import HfxPanel, draw_text
 
 
 class HFX_PT_area(HfxPanel, bpy.types.Panel):
@@ -24,6 +25,11 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         layout = self.layout
         effect = painted_effect(context)
         canvas = painted_mesh(effect)
+        if canvas is None and effects.has_other_area(effect):
+            column = layout.column()
+            column.alert = True
+            draw_text(context, column, "Painted for another modality: not felt", "ERROR")
+            layout.operator("hfx.area_keep", icon="FORWARD")
         row = layout.row()
         row.scale_y = 1.3
         if canvas is None:

@@ -108,6 +108,15 @@ def test_an_area_is_copied_to_another_modality(effect: Any) -> None:
     assert painted(warm) == left_palm(model_of(warm))
 
 
+def test_an_area_is_kept_when_another_modality_is_chosen(effect: Any) -> None:
+    assert not bpy.ops.hfx.area_keep.poll()
+    effect.hfx.modality = "temperature"
+    assert effects.has_other_area(effect)
+    bpy.ops.hfx.area_keep()
+    assert painted(effect) == left_palm(model_of(effect))
+    assert not effects.has_other_area(effect)
+
+
 def test_copying_needs_somewhere_to_copy_to(effect: Any) -> None:
     with pytest.raises(RuntimeError, match="Select the target painted effects"):
         bpy.ops.hfx.area_copy()
