@@ -191,13 +191,9 @@ def _renderers(
     found = []
     for device in devices_of(scene, faults):
         for body in header.bodies:
-            try:
-                renderer = Renderer(
-                    header, device, load_model, body_id=body.id, compensates_latency=False
-                )  # the drawing belongs to the displayed frame
-            except InputError as error:
-                faults.append(str(error))
-                continue
+            renderer = Renderer(
+                header, device, load_model, body_id=body.id, compensates_latency=False
+            )  # the drawing belongs to the displayed frame
             found.append((device, renderer))
     return found
 

@@ -9,6 +9,7 @@ frames, and Blender interpolates between them. Baked ones are left as they are.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
 
 import bpy
 
@@ -46,6 +47,8 @@ class Simulation:
         self._scene = scene
         self._last = last
         self._is_played = False
+        self._forgets = any(map(_simulates_nodes, _shown(scene)))
+        self._frame = Fraction(0)  # that was read last
         self.frames_played = 0
 
     def play(self) -> None:
@@ -64,6 +67,17 @@ class Simulation:
             if remapped[0] != remapped[1]:
                 render.frame_map_old, render.frame_map_new = remapped
         self._is_played = True
+
+    def go_to(self, frame: Fraction) -> None:
+        """Play again before a frame where that is needed.
+
+        Blender 4.5 forgets simulations of geometry nodes when it goes back from beyond the
+        scene's last frame.
+        """
+        if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
+            self._is_played = False
+            self.play()
+        self._frame = frame
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
@@ -138,6 +152,10 @@ def _simulates(modifier: bpy.types.Modifier) -> bool:
     if modifier.type == "NODES" and modifier.node_group is not None:
         return _has_simulation(modifier.node_group, set())
     return modifier.type in _PHYSICS
+
+
+def _simulates_nodes(obj: bpy.types.Object) -> bool:
+    return any(each.type == "NODES" and _simulates(each) for each in obj.modifiers)
 
 
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:

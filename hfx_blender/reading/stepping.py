@@ -53,16 +53,20 @@ class Stepper:
         *,
         presampled: Sequence[PresampledRig] = (),
         is_own: bool = True,
+        simulation: Simulation | None = None,
     ) -> None:
         self._scene = scene
         self._layer = layer
         self.is_own = is_own
+        self._simulation = simulation
         self._presampled = presampled
         self._copies = {rig.obj: rig.copy for rig in presampled}
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
         whole, rest = divmod(frame.numerator, frame.denominator)
+        if self._simulation is not None:
+            self._simulation.go_to(frame)
         for rig in self._presampled:
             rig.set_frame(frame)
         self._scene.frame_set(whole, subframe=rest / frame.denominator)
@@ -95,7 +99,7 @@ def own_scene(
         try:
             if simulation is not None:
                 simulation.play()
-            yield Stepper(scene, layer)
+            yield Stepper(scene, layer, simulation=simulation)
         finally:
             scene.frame_set(before[0], subframe=before[1])
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,37 @@ def test_unbaked_is_felt_as_baked(scene: Any, make: Any) -> None:
     bpy.ops.ptcache.bake_all(bake=True)
     baked = _felt(scene)
     assert unbaked == baked and len(baked) > 10
+
+
+def test_a_simulation_of_nodes_goes_evenly_between_frames(scene: Any) -> None:
+    """It rises by 2 cm at each frame that is simulated, also at the first one."""
+    scene.frame_start, scene.frame_end = 1, 6
+    oracle.add_avatar()
+    volume = _cloth(scene)
+    volume.modifiers.clear()
+    tree = bpy.data.node_groups.new("Rise", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    names = ("NodeGroupInput", "GeometryNodeSimulationInput", "GeometryNodeSetPosition")
+    names += ("GeometryNodeSimulationOutput", "NodeGroupOutput")
+    nodes = [tree.nodes.new(name) for name in names]
+    nodes[1].pair_with_output(nodes[3])
+    nodes[2].inputs["Offset"].default_value = (0.0, 0.0, 0.02)
+    for one, two in itertools.pairwise(nodes):
+        taken = (each for each in one.outputs if each.type == "GEOMETRY")
+        tree.links.new(next(taken), next(e for e in two.inputs if e.type == "GEOMETRY"))
+    volume.modifiers.new("Rise", "NODES").node_group = tree
+    reader = oracle.SceneReader(scene, rate_hz=oracle.Fraction(100))
+    rise = {}
+    for block in reader.blocks():
+        (effect,) = block.effects
+        which = effect.shapes_at(np.arange(len(effect.levels)))
+        for index, k in zip(block.indices.tolist(), which.tolist(), strict=True):
+            rise[float(reader.time.frame(index))] = effect.shapes[k].bounds[:, 2].mean()
+    start = rise[1.0]
+    assert {
+        f: r for f, r in rise.items() if f <= 6 and abs(r - start - 0.02 * (f - 1)) > 1e-4
+    } == {}
 
 
 def test_a_second_reading_is_the_same_and_a_cache_stays(scene: Any) -> None:

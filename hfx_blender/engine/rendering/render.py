@@ -31,7 +31,6 @@ from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Felt, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
-from .schemes import check_packages
 
 
 def render(
@@ -121,7 +120,6 @@ class Renderer:
         body_id: str | None = None,
         compensates_latency: bool = True,
     ) -> None:
-        check_packages(device)
         self._header = header
         self._compensates_latency = compensates_latency
         self._device = device

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Final
 
 import numpy as np
@@ -39,21 +38,6 @@ _FARTHEST_M: Final = 1e6
 
 _NO_DIRECTION: Final = 1e-6
 """Share of a layout's size: an actuator nearer to its middle has no direction from there."""
-
-
-def check_packages(device: DeviceConfig) -> None:
-    """Check that the packages that a device's scheme needs are there.
-
-    Raises
-    ------
-    InputError
-        scipy is missing, as in the small zip of the extension.
-    """
-    if device.scheme.name != "coverage" and find_spec("scipy") is None:
-        raise InputError(
-            f"Device '{device.name}': the rendering scheme '{device.scheme.name}' needs the Python "
-            "package scipy, which is missing here; 'coverage' does without it."
-        )
 
 
 def cells_of(
@@ -102,8 +86,21 @@ def panned_layout(
     Raises
     ------
     InputError
-        A place does not fit this model.
+        A place does not fit this model, or the scheme needs a package that is missing.
     """
+    try:
+        return _panned_layout(device, actuators, model)
+    except ModuleNotFoundError as error:  # as in the small zip of the extension
+        raise InputError(
+            f"Device '{device.name}': the rendering scheme '{device.scheme.name}' needs the Python "
+            f"package {(error.name or '').partition('.')[0]}, which is missing here; 'coverage' "
+            "does without it."
+        ) from error
+
+
+def _panned_layout(
+    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
+) -> PannedLayout | None:
     if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
         return None  # Renderer.notes tells the latter
     rows = rows_of(device, actuators, model)
