@@ -9,8 +9,8 @@ const COLOURS := {
 	"temperature": Color(0.95, 0.6, 0.15),
 	"wind": Color(0.2, 0.7, 0.85),
 }
-const WIDTH_M := 0.04
-const HEIGHT_M := 0.6
+const WIDTH_M := 0.06
+const HEIGHT_M := 0.8
 
 var _bars: Array[MeshInstance3D] = []
 
@@ -53,7 +53,7 @@ func _build_bars() -> void:
 		var paint := StandardMaterial3D.new()
 		paint.albedo_color = COLOURS[actuators[k].modality]
 		bar.material_override = paint
-		bar.position.x = (k - 0.5 * (actuators.size() - 1)) * 1.25 * WIDTH_M
+		bar.position.x = (k - 0.5 * (actuators.size() - 1)) * 1.6 * WIDTH_M
 		$Bars.add_child(bar)
 		_bars.append(bar)
 	_show($Player.clip.get_neutral_values())
