@@ -2,10 +2,10 @@
 """Make the pictures and the measured tables of the documentation anew.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
-``assets``, ``bodies``, ``surfaces``, ``trade`` or ``avatars`` only those. ``devices`` needs
-matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation of
-``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
-``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
+``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those. ``devices``
+needs matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation
+of ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two
+with ``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
 MakeHuman's data (``tests/engine/body/retarget_report.py`` tells where from), takes long, and is
 made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
 printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
@@ -35,7 +35,7 @@ def main() -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="pictures, devices, assets, bodies, surfaces, trade, safety, avatars",
+        help="pictures, devices, assets, bodies, tracks, surfaces, trade, safety, avatars",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument(
@@ -43,7 +43,8 @@ def main() -> None:
     )
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
-    subjects = options.subjects or ["pictures", "devices", "assets", "bodies", "surfaces", "trade"]
+    usual = "pictures devices assets bodies tracks surfaces trade"
+    subjects = options.subjects or usual.split()
     PICTURES.mkdir(exist_ok=True)
     if "pictures" in subjects:
         demo()
@@ -55,6 +56,10 @@ def main() -> None:
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "bodies" in subjects:
         bodies()
+    if "tracks" in subjects:
+        command = [sys.executable, str(DOCS.parent / "tests/engine/track/size_report.py")]
+        sizes = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+        replace_part(DOCS / "track-format.md", "sizes", sizes.strip())
     if "surfaces" in subjects:
         surfaces()
     if "trade" in subjects:

@@ -24,7 +24,7 @@ from .engine.spatial_sound.layouts import LAYOUTS, Layout
 from .engine.spatial_sound.listener import Listener
 from .engine.spatial_sound.panner import Panner, Scheme
 from .engine.spatial_sound.reverberation import Reverberators
-from .engine.spatial_sound.spatial_mix import Source, SpatialMix
+from .engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from .engine.track import TrackReader
 from .errors import InputError
 from .file_limits import MEMORY
@@ -114,7 +114,7 @@ class SoundRecorder:
             if found is not None and run.stream.body_id == body:
                 self._touches[found, run.indices] = run.levels
 
-    def sources(self) -> list[Source]:
+    def sources(self) -> list[SoundSource]:
         """Sound sources, each with a tone of its own."""
         made = []
         settings = self._settings
@@ -128,7 +128,7 @@ class SoundRecorder:
             tone = settings.lowest_hz * 2.0 ** (octave + (steps[step] + cents) / 12.0)
             amplitudes = settings.tone * self._tones[n] + settings.touch * self._touches[n]
             made.append(
-                Source(
+                SoundSource(
                     self._scene.effects[k].name,
                     _held(self._places[n].astype(np.float64)),
                     amplitudes.astype(np.float64),

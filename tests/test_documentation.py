@@ -44,3 +44,15 @@ def test_the_tables_of_body_models_are_those_of_the_manifest() -> None:
     sole = "| foot sole | 464 | 10 | 10.01 | 0.138 | 7.27 | 0.41 | 16.1 (10.7) |"
     assert sole in page, "Table 1 stands as the paper prints it"
     assert thresholds.read("table1")["vibration"][-1] == 10.0, "and is not used there"
+
+
+def test_counts_of_vertices_on_pages_are_those_of_the_shipped_models() -> None:
+    counts = {each["modality"]: each["vertices"] for each in library.manifest()["models"].values()}
+    found = []
+    for page in ("track-format.md", "following-an-avatar.md"):
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        found += re.findall(
+            r"(vibration|pressure|temperature) (?:model, |\()([\d,]{3,}) vertices", text
+        )
+    assert len(found) == 4
+    assert [(name, count) for name, count in found if count != f"{counts[name]:,}"] == []

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, floor
 
 import bpy
@@ -31,6 +31,7 @@ def add_clip(
     fade_out: float = 0.0,
     profile: Sequence[Key] = (),
     repeat: float = 1.0,
+    curves: Mapping[str, Sequence[Key]] | None = None,
 ) -> bpy.types.NlaStrip:
     """Put a clip on the timeline of an effect.
 
@@ -44,6 +45,8 @@ def add_clip(
         Activation over one repetition, from frame 0; empty: always 1.
     repeat : float
         How often the profile is played within the clip.
+    curves : mapping of str to sequence of (frame, value), optional
+        Keys of other properties of the effect, by data path; they are moved with the clip.
 
     Raises
     ------
@@ -65,7 +68,8 @@ def add_clip(
     action = bpy.data.actions.new(f"{effect.name} {name}")
     data.action = action  # a slot belongs to the one datablock that it is assigned to
     keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
-    compat.set_keys(compat.new_fcurve(effect, action, DATA_PATH), keys)
+    for path, values in {**(curves or {}), DATA_PATH: keys}.items():
+        compat.set_keys(compat.new_fcurve(effect, action, path), values)
     track = _free_track(effect, floor(frame_start), frame_end)
     strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
     data.action = busy
@@ -115,14 +119,15 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     Returns
     -------
     list of (frame, value)
-        ``count`` of them, evenly from the clip's start to its end.
+        ``count`` of them, evenly from the clip's start to its end, and the curve's keys.
     """
-    curve = next((c for c in compat.strip_fcurves(strip) if c.data_path == DATA_PATH), None)
+    curve = curve_in(strip, DATA_PATH)
     drawn = strip.fcurves.find("influence") if strip.use_animated_influence else None
     start, length = strip.frame_start, strip.frame_end - strip.frame_start
+    times = {length * step / max(count - 1, 1) for step in range(count)}
+    times |= {frame - start for frame, _ in keys_in(strip, DATA_PATH)}
     found = []
-    for step in range(count):
-        past = length * step / max(count - 1, 1)
+    for past in sorted(times):
         value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, past))
         if drawn is not None:
             value *= drawn.evaluate(start + past)
@@ -130,6 +135,27 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
             value *= _fade(past, strip.blend_in) * _fade(length - past, strip.blend_out)
         found.append((start + past, min(max(value, 0.0), 1.0)))
     return found
+
+
+def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | None:
+    """The curve of a property in a clip, if it has one."""
+    return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)
+
+
+def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
+    """Keys (frame of the scene, value) of a property in a clip, in all of its repeats."""
+    curve = curve_in(strip, data_path)
+    if curve is None or strip.use_reverse:
+        return []
+    length = strip.action_frame_end - strip.action_frame_start
+    found = [
+        (key.co[0] - strip.action_frame_start + whole * length, key.co[1])
+        for whole in range(ceil(strip.repeat - 1e-6))
+        for key in curve.keyframe_points
+        if strip.action_frame_start <= key.co[0] <= strip.action_frame_end
+    ]
+    timed = [(strip.frame_start + strip.scale * past, value) for past, value in found]
+    return [key for key in timed if key[0] <= strip.frame_end]
 
 
 def _action_frame(strip: bpy.types.NlaStrip, past: float) -> float:

@@ -11,6 +11,7 @@ import bpy
 
 from ..engine.modality import MODALITIES
 from ..errors import InputError
+from ..scene_units import metres_of
 from . import volumes
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def add_on_body(
     effect = _make_effect(scene, bpy.data.objects.new(name, None), modality, None)
     effect.hfx.kind = kind
     effect.empty_display_type = "SINGLE_ARROW"
-    effect.empty_display_size = 0.2
+    effect.empty_display_size = 0.2 / metres_of(scene)
     effect.hfx.body = body
     return effect
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,7 @@ from ..engine.arrays import F32, F64
 from ..engine.texture.linear_light import height_from_colour, linear_to_srgb, luminance
 from ..engine.texture.scan import fill_holes
 from ..errors import InputError
+from ..formats import jpeg
 
 LARGEST = 8192
 """Pixels along an edge of an image that is read: larger ones would take gigabytes."""
@@ -121,16 +124,20 @@ def load(path: str) -> bpy.types.Image:
     Raises
     ------
     InputError
-        It is missing or no image that Blender reads.
+        It is missing, cut off, or no image that Blender reads.
     """
     try:
         image = bpy.data.images.load(path)
     except RuntimeError as error:
         raise InputError(f"{path}: Blender cannot read it as an image.") from error
-    if not image.size[0]:
-        bpy.data.images.remove(image)
-        raise InputError(f"{path}: Blender cannot read it as an image.")
-    return image
+    if image.size[0] and not jpeg.is_cut_off(Path(path)):
+        return image
+    is_empty = not image.size[0]
+    bpy.data.images.remove(image)
+    raise InputError(
+        f"{path}: "
+        + ("Blender cannot read it as an image." if is_empty else "the end of the file is missing.")
+    )
 
 
 def store(

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from .. import compat
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from ..scene_units import fps_of, metres_of
 from . import effects
 
@@ -30,7 +30,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     InputError
         The file is not there, or has no sound.
     """
-    _check(path)
+    refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
     taken = [s.channel for s in strips if s.frame_final_start <= frame < s.frame_final_end]
@@ -120,13 +120,8 @@ def rate_of(path: Path) -> float:
         bpy.data.movieclips.remove(clip)
 
 
-def _check(path: Path) -> None:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
-
-
 def _image(path: Path) -> bpy.types.Image:
-    _check(path)
+    refuse_no_file(path)
     try:
         image = bpy.data.images.load(str(path), check_existing=True)
     except RuntimeError as error:

@@ -16,7 +16,7 @@ import bpy
 from .. import compat
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
-from . import effects
+from . import clips, effects
 from .skin_picking import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
@@ -307,20 +307,24 @@ def motion_keys(
 ) -> tuple[tuple[float, float], ...]:
     """The keyframes of an effect's position as (seconds, share), timed from a frame.
 
-    The first of them by default. Between linear keys nothing is lost; others are sampled.
+    The first of them by default. Between linear keys nothing is lost; others are sampled. Keys in
+    its clips count where its action has none.
     """
     curve = motion_of(effect)
     if curve is None or not len(curve.keyframe_points):
-        return ()
+        strips = sorted((s for _, s in clips.strips_of(effect)), key=lambda s: s.frame_start)
+        keys = [key for strip in strips for key in clips.keys_in(strip, POSITION)]
+    else:
+        frames = [key.co[0] for key in curve.keyframe_points]
+        if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
+            frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
+        keys = [(frame, curve.evaluate(frame)) for frame in frames]
+    start = keys[0][0] if first is None and keys else first or 0.0
     fps = fps_of(scene)
-    frames = [key.co[0] for key in curve.keyframe_points]
-    if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
-        frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
-    start = frames[0] if first is None else first
     longer = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
     return tuple(
-        (max((f - start) / fps, 0.0), min(max(curve.evaluate(f) * longer, 0.0), 1.0))
-        for f in frames
+        (max((frame - start) / fps, 0.0), min(max(share * longer, 0.0), 1.0))
+        for frame, share in keys
     )
 
 

@@ -25,14 +25,16 @@ SKIN_MODEL = "hfx-pressure-1"
 
 
 @lru_cache(maxsize=1)
-def _locator() -> SurfaceLocator:
+def _skin() -> tuple[I64, SurfaceLocator]:
+    """Triangles of the canonical body (F, 3), and the search among them."""
     import numpy as np
 
     from ..engine.body.model import load_model
     from ..engine.body.surface_locator import SurfaceLocator
 
     model = load_model(SKIN_MODEL)
-    return SurfaceLocator(model.vertices.astype(np.float64), model.triangles.astype(np.int64))
+    triangles = model.triangles.astype(np.int64)
+    return triangles, SurfaceLocator(model.vertices[triangles].astype(np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +47,9 @@ class Anchors:
     @classmethod
     def of(cls, places: F64) -> Anchors:
         """Anchor places (n, 3), rest space of the canonical body."""
-        locator = _locator()
-        found, weights, _ = locator.locate(places)
-        return cls(locator.triangles[found], weights)
+        triangles, locator = _skin()
+        found = locator.nearest(places)
+        return cls(triangles[found.triangle], found.weights)
 
     def on(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[F64, F64]:
         """World places and unit normals, (n, 3) each, Blender's units."""

@@ -173,4 +173,3 @@ def unregister() -> None:
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
     for known in (_waiting, material_state.bake_s, _shown, _painted):
         known.clear()
-    remove_timers(_make, _check)

@@ -18,7 +18,7 @@ from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.retargeting import variants
 from ..errors import InputError
-from ..scene_units import fps_of
+from ..scene_units import fps_of, metres_of
 from ..stepwise import finish
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
@@ -52,6 +52,7 @@ def add_avatar(
     avatar = load_avatar(avatar_id)
     placed = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
+    armature.scale = [1.0 / metres_of(context.scene)] * 3  # as tall as a person in any unit
     mesh = _skin(context, avatar, armature, f"{name} Skin")
     if placed:
         retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))

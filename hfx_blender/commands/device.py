@@ -75,9 +75,6 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 def _check(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configuration import check, load_device
 
-    if not options.file.is_file():
-        what = "is a folder" if options.file.is_dir() else "there is no such file"
-        raise InputError(f"{options.file}: {what}.")
     faults = check(options.file)
     for fault in faults:
         console.warn(fault)

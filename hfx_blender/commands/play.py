@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..devices.live.approval import DeviceScript
     from ..devices.live.client import LiveClient
     from ..devices.live.live_settings import LiveSettings
-    from ..devices.live.track_playback import Source
+    from ..devices.live.track_playback import ValueSource
     from ..engine.rendering.device import DeviceConfig
 
     Worn = dict[str, tuple[DeviceConfig, DeviceScript | None]]
@@ -123,7 +123,9 @@ def _unseen(share: float) -> None:
     """Show no progress: nobody knows when a game ends."""
 
 
-def _listening(options: argparse.Namespace, worn: Worn, stack: ExitStack) -> tuple[Source, str]:
+def _listening(
+    options: argparse.Namespace, worn: Worn, stack: ExitStack
+) -> tuple[ValueSource, str]:
     """The door for a game's values, and how a game finds it."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
     from ..formats.clip.container import SUFFIX
@@ -143,7 +145,9 @@ def _listening(options: argparse.Namespace, worn: Worn, stack: ExitStack) -> tup
     return door, f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}"
 
 
-def _opened(options: argparse.Namespace, names: list[str], stack: ExitStack) -> tuple[Source, Worn]:
+def _opened(
+    options: argparse.Namespace, names: list[str], stack: ExitStack
+) -> tuple[ValueSource, Worn]:
     """The file, and the devices with the scripts that they need for it: a clip's values are those
     that scripts gave.
     """

@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import blender_session
 from ..console import Console
-from ..errors import InputError, UsageError
+from ..errors import UsageError, refuse_no_file
 from ..staging import make_folder
 from .largest import add_largest
 
@@ -101,8 +101,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..sound import write_sound
 
     settings = settings_of(options)
-    if not options.scene.is_file():
-        raise InputError(f"{options.scene}: there is no such file.")
+    refuse_no_file(options.scene)
     blender_session.open_blend(options.scene)
     make_folder(options.output)
     path = options.output / (options.scene.stem + SUFFIX)

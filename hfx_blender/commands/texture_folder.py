@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .. import blender_session
 from ..console import Console
-from ..errors import InputError, UsageError
+from ..errors import InputError, UsageError, refuse_no_file
 
 if TYPE_CHECKING:
     from ..engine.arrays import F64
@@ -29,8 +29,7 @@ def run(options: argparse.Namespace, console: Console, keep: Keep) -> int:
     if options.watch is not None and options.picture is not None:
         raise UsageError("give --watch or --picture, not both")
     if options.picture is not None:
-        if not options.picture.is_file():
-            raise InputError(f"{options.picture}: there is no such file.")
+        refuse_no_file(options.picture)
         console.result({"made": [keep(_generated(options.picture, options), options, console)]})
         return 0
     return _watch(options, console, keep)

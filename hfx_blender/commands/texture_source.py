@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import blender_session
-from ..errors import InputError, UsageError
+from ..errors import InputError, UsageError, refuse_no_file
 from .largest import add_largest
 
 if TYPE_CHECKING:
@@ -171,8 +171,6 @@ def check_numbers(options: argparse.Namespace) -> None:
 def _map(path: Path) -> TextureSource:
     from ..formats import texture_map
 
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
     return TextureSource(path.name.removesuffix(".texture.json"), texture_map.read(path), None)
 
 
@@ -304,8 +302,7 @@ def _picture(path: Path) -> Any:
 
     from ..authoring import image_values
 
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
+    refuse_no_file(path)
     image = image_values.load(os.path.abspath(path))
     try:
         return image_values.data_of(image)

@@ -16,7 +16,7 @@ from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import renderers_given
-from ..engine.rendering.raster import Column, Raster
+from ..engine.rendering.raster import Column, Raster, columns_of
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
@@ -236,7 +236,7 @@ def _refuse_unfolding(
     if device is None:
         return  # envelopes again
     lasts_s = max(each.duration_s for each in signals)
-    columns = sum(len(each.type.controls) for each in device.actuators)
+    columns = len(device.controls)
     is_sound = kind == "wav"
     per_s = 2.0 * wav.RATE_HZ * len(device.actuators) if is_sound else 8.0 * RATE_HZ * columns
     file_limits.check_unfolded(lasts_s * per_s, source.stat().st_size, str(source))
@@ -247,7 +247,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
     time, name = track.header.time, str(track.path)
     file_limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
     # A time beside what each actuator is given; what HJIF has of one effect at a time.
-    columns = 6 if device is None else sum(len(each.type.controls) for each in device.actuators)
+    columns = 6 if device is None else len(device.controls)
     rows_bytes = 8.0 * time.sample_count * (columns + 1)
     whom = "" if device is None else f" for '{device.id}'"
     asks = f"'sample_count' is {time.sample_count:,}: values{whom} would take"
@@ -282,12 +282,8 @@ def _raster(source: Path, device: DeviceConfig) -> Raster:
     """A raster of a file, checked to be that device's."""
     is_csv = source.name.endswith(csv_raster.SUFFIX)
     raster = csv_raster.read(source) if is_csv else npz_raster.read(source)
-    wanted = [
-        Column(actuator.id, control.name, actuator.type.unit(control))
-        for actuator in device.actuators
-        for control in actuator.type.controls
-    ]
-    if list(raster.columns) != wanted:
+    wanted = columns_of(device)
+    if raster.columns != wanted:
         raise InputError(
             f"{source}: its columns are not those of the device '{device.id}'"
             f"{_first_difference(raster.columns, wanted)}."

@@ -18,7 +18,7 @@ from ..devices.strict_json import read as read_json
 from ..engine.arrays import F32, F64, U8
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from ..file_hash import sha256_of
 from ..formats import png, texture_map
 from ..formats.written import Written, write_json
@@ -188,8 +188,7 @@ def _check(record: Path, name: str, files: Mapping[str, Node]) -> None:
     path = record.with_name(name)
     if name not in files:
         raise InputError(f"{record}: files: '{name}' is missing.")
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
+    refuse_no_file(path)
     if sha256_of(path) != files[name].value:
         raise InputError(f"{path}: is not the picture that {record.name} names; its hash differs.")
 

@@ -63,7 +63,9 @@ class WatchedFolder:
             try:
                 state = path.stat()
             except OSError:
-                continue  # gone meanwhile
+                if path.is_symlink():  # to nothing; else it is gone meanwhile
+                    self.passed_over.append(path)
+                continue
             if stat.S_ISREG(state.st_mode) and state.st_size:
                 now[path] = (state.st_size, state.st_mtime_ns)
             else:

@@ -30,7 +30,8 @@ _TEXTS: Final = (
 
 _OTHER: Final = {"positive": "negative", "negative": "positive"}
 _SEEDS: Final = ("seed", "noise_seed")
-_GUIDED: Final = ("positive", "negative", "conditioning", "guider")
+_GUIDED: Final = ("positive", "negative", "conditioning")
+_WANTED: Final = ("positive", "conditioning", "cond1")  # a basic guider has no negative words
 _DEEPEST: Final = 64  # nodes from a sampler to its words
 
 
@@ -97,9 +98,12 @@ def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
             continue
         if not any(name in inputs for name in (*_SEEDS, "noise")):
             continue  # a ControlNet has such inputs, too, but is no sampler
-        words = _words(nodes, inputs.get("positive", inputs.get("guider")), "positive")
+        guider = _followed(nodes, inputs.get("guider"))
+        ends = guider["inputs"] if guider else inputs
+        wanted = next((ends[name] for name in _WANTED if name in ends), None)
+        words = _words(nodes, wanted, "positive")
         if words:
-            negative = _words(nodes, inputs.get("negative", inputs.get("guider")), "negative")
+            negative = _words(nodes, ends.get("negative"), "negative")
             seed = _number(nodes, inputs)
             return PicturePrompt(words, negative, seed, "ComfyUI", _model(nodes))
     return None

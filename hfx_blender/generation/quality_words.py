@@ -41,7 +41,8 @@ _TABLE: Final = (
      " uneven, craggy, ridged, grooved, cracked, knobbly, textured, tall, high, lumpy, ridge,"
      " groove, crack, split, furrowed, wavy, wrinkled, gouged, chiselled, carve, engraved,"
      " tactile, bold, sculpted, crevice, furrow, relief, irregular, bump, deeply, strongly,"
-     " jagged, corrugated, edgy, undulating, pit"),
+     " jagged, corrugated, edgy, undulating, pit, scratched, scored, dented, hammered, chipped,"
+     " broken, crumpled, creased, crinkled, porous, peeling, flaking, splintered, knurled"),
     (Quality(depth=0.6), "shallow, flat, subtle, faint, slight, even, level, low, gentle, muted,"
      " weak, flattened, ironed, evened, uniform, shallowly, gently, softened"),
     (Quality(depth=1.6, roughness=0.15), "rough, harsh, scratchy, coarsened, raw, unfinished,"
@@ -53,7 +54,7 @@ _TABLE: Final = (
     (Quality(wear=0.7), "worn, eroded, used, abraded, rubbed, faded, vintage, antique, distressed,"
      " tumbled, sanded, aged, waterworn, old, ancient, washed, stonewashed, rounded, timeworn,"
      " beat, battered, wear, tired, threadbare, weatherbeaten, shabby, trodden, weathered, rustic,"
-     " smoothworn, trampled, smoothened"),
+     " smoothworn, trampled, smoothened, scuffed"),
     (Quality(wear=-0.2), "new, pristine, crisp, unworn, sharp, fresh, freshly"),
     (Quality(roughness=-0.25, light=0.55), "wet, damp, moist, rainy, soaked, dripping, slick,"
      " rain, dew, soggy, drenched, sodden, waterlogged, dank, oily, greasy, muddy, moistened"),
@@ -122,7 +123,10 @@ SMALL_WORDS: Final = frozenset(
 SURFACE_TURNS: Final = {"covered", "coated", "wrapped", "upholstered", "clad", "draped", "lined"}
 """Words after which another material is on top: a table covered with linen."""
 
-ASIDES: Final = {"like", "than", "under", "beside", "near", "behind", "against", "resembling"}
+ASIDES: Final = {
+    "like", "than", "under", "beside", "near", "behind", "against", "resembling", "between",
+    "among",
+}  # fmt: skip
 """Words after which a material is a comparison or stands by: as rough as, next to."""
 
 

@@ -7,7 +7,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..authoring import effect_assets
-from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
+from ..blender_events import add_handlers, call_soon, remove_handlers
 from ..errors import HfxError
 from ..printable import printable
 from .shared import HfxOperator, select_only
@@ -106,5 +106,4 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
-    remove_timers(_take, _undo_further, _redo_further)
     _unregister()

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ..authoring import effects
 from ..properties import MODALITY_ITEMS, SHAPES
+from ..scene_units import metres_of
 from .shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _NAME_TIP = "Name in the outliner; empty: named after its kind"
@@ -72,6 +74,10 @@ class HFX_OT_add_volume(HfxOperator):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
+        unit_m = metres_of(context.scene)
+        for name in ("size", "radius", "height"):
+            if not self.properties.is_property_set(name):  # the defaults are metres
+                setattr(self, name, np.divide(getattr(self, name), unit_m).tolist())
         effect = effects.add_volume(context.scene, self.modality, self.shape, self.name or None)
         effect.hfx.size = self.size
         effect.hfx.radius = self.radius

@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ..authoring import global_tools, swarms
 from ..errors import InputError
 from ..scene_units import fps_of
+from . import framing
 from .shared import HfxOperator, OnBodyOperator, select_only, target_body
 
 SCOPES = (
@@ -139,6 +140,9 @@ class HFX_OT_add_rain(OnBodyOperator):
         default="Rain",
     )
 
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return framing.done_with_room(self, context)
+
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain
 
@@ -156,7 +160,7 @@ class HFX_OT_add_rain(OnBodyOperator):
         select_only(context, made[0])
         for effect in made[1:]:
             effect.select_set(True)
-        return f"{round(self.drops_per_second * self.duration)} drops on {len(made)} places"
+        return f"{round(self.drops_per_second * self.duration)} drops"
 
 
 register, unregister = bpy.utils.register_classes_factory(

@@ -13,7 +13,7 @@ from bpy.app.handlers import persistent
 from bpy_extras import view3d_utils
 
 from ..authoring import effects, painting
-from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
+from ..blender_events import add_handlers, call_soon, remove_handlers
 from ..engine.body.parts import CENTRE, SIDES
 from . import paint_view
 
@@ -138,5 +138,4 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
-    remove_timers(_resume)
     _unregister()

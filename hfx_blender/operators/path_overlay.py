@@ -133,6 +133,7 @@ def _draw() -> None:
     scene = bpy.context.scene
     body, places, path = _pending
     spots = [e for e in effects.effects_of(scene) if e.hfx.kind == "SPOT" and e.visible_get()]
+    spots = [each for each in spots if not effects.needs_body(scene, each)]
     if not spots and body is None:
         return
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -15,6 +15,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from .. import file_suffixes, resources
 from ..errors import HfxError, InputError
+from . import framing
 from .shared import EnumItems, HfxOperator, select_only, target_body
 
 if TYPE_CHECKING:
@@ -95,6 +96,9 @@ class HFX_OT_add_from_library(HfxOperator):
         description="A shipped sensation, or one from your own effects folder",
         items=_sensation_items,
     )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return framing.done_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange

@@ -76,6 +76,7 @@ class _Worn:
     neutral: F64  # (A,)
     reach: F64  # (A,) from neutral to full strength
     renderer: MomentRenderer
+    fault: str = ""  # why it cannot be rendered
 
     def recorded(self, recorded: TimelineRecord) -> F32:
         """Shares of full strength at each time of a record, (T, A)."""
@@ -86,9 +87,14 @@ class _Worn:
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
         """Shares of full strength at present, (A,)."""
-        if not any(run.stream.body_id == self.body_id and len(run) for run in runs):
+        is_felt = any(run.stream.body_id == self.body_id and len(run) for run in runs)
+        if self.fault or not is_felt:
             return np.zeros(len(self.columns), np.float32)
-        return self._share(self.renderer.values(runs)[self.columns])
+        try:
+            return self._share(self.renderer.values(runs)[self.columns])
+        except HfxError as error:
+            self.fault = str(error)
+            return self.now(runs)
 
     def _share(self, values: F64) -> F32:
         share = np.clip((values - self.neutral) / self.reach, -1.0, 1.0)
@@ -99,23 +105,29 @@ class ActuatorGlow:
     """Glow of the devices of one scene on its bodies."""
 
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
-        self.faults: list[str] = []
+        self._faults: list[str] = []
         self._live = live
         self._worn: list[_Worn] = []  # one body after the other
         self._wearers: list[_Wearer] = []
-        devices = devices_of(scene, self.faults)
+        devices = devices_of(scene, self._faults)
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
             mine = []
             for device in devices:
                 try:
                     mine.append(_worn(live, device, body, described.id))
                 except HfxError as error:
-                    self.faults.append(str(error))
+                    self._faults.append(str(error))
             if mine:
                 self._worn += mine
                 self._wearers.append(_Wearer(body, mine))
         self.notes = notes_of([each.device for each in self._worn])
         self._known: tuple[TimelineRecord | None, F32 | None] = None, None
+
+    @property
+    def fault(self) -> str:
+        """Reasons why devices, or some of their values, are not shown; empty without any."""
+        found = [*self._faults, *(each.fault for each in self._worn)]
+        return "; ".join(dict.fromkeys(filter(None, found)))
 
     def recorded(self, recorded: TimelineRecord, index: int) -> F32:
         """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
@@ -148,15 +160,14 @@ class ActuatorGlow:
 
 
 def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str) -> _Worn:
-    counts = [len(each.type.controls) for each in device.actuators]
     ranges = [each.type.strength for each in device.actuators]
     return _Worn(
         device,
         body_id,
         places_of(body, device),
-        np.cumsum([0, *counts])[:-1],
+        device.strength_columns,
         np.array([each.neutral for each in ranges]),
-        np.array([max(e.highest - e.neutral, e.neutral - e.lowest, 1e-9) for e in ranges]),
+        np.array([max(each.reach, 1e-9) for each in ranges]),
         MomentRenderer(live.description, device, body_id=body_id),
     )
 

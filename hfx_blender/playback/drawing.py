@@ -235,7 +235,8 @@ class ChartDrawing:
         blf.size(0, 11.0 * scale)
         blf.color(0, *_TEXT[:3], 1.0 if fresh else 0.5)
         for label in chart.labels:
-            _write(label.text, left + label.left, _MARGIN + label.bottom, chart.left - 70 * scale)
+            room = chart.width if label.values is None else chart.left - 70 * scale
+            _write(label.text, left + label.left, _MARGIN + label.bottom, room - label.left)
             if label.values is not None:
                 index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
                 text = f"{label.values[index]:.1f} {label.unit}"

@@ -300,14 +300,13 @@ class Live:
 
     def _fade(self) -> None:
         """Send neutral values; a script decides by itself how to fade."""
-        import numpy as np  # Blender's start does not wait for it
 
         from ..devices.live.haptics import packed
 
         if self._client is None:
             return
         for name, each in self._devices.items():
-            neutral = np.array(live_targets.neutral_of(each.device))
+            neutral = each.device.neutral
             if each.has_script and name not in self._muted:
                 self._client.send_haptics(name, packed(self._time_s, [], neutral))
             else:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..devices.live.messages import MessageError
 from ..devices.live.playhead import Playhead, parts_between
-from ..devices.live.serialization import to_bytes
+from ..engine.parallel.serialization import packed
 from ..errors import HfxError
 from ..scene_units import fps_of
 
@@ -125,7 +125,7 @@ class LookaheadScheduler:
                 self._begin(live, tell)
             elif not self._reader.reason:
                 self._read(playhead, self._reader, tell)
-        except (HfxError, MessageError, TypeError) as error:
+        except (HfxError, MessageError) as error:
             self.reason = str(error)
             if self._reader is not None:
                 self._reader.reason = self.reason
@@ -137,7 +137,7 @@ class LookaheadScheduler:
         self._before = None
         self.reason, self.has_more = self._reader.reason, not self._reader.reason
         if not self.reason:
-            tell(to_bytes(self._reader.scene(self.edition)), True)
+            tell(packed(self._reader.scene(self.edition)), True)
 
     def _read(self, playhead: Playhead, reader: KeyframeReader, tell: Tell) -> None:
         parts = parts_between(self.latencies_ms, playhead.fps, playhead.step)
@@ -147,7 +147,7 @@ class LookaheadScheduler:
             self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
             self._bytes = self._points = 0
         elif self._bytes > MOST_BYTES:  # the frames read so far are in the past
-            tell(to_bytes(reader.scene(self.edition)), True)
+            tell(packed(reader.scene(self.edition)), True)
             self._is_read[:] = False
             self._bytes = self._points = 0
         numbers = self._next(playhead, len(parts))
@@ -156,7 +156,7 @@ class LookaheadScheduler:
             return
         begun = time.perf_counter()
         frames = (playhead.first + numbers[:, None] + np.array(parts)).ravel()
-        body = to_bytes(reader.block(self.edition, frames))
+        body = packed(reader.block(self.edition, frames))
         tell(body, False)
         self._is_read[numbers] = True
         self._bytes += len(body)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.app.handlers import persistent
 
-from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
+from ..blender_events import add_handlers, call_soon, remove_handlers
 from ..errors import HfxError
 from ..reading import stepping, unreported
 
@@ -377,7 +377,6 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
     _draw_handles.clear()
     remove_handlers(_HANDLERS)
-    remove_timers(look, _look_later, _reread, _record, _prepare)
     del bpy.types.WindowManager.hfx_show_values
     del bpy.types.WindowManager.hfx_show_actuators
     del bpy.types.WindowManager.hfx_preview

@@ -70,7 +70,7 @@ class Preview:
         try:
             if self._scene is not None and devices:
                 self._glow = ActuatorGlow(self._scene, scene)
-                self.fault, self.notes = "; ".join(self._glow.faults), self._glow.notes
+                self.fault, self.notes = self._glow.fault, self._glow.notes
         except HfxError as error:
             self.fault = str(error)
 
@@ -121,6 +121,7 @@ class Preview:
                 index = None if recorded is None else recorded.index(frame)
                 if recorded is None or index is None:
                     strengths = self._glow.now(self._runs(self._scene))
+                    self.fault = self._glow.fault or self.fault
                 else:
                     strengths = self._glow.recorded(recorded, index)
                 unit_m = self._scene.objects.unit_m

@@ -69,7 +69,7 @@ def chart(
     scale : float
         Of the user's interface.
     """
-    left = min(150.0 * scale, 0.35 * width)
+    left = min(190.0 * scale, 0.35 * width)
     columns = max(int(width - left), 1)
     curve, row, gap = (each * scale for each in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
     quads: list[tuple[F64, F64]] = []
@@ -94,16 +94,13 @@ def chart(
             continue
         labels.append(Label(device.name, 0.0, at + 0.25 * head))
         at += head
-        first = 0
-        for actuator in device.actuators:
+        for actuator, column in zip(device.actuators, device.strength_columns, strict=True):
             strength = actuator.type.strength
-            values = raster.values[:, first] - strength.neutral
-            first += len(actuator.type.controls)
+            values = raster.values[:, column] - strength.neutral
             if at + row > height:
                 hidden += 1
                 continue
-            reach = max(strength.highest - strength.neutral, strength.neutral - strength.lowest)
-            shares = _columns(values, columns) / max(reach, 1e-9)
+            shares = _columns(values, columns) / max(strength.reach, 1e-9)
             tints = _tints(shares, actuator.type.modality, palette)
             tints[:, 3] = np.maximum(np.sqrt(np.abs(shares)), _LOWEST_ALPHA)
             quads.append(_bars(np.ones(len(shares)), tints, at, row - 1.0, left))

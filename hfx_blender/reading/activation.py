@@ -22,7 +22,7 @@ from ..engine.scene import Clip
 from ..stored_values import limited
 
 
-class Source(Enum):
+class ActivationSource(Enum):
     """Source of an effect's activation."""
 
     ALWAYS_ON = auto()  # nothing animates it
@@ -34,27 +34,27 @@ class Source(Enum):
 class Activation:
     """An effect's activation before any frame is evaluated."""
 
-    source: Source
+    source: ActivationSource
     spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)  # frames outside: certainly off
     clips: tuple[Clip, ...] = ()
 
     def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
         """Test that the effect can be on at each frame, (n,); False is certain."""
         on = np.zeros(len(frames), np.bool_)
-        if self.source is not Source.OFF:
+        if self.source is not ActivationSource.OFF:
             for start, end in self.spans:
                 on |= (frames >= start) & (frames <= end)
         return on
 
     def level(self, hfx: bpy.types.PropertyGroup) -> float:
         """Level of the effect by its evaluated settings: clip times intensity."""
-        if self.source is Source.OFF:
+        if self.source is ActivationSource.OFF:
             return 0.0
-        on = 1.0 if self.source is Source.ALWAYS_ON else limited(hfx, "activation")
+        on = 1.0 if self.source is ActivationSource.ALWAYS_ON else limited(hfx, "activation")
         return on * limited(hfx, "intensity")
 
 
-SILENCED = Activation(Source.OFF)
+SILENCED = Activation(ActivationSource.OFF)
 """Activation of an effect that its user has muted."""
 
 
@@ -62,7 +62,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     """Read an effect's clips, curves and drivers."""
     data = effect.animation_data
     if data is None:
-        return Activation(Source.ALWAYS_ON)
+        return Activation(ActivationSource.ALWAYS_ON)
     pairs = clips.strips_of(effect)
     named = tuple(Clip(strip.name, strip.frame_start, strip.frame_end) for _, strip in pairs)
     curves = [
@@ -72,11 +72,11 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     ]
     driver = any(d.data_path == clips.DATA_PATH and not d.mute for d in data.drivers)
     if len(curves) == 1 and not driver and not len(data.nla_tracks):
-        return Activation(Source.ANIMATED, _spans_of(curves[0]), named)
+        return Activation(ActivationSource.ANIMATED, _spans_of(curves[0]), named)
     if curves or driver:
-        return Activation(Source.ANIMATED, clips=named)
+        return Activation(ActivationSource.ANIMATED, clips=named)
     if not pairs:
-        return Activation(Source.ALWAYS_ON)
+        return Activation(ActivationSource.ALWAYS_ON)
     solo = any(track.is_solo for track in data.nla_tracks)
     playing = [
         strip
@@ -84,11 +84,11 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
     ]
     if not playing:
-        return Activation(Source.OFF, clips=named)
+        return Activation(ActivationSource.OFF, clips=named)
     if any(strip.extrapolation != "NOTHING" for strip in playing):
-        return Activation(Source.ANIMATED, clips=named)
+        return Activation(ActivationSource.ANIMATED, clips=named)
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
-    return Activation(Source.ANIMATED, spans, named)
+    return Activation(ActivationSource.ANIMATED, spans, named)
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:

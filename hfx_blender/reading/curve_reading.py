@@ -16,7 +16,7 @@ from ..engine.volume.shape import Shape
 from ..response_properties import HfxResponseFilter
 from ..stored_values import limited
 from . import response_values, skin_values, visibility
-from .activation import Activation, Source
+from .activation import Activation, ActivationSource
 from .animation_curves import NotModelledError
 from .fcurve_kinematics import Parents, PlainObject, rest_value
 from .surface_reading import SurfaceVertices
@@ -59,7 +59,7 @@ class CurveEffect:
             raise NotModelledError(f"'{effect.name}' is shown and hidden")
         if other:
             raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
-        if state.source is Source.ANIMATED and "hfx.activation" not in animated:
+        if state.source is ActivationSource.ANIMATED and "hfx.activation" not in animated:
             raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
         if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
@@ -133,10 +133,10 @@ class CurveEffect:
         return values
 
     def _level(self, sampled: F64) -> F64:
-        if self._state.source is Source.OFF:
+        if self._state.source is ActivationSource.OFF:
             return np.zeros(len(sampled))
         intensity = self._value("intensity", sampled)
-        if self._state.source is Source.ALWAYS_ON:
+        if self._state.source is ActivationSource.ALWAYS_ON:
             return intensity
         return self._value("activation", sampled) * intensity
 

@@ -41,7 +41,7 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
     """
     if state is activation.SILENCED:
         return MUTED
-    if state.source is activation.Source.OFF:
+    if state.source is activation.ActivationSource.OFF:
         return "has clips, all of them muted"
     if not state.may_be_on(frames).any():
         return "is not on at any exported time"

@@ -165,7 +165,7 @@ class Sources:
         self.states = {
             name: state
             for name, state in states.items()
-            if state.source is not activation.Source.OFF and not asleep[name]
+            if state.source is not activation.ActivationSource.OFF and not asleep[name]
         }
         self.objects = {name: every[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))

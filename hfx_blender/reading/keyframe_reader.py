@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 
 from ..authoring.effect_values import Shapes, to_metres
-from ..devices.live.keyed_scene import KeyedBlock, KeyedScene
 from ..engine.arrays import F64
+from ..engine.keyed_scene import KeyedBlock, KeyedScene
 from ..engine.scene import HapticSurface, HapticVolume
 from . import stepping
 from .animation_curves import NotModelledError

@@ -7,7 +7,7 @@ near no skin only the places.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
@@ -41,6 +41,20 @@ from .scene_rows import Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 from .stepped_volumes import SteppedVolumes, near, over_time, swept
+
+
+def objects_of(
+    found: HapticObjects, scene: SceneDescription, effects: Iterable[int], bodies: Iterable[int]
+) -> list[bpy.types.Object]:
+    """Objects that Blender has to evaluate for some effects and bodies, by their numbers."""
+    bodies = list(bodies)
+    surfaces = (k for k in bodies if isinstance(scene.bodies[k].binding, SurfaceBinding))
+    meshes = (mesh for k in surfaces for mesh in avatar_meshes.meshes_of(found.bodies[k]))
+    return [
+        *(found.effects[k] for k in effects),
+        *(found.bodies[k] for k in bodies),
+        *meshes,
+    ]
 
 
 class Pass:
@@ -97,16 +111,9 @@ class Pass:
             )
         elif self._effects or self._bodies:
             stepped = [found.effects[k] for k in self._effects]
-            bodies = [found.bodies[k] for k in self._bodies]
-            surfaces = [
-                mesh
-                for k in self._bodies
-                if isinstance(scene.bodies[k].binding, SurfaceBinding)
-                for mesh in avatar_meshes.meshes_of(found.bodies[k])
-            ]
-            self._whole = self._scratch([*stepped, *bodies, *surfaces], stack)
-            self._light = self._whole
-            if stepped and bodies:
+            needed = objects_of(found, scene, self._effects, self._bodies)
+            self._whole = self._light = self._scratch(needed, stack)
+            if stepped and self._bodies:
                 self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 

@@ -47,7 +47,7 @@ from . import (
 )
 from .animation_time import animation_frames, played_frame
 from .curve_reading import is_steady
-from .simulation import Simulation, to_bake
+from .simulation import Simulation
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -115,7 +115,6 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
-    warnings += tuple(to_bake(scene))
     return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out=left_out)
 
 

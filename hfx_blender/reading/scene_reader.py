@@ -29,10 +29,11 @@ from ..reading_counters import ReadingCounters
 from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
-from .reading_pass import Pass
+from .reached import is_instancer
+from .reading_pass import Pass, objects_of
 from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
-from .simulation import Simulation, goes_on_by_itself
+from .simulation import Simulation, goes_on_by_itself, to_bake
 from .stepped_reading import SteppedReading
 
 BLOCK_SIZE = 32
@@ -149,7 +150,9 @@ class SceneReader:
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
         told = self.description.warnings
-        warnings = (*told, *self._instances.warnings, *linked_files.missing())
+        makers = filter(is_instancer, scene.objects) if more else ()
+        unbaked = to_bake(scene, [*self._found.read, *makers])
+        warnings = (*told, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]
@@ -346,10 +349,17 @@ class SceneReader:
         indices = self.sample_indices
         if not self._is_probed or not len(indices):
             return plan
-        if plan.in_own_scene and not (plan.effects or plan.bodies):
+        # The user's scene evaluates what nobody feels, too. Simulations in it that were not played
+        # through must not be disturbed, and cannot be felt.
+        is_disturbed = self._found.simulation is None and goes_on_by_itself(self._found.scene)
+        in_own_scene = plan.in_own_scene or (
+            stepping.runs_code(self._found.read) and not is_disturbed
+        )
+        is_sampled = bool(plan.effects or plan.bodies or plan.presampled)
+        if plan.in_own_scene == in_own_scene and not is_sampled:
             return plan
         probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-        truth = self._truth(probes.tolist())
+        truth = self._truth(probes.tolist(), in_own_scene)
         if self._agrees(plan, truth):
             return plan
         if plan.presampled:
@@ -362,7 +372,7 @@ class SceneReader:
                 in_own_scene=plan.in_own_scene,
                 is_exact=plan.is_exact,
             )
-            if plan.in_own_scene or self._agrees(stepped, truth):
+            if plan.in_own_scene == in_own_scene or self._agrees(stepped, truth):
                 return stepped
         return Plan(
             reason="a few frames came out differently in a scratch scene",
@@ -370,17 +380,18 @@ class SceneReader:
             is_exact=True,
         )
 
-    def _truth(self, probes: list[int]) -> list[Row]:
-        everything = self._found.awake, range(len(self._found.bodies))
-        found = self._found
-        stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
-        if found.simulation is None and goes_on_by_itself(found.scene):
-            # Simulations that were not played through must not be disturbed, and cannot be felt.
-            stepped = stepping.scratch_scene(found.scene, found.read)
+    def _truth(self, probes: list[int], in_own_scene: bool) -> list[Row]:
+        """Effects and bodies as Blender evaluates them."""
+        found, bodies = self._found, range(len(self._found.bodies))
+        if in_own_scene:
+            stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
+        else:
+            objects = objects_of(found, self._described, found.awake, bodies)
+            stepped = stepping.scratch_scene(found.scene, objects)
         # Places and values are compared, for which no mesh is needed.
-        self._reading.far = frozenset(self._found.awake)
+        self._reading.far = frozenset(found.awake)
         with stepped as stepper:
-            return [self._reading.read(index, stepper, *everything) for index in probes]
+            return [self._reading.read(index, stepper, found.awake, bodies) for index in probes]
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:

@@ -9,6 +9,7 @@ frames, and Blender interpolates between them. Baked ones are left as they are.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
 
 import bpy
 
@@ -24,6 +25,9 @@ _PHYSICS = {
     "PARTICLE_INSTANCE",
 }
 """Modifiers that move or deform an object otherwise than its curves say."""
+
+_MOVING_PAINT = {"DISPLACE", "WAVE"}
+"""Surfaces of dynamic paint that deform a mesh."""
 
 _CACHED = {"CLOTH", "SOFT_BODY"}
 """Modifiers with a point cache of their own; their steps depend on time remapping."""
@@ -43,6 +47,8 @@ class Simulation:
         self._scene = scene
         self._last = last
         self._is_played = False
+        self._forgets = any(map(_simulates_nodes, _shown(scene)))
+        self._frame = Fraction(0)  # that was read last
         self.frames_played = 0
 
     def play(self) -> None:
@@ -61,6 +67,17 @@ class Simulation:
             if remapped[0] != remapped[1]:
                 render.frame_map_old, render.frame_map_new = remapped
         self._is_played = True
+
+    def go_to(self, frame: Fraction) -> None:
+        """Play again before a frame where that is needed.
+
+        Blender 4.5 forgets simulations of geometry nodes when it goes back from beyond the
+        scene's last frame.
+        """
+        if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
+            self._is_played = False
+            self.play()
+        self._frame = frame
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
@@ -84,24 +101,38 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
     )
 
 
-def to_bake(scene: bpy.types.Scene) -> list[str]:
-    """Warnings about simulations that need baking."""
-    if simulated(scene.objects) is None:
+def to_bake(scene: bpy.types.Scene, felt: Iterable[bpy.types.Object]) -> list[str]:
+    """Warnings about simulations, of what is felt and of all that it reaches, that need baking."""
+    felt = list(felt)
+    if simulated(felt) is None:
         return []
-    remapped = scene.render.frame_map_old != scene.render.frame_map_new
+    is_remapped = scene.render.frame_map_old != scene.render.frame_map_new
     found = []
-    for obj in _shown(scene):
+    for obj in _by_name(reached_from(felt)):
         for modifier in obj.modifiers:
-            if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
-                domain = modifier.domain_settings
-                if domain.cache_type != "REPLAY" and not domain.has_cache_baked_data:
-                    found.append(f"the fluid of '{obj.name}' is not baked: bake it to feel it")
-            elif modifier.type in _CACHED and remapped and not modifier.point_cache.is_baked:
+            if _is_unbaked(modifier):
+                name = modifier.bl_rna.name.removesuffix(" Modifier").lower()
+                found.append(f"the {name} of '{obj.name}' is not baked: bake it to feel it")
+            elif modifier.type in _CACHED and is_remapped and not modifier.point_cache.is_baked:
                 found.append(
                     f"time is remapped and the simulation of '{obj.name}' is not baked: bake it "
                     "to be sure of what is felt"
                 )
     return found
+
+
+def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
+    """Test for a simulation that playing forward once does not reproduce between frames."""
+    if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+        return not modifier.domain_settings.has_cache_baked_data
+    if modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
+        return any(
+            surface.is_active
+            and surface.surface_type in _MOVING_PAINT
+            and not surface.point_cache.is_baked
+            for surface in modifier.canvas_settings.canvas_surfaces
+        )
+    return False
 
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -121,6 +152,10 @@ def _simulates(modifier: bpy.types.Modifier) -> bool:
     if modifier.type == "NODES" and modifier.node_group is not None:
         return _has_simulation(modifier.node_group, set())
     return modifier.type in _PHYSICS
+
+
+def _simulates_nodes(obj: bpy.types.Object) -> bool:
+    return any(each.type == "NODES" and _simulates(each) for each in obj.modifiers)
 
 
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:

@@ -109,7 +109,7 @@ class SteppedReading:
             return self._moved(known, evaluated, effect)
         hfx = evaluated.hfx
         values = EffectRow()
-        if state.source is activation.Source.OFF:
+        if state.source is activation.ActivationSource.OFF:
             return values
         values.level = state.level(hfx)
         matrix = effect_values.world_of(evaluated)

@@ -3,7 +3,7 @@
 
 A scratch scene links the haptic bodies and effects and nothing else (Blender adds what these
 depend on), so that no prop, no other character and no avatar mesh is evaluated. What it cannot
-reproduce is known and looked for; a few times are compared with the own scene besides.
+reproduce is known and looked for; where code may run, a few times are compared with the own scene.
 """
 
 from __future__ import annotations
@@ -26,6 +26,18 @@ if TYPE_CHECKING:
 
 _is_stepping = False
 
+_RENDER_SETTINGS = (
+    *("fps", "fps_base", "frame_map_old", "frame_map_new"),
+    *("use_simplify", "simplify_subdivision"),
+)
+"""Settings of a scene that change when and how its objects are evaluated."""
+
+_TRACKING = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER"}
+"""Constraints that take the camera or the movie clip of the scene."""
+
+_LOOKS = (bpy.types.Material, bpy.types.ShaderNodeTree)
+"""Data that changes no place and no shape."""
+
 
 class Stepper:
     """Scene that is set to times and read through its dependency graph.
@@ -41,16 +53,20 @@ class Stepper:
         *,
         presampled: Sequence[PresampledRig] = (),
         is_own: bool = True,
+        simulation: Simulation | None = None,
     ) -> None:
         self._scene = scene
         self._layer = layer
         self.is_own = is_own
+        self._simulation = simulation
         self._presampled = presampled
         self._copies = {rig.obj: rig.copy for rig in presampled}
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
         whole, rest = divmod(frame.numerator, frame.denominator)
+        if self._simulation is not None:
+            self._simulation.go_to(frame)
         for rig in self._presampled:
             rig.set_frame(frame)
         self._scene.frame_set(whole, subframe=rest / frame.denominator)
@@ -78,25 +94,25 @@ def own_scene(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, simulation: Simulation | None = None
 ) -> Iterator[Stepper]:
     """Context that steps the user's scene, after its simulation; its frame is restored."""
-    with _restored(scene):
-        if simulation is not None:
-            simulation.play()
-        yield Stepper(scene, layer)
+    with _told():
+        before = scene.frame_current, scene.frame_subframe
+        try:
+            if simulation is not None:
+                simulation.play()
+            yield Stepper(scene, layer, simulation=simulation)
+        finally:
+            scene.frame_set(before[0], subframe=before[1])
 
 
 @contextmanager
-def _restored(scene: bpy.types.Scene) -> Iterator[None]:
-    """Context that restores the frame of a scene, with a full evaluation."""
+def _told() -> Iterator[None]:
+    """Context in which :func:`is_stepping` is true."""
     global _is_stepping
-    before = scene.frame_current, scene.frame_subframe
     was_stepping, _is_stepping = _is_stepping, True
     try:
         yield
     finally:
-        try:
-            scene.frame_set(before[0], subframe=before[1])
-        finally:
-            _is_stepping = was_stepping
+        _is_stepping = was_stepping
 
 
 def is_stepping() -> bool:
@@ -112,14 +128,16 @@ def scratch_scene(
     objects: Iterable[bpy.types.Object],
     presampled: Sequence[PresampledRig] = (),
 ) -> Iterator[Stepper]:
-    """Context that steps a scratch scene of these objects; the user's frame is restored.
+    """Context that steps a scratch scene of these objects, at last to the user's frame.
+
+    The user's scene is not evaluated.
 
     Raises
     ------
     NotModelledError
         Something in it follows a presampled rig.
     """
-    with _restored(scene), _scratch(scene, objects, presampled) as stepper:
+    with _told(), _scratch(scene, objects, presampled) as stepper:
         yield stepper
 
 
@@ -132,7 +150,7 @@ def _scratch(
     scratch = bpy.data.scenes.new(".HFX Export")
     made: list[bpy.types.ID] = [scratch]
     try:
-        for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
+        for name in _RENDER_SETTINGS:
             setattr(scratch.render, name, getattr(scene.render, name))
         for obj in dict.fromkeys(objects):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
@@ -147,6 +165,8 @@ def _scratch(
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
         yield Stepper(scratch, layer, presampled=presampled, is_own=False)
     finally:
+        # What animation set in the objects themselves is as it was in the user's scene.
+        scratch.frame_set(scene.frame_current, subframe=scene.frame_subframe)
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
         bpy.data.batch_remove(made)
 
@@ -174,23 +194,42 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
     mover = simulations.simulated(objects)
     if mover is not None:
         return f"physics moves '{mover.name}'"
-    driven = list(_driven())
-    reached = data_reached_from(objects) if driven else set()
-    for owner in driven:
-        if owner not in reached:
-            continue
-        for curve in owner.animation_data.drivers:
-            for variable in curve.driver.variables:
-                if variable.type == "CONTEXT_PROP" or any(
-                    target.id_type == "SCENE" for target in variable.targets
-                ):
-                    return f"a driver of '{owner.name}' reads the scene"
+    reached = sorted(data_reached_from(objects), key=lambda data: data.name_full)
+    for owner in reached:
+        if _takes_camera(owner):
+            return f"'{owner.name}' depends on the scene's camera"
+    for owner, driver in _drivers(reached):
+        for variable in driver.variables:
+            if variable.type == "CONTEXT_PROP" or any(
+                target.id_type == "SCENE" for target in variable.targets
+            ):
+                return f"a driver of '{owner.name}' reads the scene"
     return None
 
 
-def _driven() -> Iterator[bpy.types.ID]:
-    data = bpy.data
-    for owners in (data.objects, data.armatures, data.meshes, data.shape_keys, data.curves):
-        for owner in owners:
-            if owner.animation_data is not None and owner.animation_data.drivers:
-                yield owner
+def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
+    """Test for drivers with code that may read anything, of objects and all that they reach."""
+    return any(
+        driver.type == "SCRIPTED" and not driver.is_simple_expression
+        for _, driver in _drivers(data_reached_from(objects))
+    )
+
+
+def _takes_camera(data: bpy.types.ID) -> bool:
+    """Test for data that the camera or the movie clip of its scene changes."""
+    if isinstance(data, bpy.types.GeometryNodeTree):
+        return any(node.bl_idname == "GeometryNodeInputActiveCamera" for node in data.nodes)
+    if not isinstance(data, bpy.types.Object):
+        return False
+    owners = [data, *(data.pose.bones if data.pose is not None else ())]
+    return any(each.type in _TRACKING for owner in owners for each in owner.constraints)
+
+
+def _drivers(
+    reached: Iterable[bpy.types.ID],
+) -> Iterator[tuple[bpy.types.ID, bpy.types.Driver]]:
+    """Drivers that may move or shape something, and their owners."""
+    for owner in reached:
+        data = getattr(owner, "animation_data", None)
+        if data is not None and not isinstance(owner, _LOOKS):
+            yield from ((owner, curve.driver) for curve in data.drivers)

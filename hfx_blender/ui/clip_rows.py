@@ -63,7 +63,7 @@ def _set(name: str) -> Callable[[HfxClipRow, float], None]:
     return set_time
 
 
-def _group() -> list[bpy.types.Object]:
+def active_group() -> list[bpy.types.Object]:
     """Effects of the active effect's group."""
     effect = active_effect(bpy.context)
     name = "" if effect is None else effects.group_of(effect)
@@ -72,12 +72,12 @@ def _group() -> list[bpy.types.Object]:
 
 
 def _start(_manager: object) -> float:
-    starts = [strip.frame_start for each in _group() for _, strip in clips.strips_of(each)]
+    starts = [strip.frame_start for each in active_group() for _, strip in clips.strips_of(each)]
     return min(starts, default=0.0) / frames_per_unit()
 
 
 def _set_start(manager: object, value: float) -> None:
-    clips.shift(_group(), (value - _start(manager)) * frames_per_unit())
+    clips.shift(active_group(), (value - _start(manager)) * frames_per_unit())
     preview.look_soon()
     push_undo_soon()
 

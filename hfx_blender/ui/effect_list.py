@@ -30,23 +30,20 @@ _open: set[str] = set()
 
 
 def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
-    """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow."""
-    found: list[tuple[str, str]] = []
-    known: dict[str, list[str]] = {}
+    """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow.
+
+    What is left alone of its group is a row without one.
+    """
+    grouped: dict[tuple[str, str], list[str]] = {}
     for effect in swarms.listed_effects(scene):
         group = effects.group_of(effect)
-        if group not in known:
-            known[group] = []
-            if group:
-                found.append(("", group))
-        known[group].append(effect.name)
-        if not group:
-            found.append((effect.name, ""))
-    return [
-        row
-        for name, group in found
-        for row in [(name, group), *((e, group) for e in known[group] if not name)]
-    ]
+        grouped.setdefault((group, "" if group else effect.name), []).append(effect.name)
+    found: list[tuple[str, str]] = []
+    for (group, _), names in grouped.items():
+        is_alone = len(names) == 1
+        found += [] if is_alone else [("", group)]
+        found += [(name, "" if is_alone else group) for name in names]
+    return found
 
 
 def refresh() -> None:

@@ -7,7 +7,7 @@ import bpy
 
 from ..authoring import clips, effects, swarms
 from ..operators.shared import active_armature, active_effect
-from . import effect_list, next_step
+from . import clip_rows, effect_list, next_step
 from .sidebar import HfxPanel, draw_text
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
@@ -25,8 +25,8 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     column = layout.column()
     column.alert = True
     count = len(effects.without_body(context.scene))
-    gone = "The body of this effect is" if which == "ACTIVE" else f"The body of {count} effects is"
-    draw_text(context, column, f"{gone} not in this scene: not felt", "ERROR")
+    what = "this effect" if which == "ACTIVE" else "1 effect" if count == 1 else f"{count} effects"
+    draw_text(context, column, f"The body of {what} is not in this scene: not felt", "ERROR")
     bodies = effects.bodies_of(context.scene)
     if len(bodies) > 1:
         layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
@@ -100,7 +100,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if found and group:
+        if found and len(clip_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.

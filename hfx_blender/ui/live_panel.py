@@ -9,7 +9,7 @@ import bpy
 
 from ..playback.live import live
 from ..playback.track_source import summary
-from ..properties import SCHEMES
+from ..scene_properties import SCHEMES
 from .device_icons import forget_icons, icon_of
 from .sidebar import HfxPanel, draw_text
 
@@ -27,6 +27,7 @@ STATES = {
     "closed": ("Closed", "UNLINKED"),
 }
 _LONG = 9  # letters of an actuator's name that two columns have room for
+_BUTTONS = 6  # letters that the buttons beside a device's name take
 _MOST_ACTUATORS = 40  # of which bars and pulses are shown
 
 
@@ -111,7 +112,7 @@ def _draw_device(
     row = box.row(align=True)
     icon = "DOWNARROW_HLT" if item.is_expanded else "RIGHTARROW"
     row.prop(item, "is_expanded", text="", icon=icon, emboss=False)
-    row.label(text=facts.title)
+    draw_text(context, row, facts.title, beside=_BUTTONS)
     row.operator("hfx.live_remove", text="", icon="X").name = item.name
     if item.is_expanded:
         _draw_facts(context, box.column(align=True), item, facts)

@@ -17,12 +17,16 @@ class HfxPanel:
 
 
 def draw_text(
-    context: bpy.types.Context, layout: bpy.types.UILayout, text: str, icon: str = "NONE"
+    context: bpy.types.Context,
+    layout: bpy.types.UILayout,
+    text: str,
+    icon: str = "NONE",
+    beside: int = 0,
 ) -> None:
-    """A sentence over as many lines as the sidebar's width makes necessary."""
+    """A sentence over as many lines as the sidebar's width, less some letters, makes necessary."""
     # Without a window there is neither a region nor a scale.
     width = 0 if context.region is None else context.region.width
-    letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8
+    letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - beside
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)

@@ -211,7 +211,7 @@ static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint3
     if (hfx_u32(effect + 8) != modality) continue;
     does = hfx_gain(self, felt, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
-    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? hfx_f32(effect + 56) : 0.0f);
+    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? (double)hfx_f32(effect + 56) : 0.0);
     for (c = 0; c < 3; c++) wind[c] += does * felt->parameters[1 + c];
     strengths[count] = (float)does;
     hertz[count++] = felt->parameters[1];
@@ -252,6 +252,7 @@ static inline void hfx_drive(hfx_body *self, float *out) {
     if (!count) continue;
     if (target == HFX_VIBRATION) sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
     if (target == HFX_TEMPERATURE) sum += hfx_f64(column + 32);
+    if (!hfx_is_within(sum, -HFX_HUGE_F64, HFX_HUGE_F64)) continue; /* of a strange clip: neutral */
     out[hfx_u32(actuator + 8)] = (float)hfx_clamped(sum, hfx_f64(column + 16), hfx_f64(column + 24));
     if (target != HFX_VIBRATION || hfx_u32(actuator + 12) < 2) continue;
     column += 40;
@@ -263,8 +264,8 @@ HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
   float *spare = self->before;
   uint32_t k;
   hfx_neutral(self->clip, out);
-  if (self->body == HFX_NONE) return;
-  seconds = hfx_positive(seconds);
+  if (self->body >= hfx_clip_bodies(self->clip)) return;
+  seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
   if (self->is_posed) {
     self->before = self->places;

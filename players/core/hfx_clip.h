@@ -335,8 +335,6 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size) {
   if (!error && (hfx_u32(at + 8) < 1 || hfx_u32(at + 8) > HFX_VERSION)) error = HFX_ERROR_VERSION;
   if (!error && (hfx_u32(at + 12) != size || size > 0x7FFFFFFFu)) error = HFX_ERROR_SIZE;
   if (!error && hfx_crc32(at + 20, size - 20) != hfx_u32(at + 16)) error = HFX_ERROR_CHECKSUM;
-  clip->rate_hz = 1.0;
-  clip->row_count = 0;
   for (k = 0; k < HFX_SECTIONS; k++) clip->parts[k].at = at, clip->parts[k].count = 0;
   if (!error && hfx_find_sections(clip, at, (uint32_t)size)) {
     const hfx_part *text = &clip->parts[HFX_TEXT];
@@ -346,8 +344,9 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size) {
         hfx_are_bodies(clip))
       return 0;
   }
+  clip->rate_hz = 1.0; /* a clip with nothing in it */
   clip->row_count = 0;
-  for (k = 0; k < HFX_SECTIONS; k++) clip->parts[k].count = 0; /* a clip with nothing in it */
+  for (k = 0; k < HFX_SECTIONS; k++) clip->parts[k].count = 0;
   return error ? error : HFX_ERROR_CONTENT;
 }
 

@@ -8,13 +8,20 @@
 extern "C" {
 #endif
 
-HFX_API double hfx_clip_seconds(const hfx_clip *clip) { return clip->row_count / clip->rate_hz; }
-HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip) { return clip->parts[HFX_DEVC].count; }
-HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip) { return clip->parts[HFX_ACTR].count; }
-HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip) { return clip->parts[HFX_COLM].count; }
-HFX_API uint32_t hfx_clip_named_clips(const hfx_clip *clip) { return clip->parts[HFX_CLIP].count; }
-HFX_API uint32_t hfx_clip_bodies(const hfx_clip *clip) { return clip->parts[HFX_BODY].count; }
-HFX_API uint32_t hfx_clip_effects(const hfx_clip *clip) { return clip->parts[HFX_EFCT].count; }
+static inline uint32_t hfx_count(const hfx_clip *clip, int section) {
+  return clip ? clip->parts[section].count : 0; /* what has not begun to play has no clip */
+}
+
+HFX_API double hfx_clip_seconds(const hfx_clip *clip) {
+  return clip ? clip->row_count / clip->rate_hz : 0.0;
+}
+
+HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip) { return hfx_count(clip, HFX_DEVC); }
+HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip) { return hfx_count(clip, HFX_ACTR); }
+HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip) { return hfx_count(clip, HFX_COLM); }
+HFX_API uint32_t hfx_clip_named_clips(const hfx_clip *clip) { return hfx_count(clip, HFX_CLIP); }
+HFX_API uint32_t hfx_clip_bodies(const hfx_clip *clip) { return hfx_count(clip, HFX_BODY); }
+HFX_API uint32_t hfx_clip_effects(const hfx_clip *clip) { return hfx_count(clip, HFX_EFCT); }
 
 HFX_API uint32_t hfx_clip_bones(const hfx_clip *clip, uint32_t body) {
   return body < hfx_clip_bodies(clip) ? hfx_u32(hfx_record(clip, HFX_BODY, body) + 8) : 0;

@@ -18,6 +18,11 @@ static inline double hfx_clamped(double value, double lowest, double highest) {
   return value < lowest ? lowest : value > highest ? highest : value;
 }
 
+/* Seconds between two frames; more than 30 years, which no sum of times survives, count as those. */
+static inline double hfx_elapsed(double seconds) {
+  return hfx_clamped(hfx_positive(seconds), 0.0, 1e9);
+}
+
 /* Row of a time, among those of the part that is played. */
 static inline int64_t hfx_row_of(const hfx_player *player, double seconds) {
   const double rate = player->clip->rate_hz;
@@ -99,7 +104,7 @@ static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], 
 static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s, double end_s) {
   int k;
   player->clip = clip;
-  player->start_s = start_s;
+  player->position_s = player->start_s = start_s;
   player->end_s = end_s;
   player->gain = 1.0;
   for (k = 0; k < HFX_PARAMETERS; k++) player->factors[k] = 1.0;
@@ -116,7 +121,7 @@ HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip) {
 HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name) {
   hfx_named_clip found;
   uint32_t i;
-  for (i = 0; hfx_clip_named_clip(clip, i, &found) == 0; i++) {
+  for (i = 0; name && hfx_clip_named_clip(clip, i, &found) == 0; i++) {
     if (!hfx_same(found.name, name)) continue;
     hfx_begin(player, clip, found.start_s, found.end_s);
     player->loops = found.loops;
@@ -133,7 +138,7 @@ HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out) 
     hfx_neutral(player->clip, out);
     return;
   }
-  player->position_s += hfx_positive(seconds);
+  player->position_s += hfx_elapsed(seconds);
   now = hfx_row_of(player, player->position_s);
   spans[0][0] = player->shown_row + 1;
   spans[0][1] = now;
@@ -171,14 +176,15 @@ HFX_API void hfx_player_stop(hfx_player *player) {
 }
 
 HFX_API void hfx_player_seek(hfx_player *player, double seconds) {
+  if (!player->clip) return;
   player->position_s = hfx_clamped(hfx_positive(seconds), player->start_s, player->end_s);
   player->shown_row = hfx_row_of(player, player->position_s) - 1;
 }
 
 HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, double factor) {
+  const int known = parameter ? hfx_parameter(parameter[0]) : HFX_PARAMETERS;
   uint32_t i;
   for (i = 0; i < hfx_clip_columns(player->clip); i++) {
-    const int known = hfx_parameter(parameter[0]);
     const unsigned char *at = hfx_record(player->clip, HFX_COLM, i);
     if (known == HFX_PARAMETERS || !hfx_same(hfx_text(player->clip, at), parameter)) continue;
     player->factors[known] = hfx_positive(factor);

@@ -7,11 +7,13 @@
  *   hfx_clip clip;                    // the bytes stay where they are, and must not change
  *   hfx_player player;
  *   float out[64];                    // hfx_clip_columns(&clip) values
- *   if (hfx_clip_open(&clip, bytes, size) == 0) hfx_player_play(&player, &clip);
+ *   const int error = hfx_clip_open(&clip, bytes, size);   // 0, or see hfx_error_text(error)
+ *   hfx_player_play(&player, &clip);                       // after an error: of nothing
  *   hfx_player_advance(&player, seconds_since_last_frame, out);   // each frame
  *
  * Numbers that may come from a script (seconds, gain, level, ...) may be anything: what is not a
- * number or below 0 counts as 0. All functions may be given results of a failed call.
+ * number or below 0 counts as 0. All functions may be given results of a failed call. A player or
+ * a body of zeros feels nothing; one that was set to nothing at all must not be used.
  */
 #ifndef HFX_PLAYER_H
 #define HFX_PLAYER_H

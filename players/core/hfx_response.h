@@ -150,8 +150,7 @@ static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *fi
     } else {
       value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
     }
-    touch->weights[i] *= (float)(1.0 + influence * (value - 1.0));
-    if (!(touch->weights[i] > 0.0f)) touch->weights[i] = 0.0f;
+    touch->weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
     is_left |= touch->weights[i] > 0.0f;
   }
   return is_left;

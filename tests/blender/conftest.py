@@ -10,8 +10,11 @@ from typing import Any
 
 import pytest
 
-# Before bpy is imported: nobody's preferences, add-ons or start-up file.
-os.environ.setdefault("BLENDER_USER_RESOURCES", tempfile.mkdtemp(prefix="hfx_test_"))
+# Before bpy is imported: nobody's preferences, add-ons or start-up file. Each process removes its
+# own folder at its end, so a worker does not take that of the process that started it.
+_PREFIX = "hfx_test_"
+if os.path.basename(os.environ.get("BLENDER_USER_RESOURCES", _PREFIX)).startswith(_PREFIX):
+    os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix=_PREFIX)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ import pytest
 from hfx_blender import compat
 from hfx_blender.authoring import clips
 from hfx_blender.reading import activation, scene_reader
-from hfx_blender.reading.activation import Source
+from hfx_blender.reading.activation import ActivationSource
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -47,13 +47,13 @@ def trapezoid(start: float, end: float, fade_in: float = 0.0, fade_out: float = 
 
 def test_without_animation_it_is_on(effect: Any) -> None:
     assert effect.hfx.activation == 0.0
-    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert activation.activation_of(effect).source is ActivationSource.ALWAYS_ON
     assert levels(effect).tolist() == [1.0] * 30
 
 
 def test_animation_of_something_else_does_not_switch_it_off(effect: Any) -> None:
     oracle.key(effect, "hfx.temperature", [(1, 20.0), (30, 40.0)])
-    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert activation.activation_of(effect).source is ActivationSource.ALWAYS_ON
     assert levels(effect).tolist() == [1.0] * 30
 
 
@@ -118,7 +118,7 @@ def test_silenced_while_on_it_is_off(effect: Any, silence: Any) -> None:
     oracle.add_clip(effect, 3, 20)
     silence(effect.animation_data)
     effect.hfx.activation = 1.0  # as it is left behind in most of these cases, not in all
-    assert activation.activation_of(effect).source is Source.OFF
+    assert activation.activation_of(effect).source is ActivationSource.OFF
     assert oracle.evaluate(bpy.context.scene).reader.sample_indices.tolist() == []
     assert not levels(effect).any()
 
@@ -159,7 +159,7 @@ def test_the_last_strip_removed_while_on(effect: Any) -> None:
     strip = oracle.add_clip(effect, 3, 20)
     bpy.context.scene.frame_set(10)
     effect.animation_data.nla_tracks[0].strips.remove(strip)
-    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert activation.activation_of(effect).source is ActivationSource.ALWAYS_ON
     assert levels(effect).tolist() == [1.0] * 30
 
 
@@ -297,8 +297,8 @@ def test_a_curve_that_overshoots_between_zeros(effect: Any) -> None:
 
 
 def test_spans_are_certain() -> None:
-    on = activation.Activation(Source.ANIMATED, ((2.0, 4.0), (6.0, 6.5)))
+    on = activation.Activation(ActivationSource.ANIMATED, ((2.0, 4.0), (6.0, 6.5)))
     frames = np.array([1.999, 2.0, 3.0, 4.0, 4.001, 6.25, 7.0])
     assert on.may_be_on(frames).tolist() == [False, True, True, True, False, True, False]
-    assert activation.Activation(Source.ALWAYS_ON).may_be_on(frames).all()
-    assert not activation.Activation(Source.OFF).may_be_on(frames).any()
+    assert activation.Activation(ActivationSource.ALWAYS_ON).may_be_on(frames).all()
+    assert not activation.Activation(ActivationSource.OFF).may_be_on(frames).any()

@@ -49,7 +49,7 @@ def test_removing_the_last_clip_leaves_the_effect_always_on(effect: Any) -> None
     with pytest.raises(RuntimeError, match="no clip 'A'; it has: 'B'"):
         bpy.ops.hfx.remove_clip(name="A")
     bpy.ops.hfx.remove_clip(name="B")
-    assert activation.activation_of(effect).source is activation.Source.ALWAYS_ON
+    assert activation.activation_of(effect).source is activation.ActivationSource.ALWAYS_ON
 
 
 def test_copied_clips_play_alike_and_are_independent(effect: Any) -> None:

@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import clips, effects, rain
+from hfx_blender.authoring import clips, effect_exchange, effects, paths, rain
+from hfx_blender.engine.areas.spot import places_on
 from hfx_blender.engine.body.model import load_model
 
 
@@ -83,33 +84,65 @@ def test_a_modulation_faster_than_frames_can_show_is_refused(three: dict[str, An
         bpy.ops.hfx.modulate(rate=80.0)
 
 
-def test_rain_makes_the_drops_that_were_asked_for(three: dict[str, Any]) -> None:
+def drops_of(shower: list[Any]) -> list[tuple[float, float]]:
+    """Starts of drops, frames, and their shares of the path, by time."""
+    strips = [strip for effect in shower for _, strip in clips.strips_of(effect)]
+    assert len(strips) == len(shower), "one clip each"
+    return sorted(key for strip in strips for key in clips.keys_in(strip, paths.POSITION)[::2])
+
+
+def rained(name: str = "Rain") -> list[Any]:
+    found = effects.effects_of(bpy.context.scene)
+    return [effect for effect in found if effect.get(rain.GENERATOR) == name]
+
+
+def test_rain_is_one_effect_with_the_drops_that_were_asked_for(three: dict[str, Any]) -> None:
     bpy.context.scene.frame_set(100)
     bpy.ops.hfx.add_rain(drops_per_second=10.0, duration=3.0, drop_size=30.0)
-    drops = [e for e in effects.effects_of(bpy.context.scene) if rain.GENERATOR in e]
-    strips = [strip for drop in drops for _, strip in clips.strips_of(drop)]
-    assert len(strips) == 30
-    assert min(s.frame_start for s in strips) >= 100
-    assert max(s.frame_end for s in strips) <= 250 + 1e-3
+    (effect,) = rained()
+    drops = drops_of([effect])
+    starts = np.array([frame for frame, _ in drops])
+    assert len(drops) == 30 and effect.hfx.radius == pytest.approx(0.015)
+    assert starts.min() >= 100.0 and starts.max() + 0.06 * 50 <= 250.0 + 1e-3
+    assert np.diff(starts).min() >= 0.06 * 50 - 1e-3, "no drop falls before the last one ends"
     model = load_model("hfx-vibration-1")
-    for drop in drops:
-        vertices, _ = effects.area(drop)
-        points = model.vertices[vertices]
-        assert np.linalg.norm(points[:, None] - points[None], axis=2).max() <= 0.030 + 1e-6
-        assert model.normals[vertices, 2].max() > 0.0, "rain falls from above"
+    for place in places_on(paths.path_of(effect), np.array([share for _, share in drops])):
+        nearest = np.linalg.norm(model.vertices - place, axis=1).argmin()
+        assert model.normals[nearest, 2] > 0.0, "rain falls from above"
+    (track,) = effect.animation_data.nla_tracks
+    bpy.context.scene.frame_set(int(starts[3]) + 1)  # it lasts for three frames
+    evaluated = effect.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert evaluated.hfx.activation > 0.1
+    assert evaluated.hfx.path_position == pytest.approx(drops[3][1], abs=1e-5)
+    track.strips[0].frame_start_ui += 7.0
+    assert drops_of([effect])[3] == pytest.approx((starts[3] + 7.0, drops[3][1]))
+
+
+def test_drops_that_would_overlap_are_divided_among_effects(three: dict[str, Any]) -> None:
+    bpy.ops.hfx.add_rain(drops_per_second=30.0, duration=2.0)
+    assert len(rained()) == 3  # 60 drops of 65 ms, in each at most 21: 0.7 of 2 s
+    assert len(drops_of(rained())) == 60
+    assert all(len(e.animation_data.nla_tracks) == 1 for e in rained())
+
+
+def test_a_saved_shower_rains_the_same(three: dict[str, Any]) -> None:
+    bpy.ops.hfx.add_rain(duration=1.0)
+    saved = effect_exchange.sensation_of(bpy.context.scene, rained(), "Shower")
+    before = drops_of(rained())
+    ((start, _), *_) = clips.keys_in(clips.strips_of(rained()[0])[0][1], clips.DATA_PATH)
+    motion = saved.effects[0].where.path.motion
+    assert [(start + time * 50.0, share) for time, share in motion[::2]] == [
+        pytest.approx(each, abs=1e-4) for each in before
+    ]
 
 
 def test_raining_again_replaces_the_shower_and_the_seed_decides(three: dict[str, Any]) -> None:
-    def places() -> list[list[int]]:
-        drops = [e for e in effects.effects_of(bpy.context.scene) if rain.GENERATOR in e]
-        return [effects.area(drop)[0] for drop in drops]
-
     bpy.ops.hfx.add_rain(seed=1)
-    first = places()
+    first = drops_of(rained())
     bpy.ops.hfx.add_rain(seed=1)
-    assert places() == first
+    assert drops_of(rained()) == first
     bpy.ops.hfx.add_rain(seed=2)
-    assert places() != first and len(places()) == len(first)
+    assert drops_of(rained()) != first and len(drops_of(rained())) == len(first)
 
 
 def test_too_much_rain_is_refused(three: dict[str, Any]) -> None:
@@ -122,5 +155,5 @@ def test_showers_of_different_names_rain_side_by_side(scene: Any) -> None:
     bpy.ops.hfx.add_rain(drops_per_second=2.0, duration=1.0)
     bpy.ops.hfx.add_rain(drops_per_second=3.0, duration=1.0, name="Shower")
     bpy.ops.hfx.add_rain(drops_per_second=4.0, duration=1.0)  # in place of the first
-    names = [effect.name.rpartition(" ")[0] for effect in effects.effects_of(scene)]
-    assert sorted(names) == ["Rain"] * 4 + ["Shower"] * 3
+    assert sorted(e.name for e in effects.effects_of(scene)) == ["Rain", "Shower"]
+    assert [len(drops_of(rained(name))) for name in ("Rain", "Shower")] == [4, 3]

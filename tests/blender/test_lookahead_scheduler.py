@@ -10,11 +10,11 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.devices.live.keyed_scene import KeyedBlock, KeyedScene
 from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.playhead import Playhead
-from hfx_blender.devices.live.serialization import from_bytes
 from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.keyed_scene import KeyedBlock, KeyedScene
+from hfx_blender.engine.parallel.serialization import unpacked
 from hfx_blender.engine.response_filters.controls import Filter, FilterKind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
@@ -58,7 +58,7 @@ class Reading:
         self.live = LiveScene(scene, layer, scene_tolerance(scene))
 
     def tell(self, body: bytes, is_scene: bool) -> None:
-        found = from_bytes(body)
+        found = unpacked(body)
         (self.scenes if is_scene else self.blocks).append(found)
 
     def slices(self, count: int, is_playing: bool = False) -> None:
@@ -227,7 +227,7 @@ def test_what_cannot_be_told_is_a_reason_and_no_fault(
     def refused(*_: object) -> bytes:
         raise MessageError("a message of 17000000 bytes")
 
-    monkeypatch.setattr(lookahead_scheduler, "to_bytes", refused)
+    monkeypatch.setattr(lookahead_scheduler, "packed", refused)
     reading = Reading()
     reading.slices(3)
     assert "17000000 bytes" in reading.lookahead.reason

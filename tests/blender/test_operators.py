@@ -17,7 +17,7 @@ from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.reading.activation import Source, activation_of
+from hfx_blender.reading.activation import ActivationSource, activation_of
 
 FPS = 60
 
@@ -183,7 +183,7 @@ def test_a_volume_from_a_mesh_keeps_the_modifiers_of_its_shape(empty: Any) -> No
 
 def test_a_clip_lasts_its_time_and_fades(empty: Any) -> None:
     effect = volume()
-    assert activation_of(effect).source is Source.ALWAYS_ON
+    assert activation_of(effect).source is ActivationSource.ALWAYS_ON
     bpy.ops.hfx.add_clip(start=60.0, duration=2.0, fade_in=0.5, fade_out=1.0)
     # 60 fps: from frame 60 to 180, rising for 30 frames and falling for 60.
     at = {59: 0, 60: 0, 67.5: 0.25, 75: 0.5, 90: 1, 105: 1, 120: 1, 150: 0.5, 165: 0.25, 181: 0}
@@ -241,7 +241,7 @@ def test_muted_clips_mean_off(empty: Any) -> None:
     effect = volume()
     bpy.ops.hfx.add_clip(start=0.0, duration=1.0)
     effect.animation_data.nla_tracks[0].strips[0].mute = True
-    assert activation_of(effect).source is Source.OFF
+    assert activation_of(effect).source is ActivationSource.OFF
 
 
 def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
@@ -285,7 +285,7 @@ def test_a_clip_that_cannot_be_is_refused(
     effect = volume()
     with pytest.raises(RuntimeError, match=rf"'Ball'.*{words}"):
         bpy.ops.hfx.add_clip(start=0.0, **settings)
-    assert activation_of(effect).source is Source.ALWAYS_ON
+    assert activation_of(effect).source is ActivationSource.ALWAYS_ON
 
 
 def test_more_beats_than_blender_repeats_are_refused(empty: Any) -> None:
@@ -565,3 +565,18 @@ def test_one_undo_takes_one_operator_back(body: Any, name: str) -> None:
     assert _state() == before
     bpy.ops.ed.redo()
     assert _state() == after
+
+
+@pytest.mark.parametrize("unit_m", [0.01, 0.0254])
+def test_an_avatar_and_volumes_are_as_large_as_people_in_any_unit(
+    scene: Any, unit_m: float
+) -> None:
+    scene.unit_settings.scale_length = unit_m
+    bpy.ops.hfx.add_avatar()
+    skin = bpy.context.object.children[0]
+    bpy.context.view_layer.update()
+    assert 1.6 < skin.dimensions.z * unit_m < 2.0
+    bpy.ops.hfx.add_volume(modality="pressure", shape="CUBOID")
+    assert [edge * unit_m for edge in bpy.context.object.hfx.size] == pytest.approx([1.0] * 3)
+    bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", radius=3.0)
+    assert bpy.context.object.hfx.radius == 3.0, "a script's numbers are Blender units"

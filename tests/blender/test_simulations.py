@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,37 @@ def test_unbaked_is_felt_as_baked(scene: Any, make: Any) -> None:
     assert unbaked == baked and len(baked) > 10
 
 
+def test_a_simulation_of_nodes_goes_evenly_between_frames(scene: Any) -> None:
+    """It rises by 2 cm at each frame that is simulated, also at the first one."""
+    scene.frame_start, scene.frame_end = 1, 6
+    oracle.add_avatar()
+    volume = _cloth(scene)
+    volume.modifiers.clear()
+    tree = bpy.data.node_groups.new("Rise", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    names = ("NodeGroupInput", "GeometryNodeSimulationInput", "GeometryNodeSetPosition")
+    names += ("GeometryNodeSimulationOutput", "NodeGroupOutput")
+    nodes = [tree.nodes.new(name) for name in names]
+    nodes[1].pair_with_output(nodes[3])
+    nodes[2].inputs["Offset"].default_value = (0.0, 0.0, 0.02)
+    for one, two in itertools.pairwise(nodes):
+        taken = (each for each in one.outputs if each.type == "GEOMETRY")
+        tree.links.new(next(taken), next(e for e in two.inputs if e.type == "GEOMETRY"))
+    volume.modifiers.new("Rise", "NODES").node_group = tree
+    reader = oracle.SceneReader(scene, rate_hz=oracle.Fraction(100))
+    rise = {}
+    for block in reader.blocks():
+        (effect,) = block.effects
+        which = effect.shapes_at(np.arange(len(effect.levels)))
+        for index, k in zip(block.indices.tolist(), which.tolist(), strict=True):
+            rise[float(reader.time.frame(index))] = effect.shapes[k].bounds[:, 2].mean()
+    start = rise[1.0]
+    assert {
+        f: r for f, r in rise.items() if f <= 6 and abs(r - start - 0.02 * (f - 1)) > 1e-4
+    } == {}
+
+
 def test_a_second_reading_is_the_same_and_a_cache_stays(scene: Any) -> None:
     scene.frame_start, scene.frame_end = 1, 8
     oracle.add_avatar()
@@ -93,6 +125,28 @@ def test_under_time_remapping_what_to_bake_is_told(scene: Any) -> None:
     assert (scene.render.frame_map_old, scene.render.frame_map_new) == (100, 80)
     bpy.ops.ptcache.bake_all(bake=True)
     assert not oracle.SceneReader(scene).description.warnings
+
+
+def test_unbaked_paint_and_fluid_are_told_where_they_are_felt(scene: Any) -> None:
+    """Between frames Blender gives another shape of both, each time that they are evaluated."""
+    oracle.add_avatar()
+    bpy.ops.mesh.primitive_cube_add(size=0.3, location=(0.0, 0.0, 1.1))
+    canvas = bpy.context.object
+    canvas.modifiers.new("Paint", "DYNAMIC_PAINT").ui_type = "CANVAS"
+    bpy.ops.dpaint.type_toggle(type="CANVAS")
+    (surface,) = canvas.modifiers[0].canvas_settings.canvas_surfaces
+    surface.surface_type = "DISPLACE"
+    canvas.modifiers.new("Water", "FLUID").fluid_type = "DOMAIN"
+    canvas.hfx.role, canvas.hfx.kind, canvas.hfx.shape = "EFFECT", "VOLUME", "MESH"
+    told = [
+        "the dynamic paint of 'Cube' is not baked: bake it to feel it",
+        "the fluid of 'Cube' is not baked: bake it to feel it",
+    ]
+    assert [*oracle.SceneReader(scene).description.warnings] == told
+    canvas.hfx.is_muted = True
+    oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1.1), radius=0.2)
+    (text,) = oracle.SceneReader(scene).description.warnings
+    assert "is muted" in text
 
 
 def test_what_reading_leaves_is_no_fault_of_the_file(scene: Any) -> None:

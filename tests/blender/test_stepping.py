@@ -167,24 +167,35 @@ def test_a_handler_on_frame_changes(scene: Any, lifting: Any, is_partial: bool) 
     assert heights[-1] - heights[0] > 0.5
 
 
-def test_a_handler_that_nobody_announces(
-    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whatever makes the two scenes differ: a few frames are compared, and the own one wins."""
-    real = stepping.Stepper.set_frame
-
-    def other_in_a_scratch_scene(self: stepping.Stepper, frame: Any) -> None:
-        real(self, frame)
-        if self._scene != scene:
-            bpy.data.objects["Ball"].location.z = 0.3
-            self._layer.update()
-
-    monkeypatch.setattr(stepping.Stepper, "set_frame", other_in_a_scratch_scene)
-    step_all(monkeypatch)
-    evaluation = oracle.evaluate(scene)
+def test_code_that_reads_the_scene(scene: Any, ball: Any) -> None:
+    """What code of a driver reads is not known: a few frames are compared, the own scene wins."""
+    bpy.app.driver_namespace["lift"] = lambda: 0.02 * bpy.context.scene.frame_current
+    ball.driver_add("location", 2).driver.expression = "lift()"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    del bpy.app.driver_namespace["lift"]
     assert evaluation.reader.stepping_note == (
         OWN + "a few frames came out differently in a scratch scene"
     )
+
+
+@pytest.mark.parametrize("is_code", [False, True])
+def test_only_code_has_the_users_scene_evaluated(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch, is_code: bool
+) -> None:
+    """It evaluates all that nobody feels, too."""
+    visits: list[Any] = []
+    real = stepping.Stepper.set_frame
+
+    def counted(self: stepping.Stepper, frame: Any) -> None:
+        visits.append(self.is_own)
+        real(self, frame)
+
+    monkeypatch.setattr(stepping.Stepper, "set_frame", counted)
+    expression = "max(*[0.1, 0.2])" if is_code else "0.2 * sin(frame)"
+    ball.driver_add("location", 2).driver.expression = expression
+    list(SceneReader(scene, rate_hz=oracle.Fraction(24)).blocks())
+    assert any(visits) == is_code
+    assert not all(visits)
 
 
 def test_physics(scene: Any, ball: Any) -> None:

@@ -347,7 +347,13 @@ def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
     for value in (print, os.getpid, Path("a")):
         with pytest.raises(pickle.UnpicklingError, match="plain data"):
             unpacked(packed(value))
-    for text in (b"cos\nsystem\n.", b"chfx_blender.engine.evaluate\nload_model\n."):
+    for text in (
+        b"cos\nsystem\n.",
+        b"chfx_blender.engine.evaluate\nload_model\n.",
+        b"chfx_blender.engine.track.writer\nPath\n.",  # it is at home elsewhere
+        b"chfx_blender.engine.track.writer\nTrackWriter\n.",  # it would write
+        b"chfx_blender.engine.scene\nnothing\n.",
+    ):
         with pytest.raises(pickle.UnpicklingError, match="plain data"):
             unpacked(text)
 

@@ -16,7 +16,7 @@ from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, Layout, parse
 from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
 from hfx_blender.engine.spatial_sound.propagation import absorption_db_m, doppler_hz
 from hfx_blender.engine.spatial_sound.reverberation import Reverberators
-from hfx_blender.engine.spatial_sound.spatial_mix import Source, SpatialMix
+from hfx_blender.engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from hfx_blender.errors import UsageError
 from hfx_blender.formats import sound_wav
 
@@ -38,12 +38,12 @@ def _circle(radius_m: float, count: int = 721, height_m: float = 0.0) -> np.ndar
     return ring
 
 
-def _source(places: np.ndarray, amplitude: float = 0.5, hz: float = 440.0) -> Source:
+def _source(places: np.ndarray, amplitude: float = 0.5, hz: float = 440.0) -> SoundSource:
     count = len(places)
-    return Source("it", places, np.full(count, amplitude), np.full(count, hz))
+    return SoundSource("it", places, np.full(count, amplitude), np.full(count, hz))
 
 
-def _sound(sources: list[Source], layout: Layout, count: int, block: int = 4096) -> np.ndarray:
+def _sound(sources: list[SoundSource], layout: Layout, count: int, block: int = 4096) -> np.ndarray:
     panner = Panner(layout, HEARING)
     wet = Reverberators(len(layout), RATE_HZ, 0.3, block)
     mix = SpatialMix(sources, panner, wet, RASTER_HZ, RATE_HZ)

@@ -212,8 +212,15 @@ def check_what_is_refused(folder: Path, out: Path) -> None:
     index = "model_index.json"
     document = json.loads((folder / index).read_text())
     refused(lambda f: (f / index).unlink(), "model_index.json")
-    document["unet"] = ["own_code", "Model"]
-    refused(lambda f: (f / index).write_text(json.dumps(document)), "own_code")
+    for kind in (["own_code", "Model"], ["diffusers", "NoModel"], ["transformers", "BertModel"]):
+        told = kind[0] if kind[0] == "own_code" else kind[1]
+        changed = json.dumps(document | {"unet": kind})
+        refused(lambda f, text=changed: (f / index).write_text(text), told)
+    refused(lambda f: (f / "tokenizer" / "vocab.json").write_text("[]"), "cannot be loaded")
+    refused(
+        lambda f: (f / "text_encoder" / "model.safetensors").write_bytes(b"x" * 100),
+        "cannot be loaded",
+    )
     weights = "diffusion_pytorch_model"
     refused(
         lambda f: (f / "unet" / f"{weights}.safetensors").rename(f / "unet" / f"{weights}.bin"),

@@ -89,6 +89,29 @@ def test_prompts_of_comfyui_are_those_that_reach_the_sampler(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
+    ("guider", "negative"),
+    [
+        (node("BasicGuider", conditioning=["11", 0]), ""),
+        (node("CFGGuider", positive=["11", 0], negative=["7", 0]), "shiny"),
+        (node("DualCFGGuider", cond1=["11", 0], cond2=["7", 0], negative=["7", 0]), "shiny"),
+    ],
+)
+def test_a_guider_of_comfyui_has_negative_words_only_if_it_asks_for_them(
+    guider: dict[str, Any], negative: str
+) -> None:
+    graph = {
+        "1": node("SamplerCustomAdvanced", noise=["2", 0], guider=["3", 0]),
+        "2": node("RandomNoise", noise_seed=42),
+        "3": guider,
+        "6": node("CLIPTextEncode", text="red brick"),
+        "7": node("CLIPTextEncode", text="shiny"),
+        "11": node("FluxGuidance", guidance=3.5, conditioning=["6", 0]),
+    }
+    found = prompt_of({"prompt": json.dumps(graph)})
+    assert (found.words, found.negative, found.seed) == ("red brick", negative, 42)
+
+
+@pytest.mark.parametrize(
     "texts",
     [
         {"prompt": "[" * 100_000},

@@ -33,6 +33,7 @@ def test_nine_of_ten_wishes_find_their_kind() -> None:
         ("made of wood but as rough as gravel", "wood"),
         ("not metal, something like cotton", "fabric"),
         ("a wool coat with brass buttons", "fabric"),
+        ("loose ballast between railroad ties", "gravel"),
         ("gravle", "gravel"),
         ("Crêpe de Chine", "fabric"),
     ],
@@ -55,6 +56,8 @@ def test_degrees_and_denials_steer_by_their_sign() -> None:
     assert 1.0 < scale["coarse"] == scale["coarser"] < scale["very coarse"]
     assert read_words("less coarse").scale < 1.0 < read_words("not fine").scale
     assert read_words("deep blue velvet").depth == 1.0  # a colour
+    # A finish that names a material, too.
+    assert 1.0 < read_words("scratched steel").depth < read_words("very scratched steel").depth
 
 
 @pytest.mark.parametrize("row", [0, 6, 11, 16])

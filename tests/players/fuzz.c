@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
  * Throws damaged clips at the core: "fuzz SEED INPUTS CLIP..." changes the clips, sets size and
- * checksum right, opens and plays each, and evaluates a body of it. Compiled with the address and
+ * checksum right, opens and plays each, refused ones too, and evaluates a body of it. Compiled with the address and
  * undefined-behaviour sanitizers, which end the program at the first finding. */
 #include "hfx_player.h"
 
@@ -23,12 +23,38 @@ static void put(unsigned char *at, uint32_t number) {
   for (i = 0; i < 4; i++) at[i] = (unsigned char)(number >> 8 * i);
 }
 
+static double odd(void) { /* a number that a script may give */
+  static const double strange[] = {-1.0, -1e300, 1e30, 1e300, 1e9, 0.0, -0.0, 5e-324, 1.0, 0.02};
+  const uint32_t chosen = drawn(24);
+  if (chosen < 10) return strange[chosen];
+  if (chosen < 13) return chosen == 10 ? NAN : chosen == 11 ? INFINITY : -INFINITY;
+  return drawn(5000) * 0.001;
+}
+
+/* Puts extreme but finite numbers into the filters and the parameters of effects. */
+static void exaggerate(unsigned char *found) {
+  static const uint32_t extreme[] = {0, 0x80000000, 1, 0x7F7FFFFF, 0xFF7FFFFF, 0x3F800000,
+                                     0xBF800000, 0x3A83126F, 0x477FFF00, 0x00800000};
+  uint32_t section, i, k;
+  for (section = 0; section < hfx_u32(found + 20); section++) {
+    const unsigned char *at = found + 24 + 16 * section;
+    unsigned char *record = found + hfx_u32(at + 4);
+    const int is_filter = !memcmp(at, "FLTR", 4), is_effect = !memcmp(at, "EFCT", 4);
+    const uint32_t size = is_filter ? 32 : 128, first = is_filter ? 3 : 10, count = is_filter ? 5 : 4;
+    if (!is_filter && !is_effect) continue;
+    for (i = 0; i < hfx_u32(at + 8) / size; i++)
+      for (k = first; k < first + count; k++)
+        if (drawn(3) == 0) put(record + size * i + 4 * k, extreme[drawn(10)]);
+  }
+}
+
 static size_t damaged(const unsigned char *clip, size_t size, unsigned char *found) {
   static const uint32_t strange[] = {0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0xFFFF, 0x10000,
                                      0x7FFFFFFF, 0x80000000, 0xFFFFFFFE, 0xFFFFFFFF, 0x7FC00000,
                                      0x7F800000, 0xFF800000, 0x7F7FFFFF, 0x3F800000};
   uint32_t changes = 1 + drawn(3);
   memcpy(found, clip, size);
+  if (drawn(8) == 0) exaggerate(found), changes = drawn(2);
   for (; changes; changes--) {
     const uint32_t way = drawn(16);
     size_t at = 20 + drawn((uint32_t)size - 23);
@@ -65,10 +91,10 @@ static void play(const hfx_clip *clip) {
   for (i = 0; !hfx_clip_effect(clip, i, &effect); i++) sum += (uint32_t)strlen(effect.name);
   hfx_player_play(&player, clip);
   hfx_player_loop(&player, (int)drawn(2));
-  hfx_player_gain(&player, drawn(4));
-  if (columns) hfx_player_set_parameter(&player, column.parameter, 1.5);
-  for (i = 0; i < 4; i++) hfx_player_advance(&player, drawn(100) * 0.01 * (1 + drawn(50) * i), out);
-  hfx_player_seek(&player, drawn(1000) * 0.01);
+  hfx_player_gain(&player, odd());
+  if (columns) hfx_player_set_parameter(&player, column.parameter, odd());
+  for (i = 0; i < 4; i++) hfx_player_advance(&player, odd(), out);
+  hfx_player_seek(&player, odd());
   hfx_player_advance(&player, 1e300, out);
   if (!hfx_clip_named_clip(clip, 0, &named)) hfx_player_play_named(&player, clip, named.name);
   hfx_player_advance(&player, 0.05, out);
@@ -97,8 +123,10 @@ static void feel(const hfx_clip *clip) {
       hfx_body_set_bones(&body, matrices);
       for (i = 0; i < 12; i++) turned[i] = (float)drawn(2000) * 0.001f - 1.0f;
       if (hfx_clip_effects(clip)) hfx_body_set_volume(&body, drawn(hfx_clip_effects(clip)), turned);
-      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_trigger(&body, i, 1.0);
-      hfx_body_evaluate(&body, 0.02, out);
+      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_trigger(&body, i, drawn(8) ? 1.0 : odd());
+      if (drawn(8) == 0) matrices[drawn(12 * bones)] = (float)hfx_clamped(odd(), -3e38, 3e38);
+      if (drawn(8) == 0) hfx_body_set_bones(&body, matrices);
+      hfx_body_evaluate(&body, drawn(8) ? 0.02 : odd(), out);
       for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_weights(&body, i, &count);
       for (i = 0; i < columns; i++)
         if (!(out[i] - out[i] == 0.0f)) abort();
@@ -133,11 +161,9 @@ int main(int count, char **given) {
     exact = (unsigned char *)malloc(size);
     memcpy(exact, found, size);
     free(found);
-    if (hfx_clip_open(&clip, exact, size) == 0) {
-      opened++;
-      play(&clip);
-      feel(&clip);
-    }
+    opened += hfx_clip_open(&clip, exact, size) == 0;
+    play(&clip);
+    feel(&clip);
     free(exact);
   }
   for (k = 0; k < known; k++) free(clips[k]);

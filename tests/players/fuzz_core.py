@@ -20,7 +20,7 @@ from core_library import ROOT, compiled
 from small_clip import write_small_clip
 
 _SLICE = 100_000
-_SANITIZERS = "-fsanitize=address,undefined"
+_SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
 _STRICT = ("-fno-sanitize-recover=all", "-g", "-std=c99")
 
 

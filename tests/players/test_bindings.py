@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -19,7 +20,8 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     if shutil.which("mcs") is None or shutil.which("mono") is None:
         pytest.skip("Mono is not installed (mono-mcs, mono-runtime)")
     program = tmp_path / "conformance.exe"
-    sources = [path for folder in ("Runtime", "Editor", "Tests~") for path in sources_in(folder)]
+    folders = ("Runtime", "Editor", "Samples~/Garage", "Tests~")
+    sources = [path for folder in folders for path in (PLAYERS / "unity" / folder).glob("*.cs")]
     subprocess.run(["mcs", f"-out:{program}", *sources], check=True)
     core = '#include "../native/live_body.c"\n'
     compiled(core, tmp_path / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
@@ -61,7 +63,7 @@ def add_extension(project: Path) -> None:
 
 def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
     package = PLAYERS / "unity"
-    made = ("~", "Plugins")  # not shown in Unity; compiled here
+    made = ("Tests~", "Plugins")  # not shown in Unity; compiled here
     shown = [
         path
         for path in package.rglob("*")
@@ -69,14 +71,14 @@ def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
     ]
     assets = {path for path in shown if path.suffix != ".meta"}
     metas = {path.with_suffix("") for path in shown if path.suffix == ".meta"}
-    assert assets == metas and len(assets) > 5
+    assert assets - {package / "Samples~"} == metas and len(metas) > 5
     guids = [
         re.search(r"^guid: ([0-9a-f]{32})$", path.read_text(), re.MULTILINE)
         for path in shown
         if path.suffix == ".meta"
     ]
-    assert all(guids) and len({found[1] for found in guids if found}) == len(assets)
+    assert all(guids) and len({found[1] for found in guids if found}) == len(metas)
 
-
-def sources_in(folder: str) -> list[Path]:
-    return sorted((PLAYERS / "unity" / folder).glob("*.cs"))
+    (sample,) = json.loads((package / "package.json").read_text())["samples"]
+    clips = [PLAYERS / "godot" / "garage", package / sample["path"]]
+    assert len({(folder / "garage.hfxclip").read_bytes() for folder in clips}) == 1

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import struct
 import zlib
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from check_frames import Counts, play
 from clip_cases import SPECS, case_of
-from core_library import ROOT, Clip, Player
+from core_library import ROOT, Clip, Player, library
 from damage import damaged
 
 from hfx_blender.cli import run
@@ -109,6 +110,33 @@ def test_gain_parameter_and_silence() -> None:
     assert player.silence().tolist() == [0, 60] and player.advance(1.0).tolist() == [0, 60]
     player.pause(0)
     assert player.position_s == pytest.approx(0.4)
+
+
+def test_numbers_that_a_script_may_give_end_no_loop() -> None:
+    player = Player(Clip(by_hand(CLIP=struct.pack("<2I2d", PART, 1, 0.1, 0.8))))
+    for seconds in (1e17, 1e30, float("inf"), float("nan"), -1.0):
+        assert player.named("part") == 0
+        player.advance(seconds)
+        before = player.position_s
+        player.advance(0.01)
+        assert 0.1 <= before <= 0.8 and player.position_s != before
+
+
+def test_what_was_never_begun_is_silent() -> None:
+    core = library()
+    zeros, out = (ctypes.c_uint64 * 64)(), (ctypes.c_float * 4)(1, 1, 1, 1)
+    core.hfx_player_advance(zeros, ctypes.c_double(0.1), out)
+    core.hfx_player_seek(zeros, ctypes.c_double(0.1))
+    core.hfx_player_silence(zeros, out)
+    core.hfx_body_set_bones(zeros, out)
+    core.hfx_body_evaluate(zeros, ctypes.c_double(0.1), out)
+    assert core.hfx_player_set_parameter(zeros, b"frequency_hz", ctypes.c_double(1.0)) == -7
+    assert core.hfx_body_trigger(zeros, 0, ctypes.c_double(1.0)) == -6
+    assert list(out) == [1, 1, 1, 1]  # there are no columns
+    # What is refused for its rate has none that is reckoned with.
+    broken = Clip(by_hand(**HOSTILE["TIME.rate_hz"]))
+    assert broken.error < 0 and core.hfx_clip_seconds(broken.at) == 0.0
+    assert not Player(broken).is_playing
 
 
 HOSTILE = {

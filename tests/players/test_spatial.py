@@ -32,7 +32,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.formats.clip import rules
 from hfx_blender.formats.clip.common_rigs import rig_names
-from hfx_blender.formats.clip.container import texts_at
+from hfx_blender.formats.clip.container import encoded, texts_at
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_blender.formats.clip.writing import write
 
@@ -117,3 +117,15 @@ def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> N
     body.evaluate(0.02)
     assert body.weights(4)[:6] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 0])
     assert body.level(4) == 1.0
+
+
+def test_filters_beyond_all_measure_give_numbers_that_a_device_may_play(tmp_path: Path) -> None:
+    known = rules.read(write_small_clip(tmp_path).read_bytes(), "x")
+    sections = {name: of.copy() for name, of in known.items()}
+    sections["FLTR"]["kind"] = 0
+    sections["FLTR"]["controls"] = [3e38, 0.0, 1.0, 3e38, 3e38]
+    sections["EFCT"]["parameters"] = 0.0  # times infinity would be no number
+    body = Body(Clip(encoded(sections, "x")))
+    body.set_bones(np.tile(np.eye(4)[:3], (2, 1, 1)))
+    assert body.evaluate(0.02).tolist() == [0.0, 61.0]
+    assert max(body.weights(effect).max() for effect in range(4)) == 1.0

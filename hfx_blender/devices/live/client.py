@@ -159,8 +159,8 @@ class LiveClient:
         Parameters
         ----------
         body : bytes
-            A :class:`~hfx_blender.devices.live.keyed_scene.KeyedScene`, which replaces the one
-            before and all that came with it, or a ``KeyedBlock`` of it; as ``to_bytes`` makes it.
+            A :class:`~hfx_blender.engine.keyed_scene.KeyedScene`, which replaces the one
+            before and all that came with it, or a ``KeyedBlock`` of it; as ``packed`` makes it.
         """
         self._pipe.tell(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
 

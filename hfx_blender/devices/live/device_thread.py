@@ -474,14 +474,14 @@ class DeviceThread:
         if share >= 1.0:
             self._pulse = None
             return wanted
-        first = sum(len(each.type.controls) for each in self.device.actuators[:actuator])
         strength = self.device.actuators[actuator].type.strength
+        column = self.device.strength_columns[actuator]
         reach = strength.highest - strength.neutral
         if reach <= 0.0:
             reach = strength.lowest - strength.neutral
         softly = 0.5 - 0.5 * math.cos(2.0 * math.pi * share)
         wanted = wanted.copy()
-        wanted[first] = strength.neutral + PULSE_SHARE * softly * reach
+        wanted[column] = strength.neutral + PULSE_SHARE * softly * reach
         return wanted
 
     def _tell_levels(self, values: F64, now: float) -> None:
@@ -489,13 +489,12 @@ class DeviceThread:
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []
-        first = 0
-        for actuator in self.device.actuators:
+        for actuator, column in zip(
+            self.device.actuators, self.device.strength_columns, strict=True
+        ):
             strength = actuator.type.strength
-            way = abs(float(values[first]) - strength.neutral)
-            reach = max(strength.highest - strength.neutral, strength.neutral - strength.lowest)
-            levels.append(round(way / reach, 2) if reach > 0.0 else 0.0)
-            first += len(actuator.type.controls)
+            way = abs(float(values[column]) - strength.neutral)
+            levels.append(round(way / strength.reach, 2) if strength.reach > 0.0 else 0.0)
         if levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)

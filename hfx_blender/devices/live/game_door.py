@@ -23,7 +23,6 @@ from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from ...errors import UsageError
 from .client import LiveClient
-from .live_targets import neutral_of
 from .wire import DEAD_MAN_MS
 
 ADDRESS: Final = "127.0.0.1"
@@ -94,8 +93,7 @@ class GameDoor:
         self.token = token or secrets.token_bytes(TOKEN_BYTES)
         self._clock = clock
         self._driven = {
-            device.id.encode(): _Driven(name, np.array(neutral_of(device)))
-            for name, device in devices.items()
+            device.id.encode(): _Driven(name, device.neutral) for name, device in devices.items()
         }
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:

@@ -77,7 +77,7 @@ class Haptics:
     @property
     def neutral(self) -> F64:
         """Silence, (columns,); a copy that may be changed."""
-        return np.array([c.neutral for a in self.device.actuators for c in a.type.controls])
+        return self.device.neutral
 
     def strongest(self, modality: str) -> Effect | None:
         """Strongest effect of a modality; None without any."""

@@ -78,15 +78,10 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     return target
 
 
-def neutral_of(device: DeviceConfig) -> list[float]:
-    return [c.neutral for actuator in device.actuators for c in actuator.type.controls]
-
-
 def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
     """Values (columns,) at which all vibration actuators play alike, and the others are silent."""
-    values, first = neutral_of(device), 0
-    for actuator in device.actuators:
+    values = device.neutral
+    for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
         if actuator.type.modality == "vibration":
-            values[first : first + 2] = [amplitude_m_s2, frequency_hz]
-        first += len(actuator.type.controls)
-    return values
+            values[part] = amplitude_m_s2, frequency_hz
+    return values.tolist()

@@ -18,11 +18,11 @@ from math import ceil
 from typing import Final
 
 from ...engine.evaluate import Engine
+from ...engine.keyed_scene import KeyedBlock, KeyedScene
+from ...engine.parallel.serialization import unpacked
 from ...engine.samples import SampleRun
-from .keyed_scene import KeyedBlock, KeyedScene
 from .live_frame import LiveFrame
 from .playhead import Playhead
-from .serialization import from_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -169,7 +169,7 @@ class LookaheadCache:
 
     def _read(self, body: bytes) -> None:
         try:
-            found = from_bytes(body)
+            found = unpacked(body)
         except Exception as error:  # without it, devices get the present samples
             _log.warning("looking ahead: %s", error)
             return

@@ -47,11 +47,10 @@ class Ramp:
     """
 
     def __init__(self, device: DeviceConfig, tick: float) -> None:
-        controls = [c for actuator in device.actuators for c in actuator.type.controls]
-        self._neutral = np.array([c.neutral for c in controls], np.float64)
+        self._neutral = device.neutral
         counts = [len(actuator.type.controls) for actuator in device.actuators]
-        self._is_strength = np.zeros(len(controls), np.bool_)
-        self._is_strength[np.cumsum([0, *counts[:-1]])] = True
+        self._is_strength = np.zeros(len(self._neutral), np.bool_)
+        self._is_strength[device.strength_columns] = True
         intervals_s = [max(a.type.update_interval_ms / 1000.0, tick) for a in device.actuators]
         self._intervals_s = np.repeat(np.array(intervals_s, np.float64), counts)
         self._tick = tick
@@ -134,16 +133,12 @@ class Pace:
     """
 
     def __init__(self, device: DeviceConfig, tick: float) -> None:
-        controls = [c for actuator in device.actuators for c in actuator.type.controls]
-        self._neutral = np.array([c.neutral for c in controls], np.float64)
+        self._neutral = device.neutral
         self._slow: list[tuple[slice, float]] = []  # columns, interval
-        first = 0
-        for actuator in device.actuators:
-            stop = first + len(actuator.type.controls)
+        for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
             interval_s = actuator.type.update_interval_ms / 1000.0
             if interval_s > 1.01 * tick:
-                self._slow.append((slice(first, stop), interval_s))
-            first = stop
+                self._slow.append((part, interval_s))
         self.reset()
 
     def reset(self) -> None:

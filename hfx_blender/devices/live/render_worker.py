@@ -75,11 +75,8 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
     if gain == 1.0:
         return values
     values = values.copy()
-    first = 0
-    for actuator in device.actuators:
-        neutral = actuator.type.strength.neutral
-        values[first] = neutral + gain * (values[first] - neutral)
-        first += len(actuator.type.controls)
+    strengths, silent = device.strength_columns, device.neutral
+    values[strengths] = silent[strengths] + gain * (values[strengths] - silent[strengths])
     return values
 
 

@@ -85,12 +85,10 @@ class Sounding:
     """Actuators of a device that take a waveform, and their tones within their limits."""
 
     def __init__(self, device: DeviceConfig) -> None:
-        counts = [len(actuator.type.controls) for actuator in device.actuators]
-        firsts = np.cumsum([0, *counts])
         members = [k for k, each in enumerate(device.actuators) if each.type.takes_waveform]
         kinds = [device.actuators[k].type for k in members]
-        self.columns: I64 = firsts[np.array(members, np.int64)].astype(np.int64)
-        self._column_count = int(firsts[-1])
+        self.columns: I64 = device.strength_columns[members]
+        self._column_count = len(device.controls)
         self._highest = np.array([kind.strength.highest for kind in kinds])
         self._lowest_hz = np.array([kind.controls[1].lowest for kind in kinds])
         self._highest_hz = np.array([kind.controls[1].highest for kind in kinds])

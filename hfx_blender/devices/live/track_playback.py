@@ -19,7 +19,7 @@ _FADE_S: Final = 0.1
 """Time for the last ramp of a device, seconds."""
 
 
-class Source(Protocol):
+class ValueSource(Protocol):
     """Interface of a file that is played: a track, or a clip."""
 
     is_rendered: bool  # by the output process
@@ -33,7 +33,7 @@ class Source(Protocol):
 
 
 def play(
-    source: Source,
+    source: ValueSource,
     client: LiveClient,
     *,
     from_s: float | None = None,

@@ -40,7 +40,7 @@ class Waiting:
     def __init__(self, device: DeviceConfig, tick: float, keep_s: float) -> None:
         counts = [len(actuator.type.controls) for actuator in device.actuators]
         self._silent = np.array([a.type.strength.neutral for a in device.actuators], np.float64)
-        self._firsts = np.cumsum([0, *counts[:-1]]).astype(np.int64)
+        self._firsts = device.strength_columns
         self._columns = np.repeat(np.arange(len(counts)), counts)  # their actuators
         self._holds_silence_back = tick <= _LONGEST_TICK_S
         self._oldest_s = MAX_OFFSET_S + keep_s

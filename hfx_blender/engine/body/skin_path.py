@@ -114,7 +114,7 @@ class SkinPaths:
         return found
 
     def _projected(self, places: F64) -> F64:
-        return self._skin.locate(places)[2]
+        return self._skin.nearest(places).place
 
     def _near(self, places: F64, margin_m: float) -> I64:
         """Triangles about some places, so that few are searched."""
@@ -133,20 +133,20 @@ class SkinPaths:
         path = self._over_edges(a, b)
         length = _length(path)
         about = _evenly(path, max(int(length / _COARSE_M), 1))
-        near = SurfaceLocator(self._points, self._near(about, 0.15 * length))
+        near = SurfaceLocator(self._points[self._near(about, 0.15 * length)])
         count = max(int(np.ceil(length / _COARSE_M)), 2)
         while True:
             path = self._tightened(_evenly(path, count), near)
             if _length(path) / count <= _TIGHT_M:
                 break
             count *= 2
-        return near.locate(_evenly(path, int(np.ceil(_length(path) / STEP_M))))[2]
+        return near.nearest(_evenly(path, int(np.ceil(_length(path) / STEP_M)))).place
 
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
         """Tighten a path: move each point to the middle of its neighbours until it settles."""
         path = path.copy()
-        path[1:-1] = near.locate(path[1:-1])[2]
+        path[1:-1] = near.nearest(path[1:-1]).place
         for _ in range(_MOST_ROUNDS):
             moved = 0.0
             for first in (1, 2):  # every other point at a time settles twice as fast
@@ -154,7 +154,7 @@ class SkinPaths:
                 if not len(path[inner]):
                     continue
                 middle = 0.5 * (path[first - 1 : -2 : 2] + path[first + 1 :: 2])
-                place = near.locate(middle)[2]
+                place = near.nearest(middle).place
                 moved = max(moved, float(np.abs(place - path[inner]).max()))
                 path[inner] = place
             if moved <= _SETTLED_M:
@@ -177,7 +177,7 @@ class SkinPaths:
 
     @cached_property
     def _skin(self) -> SurfaceLocator:
-        return SurfaceLocator(self._points, self._triangles)
+        return SurfaceLocator(self._points[self._triangles])
 
     @cached_property
     def _tree(self) -> Any:

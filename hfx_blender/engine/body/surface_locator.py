@@ -3,16 +3,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from ..arrays import F64, I64
-from .mesh_edges import expand
+from ..volume.mesh_distance import TriangleTree
 from .nearest import barycentric
 
-_TRIES: Final = 4
-"""Nearest vertices whose triangles are tried; three do on an even mesh."""
+_FLAT: Final = 1e-8  # sine of the angle at a corner below which a triangle has no area
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPlaces:
+    """Nearest places on a mesh, for the points that have one within reach."""
+
+    point: I64  # (n,) which points have one, ascending
+    triangle: I64  # (n,)
+    weights: F64  # (n, 3) barycentric, each in 0..1, sum 1
+    place: F64  # (n, 3)
+    distance: F64  # (n,)
 
 
 class SurfaceLocator:
@@ -20,32 +31,30 @@ class SurfaceLocator:
 
     Parameters
     ----------
-    points : (V, 3) float64
-    triangles : (F, 3) int64
-        Of which the nearest are looked for; they may use some of the points only.
+    corners : (F, 3, 3) float64
+        Triangle, corner, coordinate. Triangles without area are never the nearest.
+    reach : float
+        Points farther away have no nearest place.
     """
 
-    def __init__(self, points: F64, triangles: I64) -> None:
-        from scipy.spatial import cKDTree
+    def __init__(self, corners: F64, reach: float = np.inf) -> None:
+        self.reach = reach
+        edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        normals = np.cross(edge_1, edge_2)
+        area, *squares = (np.einsum("fi,fi->f", a, a) for a in (normals, edge_1, edge_2))
+        self._solid = np.flatnonzero(area > _FLAT**2 * np.maximum(*squares) ** 2)
+        self._corners = np.ascontiguousarray(corners[self._solid])
+        self._tree = TriangleTree(self._corners) if len(self._solid) else None
 
-        used, corners = np.unique(triangles, return_inverse=True)
-        corners = corners.ravel()
-        order = np.argsort(corners, kind="stable")
-        self.triangles = triangles
-        self._corners = points[triangles]
-        self._tree = cKDTree(points[used])
-        self._triangle = order // 3
-        self._offsets = np.searchsorted(corners[order], np.arange(len(used) + 1)).astype(np.int64)
-        self._tries = min(_TRIES, len(used))
-
-    def locate(self, places: F64) -> tuple[I64, F64, F64]:
-        """Row of ``triangles`` (n,), barycentric weights (n, 3) and the nearest places (n, 3)."""
-        _, near = self._tree.query(places, k=[*range(1, self._tries + 1)])
-        place, row = expand(self._offsets, near.ravel())
-        point, triangle = row // self._tries, self._triangle[place]
-        weights = barycentric(places[point], self._corners[triangle])
-        found = np.einsum("ij,ijk->ik", weights, self._corners[triangle])
-        distance = np.linalg.norm(found - places[point], axis=1)
-        best = np.lexsort((triangle, distance, point))
-        best = best[np.flatnonzero(np.diff(point[best], prepend=-1))]
-        return triangle[best], weights[best], found[best]
+    def nearest(self, points: F64) -> NearestPlaces:
+        """The nearest place within reach of points (N, 3)."""
+        triangle, distance = np.full(len(points), -1), np.full(len(points), np.inf)
+        if self._tree is not None:
+            triangle, distance = self._tree.nearest(points.T, self.reach)
+        near = np.flatnonzero(triangle >= 0)
+        triangle = triangle[near]
+        corners = self._corners[triangle]
+        weights = np.maximum(barycentric(points[near], corners), 0.0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        place = np.einsum("nk,nkc->nc", weights, corners)
+        return NearestPlaces(near, self._solid[triangle], weights, place, distance[near])

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from . import sources
 
-INTERFACE: Final = 7
+INTERFACE: Final = 8
 """Version in ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"

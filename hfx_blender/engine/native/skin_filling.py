@@ -65,7 +65,7 @@ def _calls() -> ctypes.CDLL:
     return found
 
 
-class Table(Protocol):
+class FilledTable(Protocol):
     """See :class:`..skin.skin_table.SkinTable`."""
 
     starts: I64
@@ -79,7 +79,7 @@ class Filling:
 
     Parameters
     ----------
-    table : Table
+    table : FilledTable
         Its arrays are written to.
     mesh : Mesh
         Its surface.
@@ -95,7 +95,7 @@ class Filling:
 
     def __init__(
         self,
-        table: Table,
+        table: FilledTable,
         mesh: Mesh,
         distances: F64,
         closeness: F64,

@@ -12,6 +12,8 @@ import io
 import pickle
 import struct
 from collections.abc import Mapping
+from dataclasses import is_dataclass
+from enum import Enum
 from importlib import import_module
 from typing import IO, Any, Final
 
@@ -66,6 +68,12 @@ def unpacked(body: bytes, meshes: Mapping[int, MeshVolume] | None = None) -> Any
     return _Unpickler(io.BytesIO(body), meshes or {}).load()
 
 
+def _is_plain(kind: Any) -> bool:
+    """Test for a type whose making does nothing beyond it."""
+    is_type = isinstance(kind, type)
+    return is_type and (is_dataclass(kind) or issubclass(kind, (Enum, MeshVolume)))
+
+
 class _Pickler(pickle.Pickler):
     def __init__(self, file: IO[bytes], meshes: Mapping[MeshVolume, int]) -> None:
         super().__init__(file, protocol=5)
@@ -86,8 +94,8 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         _, is_ours, within = module.rpartition(".engine.")
         if is_ours and "." not in name:
-            found = getattr(import_module(f"{_ENGINE}.{within}"), name)
-            if isinstance(found, type):
+            found = getattr(import_module(f"{_ENGINE}.{within}"), name, None)
+            if _is_plain(found) and found.__module__ == f"{_ENGINE}.{within}":
                 return found
         if f"{module}.{name}" in _PLAIN:
             return super().find_class(module, name)

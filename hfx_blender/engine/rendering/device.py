@@ -11,9 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Literal, cast
 
+import numpy as np
+
+from ..arrays import F64, I64
 from ..modality import MODALITIES
 from .device_output import OutputConfig
 from .drive import DriveCurve
@@ -36,6 +41,11 @@ class Control:
     lowest: float  # allowed range: the range cut by the configured limits
     highest: float
     neutral: float  # value while nothing is rendered
+
+    @property
+    def reach(self) -> float:
+        """Largest allowed deviation from neutral."""
+        return max(self.highest - self.neutral, self.neutral - self.lowest)
 
 
 @dataclass(frozen=True)
@@ -205,6 +215,27 @@ class DeviceConfig:
         if not scheme or scheme == self.scheme.name:
             return self
         return replace(self, scheme=Scheme(cast(SchemeName, scheme)))
+
+    @cached_property
+    def controls(self) -> tuple[Control, ...]:
+        """Controls of all actuators, one after the other: one for each of its columns."""
+        return tuple(c for actuator in self.actuators for c in actuator.type.controls)
+
+    @cached_property
+    def actuator_columns(self) -> tuple[slice, ...]:
+        """Columns of each actuator; its strength comes first."""
+        stops = accumulate(len(actuator.type.controls) for actuator in self.actuators)
+        return tuple(slice(first, stop) for first, stop in pairwise((0, *stops)))
+
+    @property
+    def strength_columns(self) -> I64:
+        """Column of each actuator's strength, (A,)."""
+        return np.array([part.start for part in self.actuator_columns], np.int64)
+
+    @property
+    def neutral(self) -> F64:
+        """Silence, (columns,), each in its control's unit; a copy that may be changed."""
+        return np.array([control.neutral for control in self.controls], np.float64)
 
     @property
     def modalities(self) -> tuple[str, ...]:

@@ -52,13 +52,11 @@ class ActuatorGroup:
         self._models = models
         self._cells: dict[str, ActuatorCells] = {}
         self._focus: dict[str, FocusPanning | None] = {}
-        counts = [len(each.type.controls) for each in device.actuators]
-        firsts = np.cumsum([0, *counts])
         members = [i for i, each in enumerate(device.actuators) if each.type.modality == modality]
         self._actuators = [device.actuators[i] for i in members]
         self._standing = [k for k, each in enumerate(self._actuators) if stands(each)]
         self.play_space = PlaySpace.of_settings({})
-        self.strength_columns: I64 = firsts[members]
+        self.strength_columns: I64 = device.strength_columns[members]
         self.takes_waveform: Bool = np.array([a.type.takes_waveform for a in self._actuators])
         strengths = [each.type.strength for each in self._actuators]
         self.neutral: F64 = np.array([each.neutral for each in strengths], np.float64)

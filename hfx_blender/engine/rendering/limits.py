@@ -50,12 +50,13 @@ class DeviceLimits:
 
     def __init__(self, device: DeviceConfig) -> None:
         kinds = [actuator.type for actuator in device.actuators]
-        controls = [control for kind in kinds for control in kind.controls]
-        self.neutral: F64 = np.array([c.neutral for c in controls], np.float64)
+        controls = device.controls
+        self.neutral: F64 = device.neutral
         counts = np.array([len(kind.controls) for kind in kinds])
-        firsts = np.cumsum(counts) - counts
         places = np.arange(counts.max())
-        self._columns: I64 = firsts[:, None] + np.where(places < counts[:, None], places, 0)
+        self._columns: I64 = device.strength_columns[:, None] + np.where(
+            places < counts[:, None], places, 0
+        )
         self._lowest = np.array([c.lowest for c in controls], np.float64)[self._columns]
         self._highest = np.array([c.highest for c in controls], np.float64)[self._columns]
         self.silent: F64 = self.neutral[self._columns]

@@ -71,14 +71,12 @@ class MomentRenderer:
             header, device, models, body_id=body_id, compensates_latency=False
         )
         self._effects = header.effects
-        counts = [len(actuator.type.controls) for actuator in device.actuators]
-        firsts = np.cumsum([0, *counts])
         self._late: dict[float, tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]] = {}
         sounding = [a for a in device.actuators if a.type.takes_waveform]
         for latency_ms in {actuator.type.latency_ms for actuator in device.actuators}:
             columns = [
-                np.arange(firsts[k], firsts[k + 1])
-                for k, actuator in enumerate(device.actuators)
+                np.arange(part.start, part.stop)
+                for actuator, part in zip(device.actuators, device.actuator_columns, strict=True)
                 if actuator.type.latency_ms == latency_ms
             ]
             is_its = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)

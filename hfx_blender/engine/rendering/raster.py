@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays import F64, I64, Bool
 from ..samples import Stream
+from .device import DeviceConfig
 from .frequency import Partial
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
@@ -32,6 +33,15 @@ class Column:
     actuator: str
     parameter: str
     unit: str
+
+
+def columns_of(device: DeviceConfig) -> tuple[Column, ...]:
+    """Columns of a device's raster: controls of all actuators, one after the other."""
+    return tuple(
+        Column(actuator.id, control.name, actuator.type.unit(control))
+        for actuator in device.actuators
+        for control in actuator.type.controls
+    )
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from .latency import advanced, rows_of
 from .limits import DeviceLimits, limited
 from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
-from .raster import Column, Felt, Raster, Reason, Shortfall
+from .raster import Felt, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
 
@@ -128,15 +128,10 @@ class Renderer:
         self._effects = {effect.id: effect for effect in header.effects}
         self._tallies = {s: _Tally() for s in header.streams if s.body_id == self._body_id}
         self._streams = {stream.effect_id: stream for stream in self._tallies}
-        self._columns = tuple(
-            Column(actuator.id, control.name, actuator.type.unit(control))
-            for actuator in device.actuators
-            for control in actuator.type.controls
-        )
-        controls = [c for actuator in device.actuators for c in actuator.type.controls]
-        self._neutral = np.array([control.neutral for control in controls], np.float64)
-        self._lowest = np.array([control.lowest for control in controls], np.float64)
-        self._highest = np.array([control.highest for control in controls], np.float64)
+        self._columns = columns_of(device)
+        self._neutral = device.neutral
+        self._lowest = np.array([control.lowest for control in device.controls], np.float64)
+        self._highest = np.array([control.highest for control in device.controls], np.float64)
         self._groups = [
             ActuatorGroup(device, modality, self._model) for modality in device.modalities
         ]
@@ -400,11 +395,8 @@ class Renderer:
 
     def _parts(self) -> Iterator[tuple[slice, ActuatorType]]:
         """Columns and type of each actuator."""
-        first = 0
-        for actuator in self._device.actuators:
-            part = slice(first, first + len(actuator.type.controls))
-            yield part, actuator.type
-            first = part.stop
+        kinds = (actuator.type for actuator in self._device.actuators)
+        return zip(self._device.actuator_columns, kinds, strict=True)
 
     def _late_rows(self, kind: ActuatorType) -> int:
         return (

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from ...errors import InputError
 from ..arrays import F64, I32
 from ..body.model import PerceptualModel
 from ..body.parts import SIDES
@@ -85,8 +86,21 @@ def panned_layout(
     Raises
     ------
     InputError
-        A place does not fit this model.
+        A place does not fit this model, or the scheme needs a package that is missing.
     """
+    try:
+        return _panned_layout(device, actuators, model)
+    except ModuleNotFoundError as error:  # as in the small zip of the extension
+        raise InputError(
+            f"Device '{device.name}': the rendering scheme '{device.scheme.name}' needs the Python "
+            f"package {(error.name or '').partition('.')[0]}, which is missing here; 'coverage' "
+            "does without it."
+        ) from error
+
+
+def _panned_layout(
+    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
+) -> PannedLayout | None:
     if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
         return None  # Renderer.notes tells the latter
     rows = rows_of(device, actuators, model)

@@ -8,7 +8,6 @@ for characters of rigid pieces, voxels, and meshes on which a body part is nowhe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..scene import FittedModel, SurfaceAnchors
 from .joints import skeletons_of
 from .pose import matrices, posed
 from .quality import PartQuality, Quality
-from .retarget import carried, mapped_weights
+from .retarget import carried, mapped_weights, with_mapped_bones
 from .surface import vertex_normals
 from .target import TargetAvatar
 
@@ -53,8 +52,7 @@ def fit_by_bones(
     faces = avatar.faces.astype(np.int64)
     normals = vertex_normals(vertices, np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]])))
     nearest = cKDTree(bodies.points[target.triangles].mean(axis=1))
-    moving = (*mapping.bones.values(), *mapping.fallbacks.values())
-    boned = replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
+    boned = with_mapped_bones(target, mapping)
     found = []
     for model in models:
         points, _ = carried(model, vertices, normals)

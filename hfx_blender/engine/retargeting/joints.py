@@ -14,7 +14,7 @@ from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import Avatar
 from .regions import JOINT_OF, REGIONS, known_regions, region_of
-from .target import RigMapping, TargetAvatar, group_shares, owners_of
+from .target import RigMapping, TargetAvatar, areas_of, group_shares, owners_of
 from .turns import apply, similarity
 
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
@@ -33,6 +33,12 @@ _UPRIGHT: Final = -0.3
 _WIDTHS: Final = (0.05, 3.0)
 """Range of the distance between both hips or shoulders, in lengths of the trunk."""
 
+_LEAST_SKIN: Final = 0.25
+"""Share of a region's area on the canonical body below which an avatar has none of it: a stump."""
+
+_LEAST_SKULL_M: Final = 0.03
+"""Height over a head's joint below which there is a neck only."""
+
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
 """Fingers that a rig may have as a single one."""
 
@@ -48,6 +54,7 @@ class Skeletons:
     avatar_shares: F64  # (V, R) regions of the canonical avatar's vertices
     target_shares: F64  # (A, R) regions of the target's vertices
     feet_forward: float  # share of the target's feet that point where its body faces
+    absent: tuple[str, ...] = ()  # regions that the target has no skin of
 
 
 def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Skeletons:
@@ -56,7 +63,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     Raises
     ------
     InputError
-        Needed joints are missing, or stand to each other as no person's do.
+        Needed joints are missing, or stand to each other as no person's do; there is no torso.
     """
     known = {bone.name for bone in target.bones}
     unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
@@ -100,15 +107,36 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
     points = apply(from_target, target.vertices)
     target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
+    avatar_shares = group_shares(avatar.weights, of_canonical, len(REGIONS))
+    own = _region_areas(points, target.triangles, target_shares)
+    halves = avatar.faces[:, :3].astype(np.int64)  # of quads
+    ours = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
+    is_absent = own < _LEAST_SKIN * ours
+    head = points[dominant(target_shares) == number["head"]]
+    if len(head) and "head" in joints:
+        is_absent[number["head"]] |= head[:, 2].max() < joints["head"][2] + _LEAST_SKULL_M
+    if is_absent[number["torso"]]:
+        raise InputError(
+            "The selected meshes show no torso, so they are no body: select those that do as well."
+        )
+    avatar_shares[:, is_absent] = 0.0  # nothing is looked for there
+    avatar_shares[avatar_shares.sum(axis=1) < 0.5] = 0.0
     return Skeletons(
         to_target,
         points,
         canonical,
         joints,
-        group_shares(avatar.weights, of_canonical, len(REGIONS)),
+        avatar_shares,
         target_shares,
         _feet_forward(points, dominant(target_shares), joints),
+        tuple(region for region, gone in zip(REGIONS, is_absent, strict=True) if gone),
     )
+
+
+def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
+    """Area (R,) of each region on a surface."""
+    found: F64 = areas_of(points, triangles) @ shares[triangles].mean(axis=1)
+    return found
 
 
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from .joints import dominant
+from .joints import Skeletons
 from .regions import REGIONS, above
 from .surface import TargetSurface
 from .target import areas_of, connected_pieces, weld
@@ -40,20 +40,30 @@ _NEAR_M: Final = 0.16
 _LARGE: Final = 0.004
 """Share of the surface from which a piece hides what lies under it: no button, no eyelash."""
 
+_EYES_M: Final = np.array([0.0, -0.01, 0.07])
+"""Way from the canonical head's joint to between its eyes and ears."""
+
+_AHEAD: Final = 0.5
+"""Least share of a direction of sight that points ahead: 60 degrees aside, up and down."""
+
+_STEP: Final = 0.15
+"""Step between directions from within the head, as a difference of unit vectors."""
+
+_CHIN: Final = -0.35
+"""Least height of a direction from within the head in which hats and hair are looked for."""
+
 _HEAD: Final = REGIONS.index("head")
 
 
 def leaving_out(
-    surface: TargetSurface, layer: Layer, body: F64, normals: F64, shares: F64
+    surface: TargetSurface, layer: Layer, body: F64, bodies: Skeletons
 ) -> Generator[float, None, npt.NDArray[np.bool_]]:
     """Find the cut triangles of a surface that are not felt, (N,), in steps.
 
     Parameters
     ----------
-    body, normals : (V, 3) float64
+    body : (V, 3) float64
         The canonical avatar in the target's pose.
-    shares : (V, R) float64
-        Its regions.
     """
     from scipy.spatial import cKDTree
 
@@ -69,8 +79,9 @@ def leaving_out(
     inner, outer = yield from _pairs(surface, asked, piece, region)
     on_head = region[inner] == _HEAD
     out[(inner if layer == "visible" else outer)[~on_head]] = True
-    head = _head_piece(surface, pieces, body, normals, shares)
-    inside = on_head & (piece[outer] == head)  # teeth, eyeballs
+    face, beside = _head_pieces(surface, piece, np.flatnonzero(region == _HEAD), bodies)
+    out[beside] = True
+    inside = on_head & (piece[outer] == face)  # teeth, eyeballs
     out[inner[inside]] = True
     out[outer[on_head & ~inside]] = True
     return out
@@ -106,13 +117,48 @@ def _pairs(
     return np.concatenate(inner), np.concatenate(outer)
 
 
-def _head_piece(surface: TargetSurface, pieces: I64, body: F64, normals: F64, shares: F64) -> int:
-    """Connected piece that is the face: nearest to most of its front."""
-    head = np.flatnonzero(dominant(shares) == _HEAD)
-    face = head[normals[head, 1] < -_ALIKE]  # normalised bodies face -Y
-    places = surface.nearest(body[face], normals[face], shares[face], 2.0 * _DEEPEST_M)
-    found = pieces[places.triangle[places.found]]
-    return int(np.bincount(found).argmax()) if len(found) else -1
+def _head_pieces(
+    surface: TargetSurface, piece: I64, asked: I64, bodies: Skeletons
+) -> tuple[int, I64]:
+    """Find the face and what lies over or in the head.
+
+    The face is the connected piece that is met first in most directions of sight from between the
+    eyes. Pieces in a direction in which there is skin of the face are hats, hair, teeth, eyeballs.
+
+    Parameters
+    ----------
+    piece : (N,) int64
+        Connected piece of each cut triangle.
+    asked : (n,) int64
+        Cut triangles of the head.
+
+    Returns
+    -------
+    face : int
+        The piece; -1 without a head.
+    beside : (m,) int64
+        Cut triangles that are over or in the head.
+    """
+    from scipy.spatial import cKDTree
+
+    joint = next((name for name in ("head", "neck") if name in bodies.joints), None)
+    if joint is None or not len(asked):
+        return -1, asked[:0]
+    eyes = bodies.joints[joint] - bodies.canonical[joint] + bodies.canonical["head"] + _EYES_M
+    way = surface.centres[asked] - eyes
+    off_m = np.linalg.norm(way, axis=1)
+    way /= np.maximum(off_m, 1e-9)[:, None]
+    cells = np.round(way / _STEP).astype(int) @ (1, 100, 10_000)
+    ahead = np.flatnonzero(way[:, 1] < -_AHEAD)  # normalised bodies face -Y
+    order = ahead[np.argsort(off_m[ahead], kind="stable")]
+    first = order[np.unique(cells[order], return_index=True)[1]]
+    face = int(np.bincount(piece[asked[first]]).argmax()) if len(first) else -1
+    is_face = piece[asked] == face
+    above = np.flatnonzero(~is_face & (way[:, 2] > _CHIN))
+    if not (is_face.any() and len(above)):
+        return face, asked[:0]
+    aside, _ = cKDTree(way[is_face]).query(way[above], workers=-1)
+    return face, asked[above[aside < _STEP]]
 
 
 def _neighbours() -> npt.NDArray[np.bool_]:

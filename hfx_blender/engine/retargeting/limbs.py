@@ -50,6 +50,9 @@ HINGES: Final = ("elbow", "wrist", "knee", "ankle")
 """Joints that any rig has at the same place of the body."""
 
 _FEWEST_IN_RING: Final = 6
+_BENT: Final = 0.82
+"""Cosine between the bones of a joint below which it is bent: 35 degrees."""
+
 _SECTORS: Final = 8
 """Directions in which outlines around a joint are compared."""
 
@@ -66,6 +69,7 @@ class Ring:
     axis: F64  # (3,) unit vector along the target's limb, away from the torso
     regions: tuple[int, ...]  # whose skin meets there
     carried: F64  # (V,) 0..1, share of a slide at this joint that each vertex takes part in
+    is_bent: bool = False  # the limb turns here, so that across its axis lies the next bone's skin
 
     def slide(self, moves: F64) -> F64:
         """Mean displacement along the limb, of displacements (..., V, 3)."""
@@ -80,6 +84,7 @@ class Limbs:
         self._points = avatar.vertices.astype(np.float64)
         self._shares = bodies.avatar_shares
         self._region = dominant(bodies.avatar_shares)
+        self._absent = {REGIONS.index(region) for region in bodies.absent}
         self.axes = np.zeros_like(self._points)
         """(V, 3) direction of the limb at each vertex; shorter where a limb ends, 0 outside."""
         self.rings: dict[str, Ring] = {}
@@ -127,6 +132,7 @@ class Limbs:
                     axes[max(number, 1) - 1],
                     tuple(REGIONS.index(region) for region in regions),
                     carried[number],
+                    number == 1 and float(axes[0] @ axes[1]) < _BENT,
                 )
 
     def _add_torso(self, canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> None:
@@ -191,12 +197,13 @@ class Limbs:
         found = {}
         for name, ring in self.rings.items():
             mine = np.flatnonzero(np.isin(nearest, ring.vertices))
-            if name.partition(".")[0] not in HINGES or len(mine) < _FEWEST_IN_RING:
+            is_hinge = name.partition(".")[0] in HINGES and self._absent.isdisjoint(ring.regions)
+            if not is_hinge or len(mine) < _FEWEST_IN_RING:
                 continue
             slide = np.percentile(np.abs((placed[mine] - posed[mine]) @ ring.axis), 90)
             # Around an ankle the foot and the heel are no outline of the limb.
-            is_ankle = name.startswith("ankle")
-            girth = 0.0 if is_ankle else _girth_difference(ring, placed[mine], surface)
+            has_outline = not (name.startswith("ankle") or ring.is_bent)
+            girth = _girth_difference(ring, placed[mine], surface) if has_outline else 0.0
             found[name] = float(np.hypot(slide, girth))
         return found
 

@@ -38,15 +38,20 @@ def posed(avatar: Avatar, matrices: F64) -> F64:
     return found
 
 
-def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
+def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F64:
     """Matrices (V, 3, 4) from the canonical avatar's vertices into the target's rest pose.
+
+    Parameters
+    ----------
+    largest_head : float
+        Largest scale of a head that is believed; what looks larger may be a hat or hair.
 
     Raises
     ------
     InputError
         Joints that need a direction between them lie at one place.
     """
-    segments = _Segments(avatar, bodies)
+    segments = _Segments(avatar, bodies, largest_head)
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])
     weights = avatar.weights
     owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
@@ -63,7 +68,8 @@ def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
 class _Segments:
     """Transforms of the segments, each computed on first use."""
 
-    def __init__(self, avatar: Avatar, bodies: Skeletons) -> None:
+    def __init__(self, avatar: Avatar, bodies: Skeletons, largest_head: float) -> None:
+        self._largest_head = largest_head
         self._c, self._t = bodies.canonical, bodies.joints
         self._vertices = avatar.vertices.astype(np.float64)
         self._points = bodies.points
@@ -105,12 +111,11 @@ class _Segments:
         return self._turns[name]
 
     def _skins(self, region: str) -> tuple[F64, F64]:
-        """Vertices of both bodies in one region."""
+        """Vertices of both bodies in one region; none of either where the target has a stump."""
         number = REGIONS.index(region)
-        return (
-            self._vertices[self._avatar_region == number],
-            self._points[self._target_region == number],
-        )
+        mine = self._vertices[self._avatar_region == number]
+        theirs = self._points[(self._target_region == number) & (len(mine) > 0)]
+        return mine, theirs
 
     def _torso(self, _side: str) -> tuple[F64, F64]:
         def frame(at: Mapping[str, F64]) -> tuple[F64, F64, float]:
@@ -142,13 +147,16 @@ class _Segments:
         """Upright transform of the head, its size and place from the skull above the ears."""
         mine, theirs = self._skins("head")
         if len(theirs) <= 10:
-            return self._turn("torso"), self._matrix("torso")
+            known = "head" in self._t
+            above = self._turn("torso"), self._matrix("torso")
+            return self._rigid("torso", "head") if known else above
         top, new_top = mine[:, 2].max(), theirs[:, 2].max()
         skull = mine[mine[:, 2] > top - _SKULL_M]
         scale = np.ones(2)
         for _ in range(8):  # the larger the head, the more of it is skull
             new_skull = theirs[theirs[:, 2] > new_top - _SKULL_M * scale.mean()]
-            scale = np.clip(np.ptp(new_skull[:, :2], axis=0) / np.ptp(skull[:, :2], axis=0), 0.6, 2)
+            widths = np.ptp(new_skull[:, :2], axis=0) / np.ptp(skull[:, :2], axis=0)
+            scale = np.clip(widths, 0.6, self._largest_head)
         low, high = extent_of(skull)
         new_low, new_high = extent_of(new_skull)
         old, new = (low + high) / 2, (new_low + new_high) / 2
@@ -174,8 +182,9 @@ class _Segments:
         start, end = f"{start}.{side}", f"{end}.{side}"
         if start not in self._t:
             return self._turn(above), self._matrix(above)
-        if end not in self._t:
-            return self._rigid(above, start)
+        if end not in self._t:  # the skin that follows the limb's last bone tells its end
+            self._matrix(above)
+            return self._by_extent(above, start, name)
         return self._between(above, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:

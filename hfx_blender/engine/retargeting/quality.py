@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import F64
 from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
-from .regions import REGIONS
+from .regions import REGIONS, words_of
 from .surface import Places
 from .target import areas_of
 
@@ -30,7 +31,10 @@ JOINT_MM: Final = 12.0
 trousers a kneecap was twice as far off as this distance, and at 25 mm a touch is felt beside it."""
 
 RIGHT_WAY: Final = 0.9
-"""Share of the limbs' vertices that must lie on their own side."""
+"""Share of the limbs' vertices that must not lie on a limb of the other side."""
+
+_SHOWN: Final = 0.4
+"""Share of a part that the avatar must have for a judgement: one hand of two, no stump."""
 
 _REGIONS_OF: Final = {
     "head": ("head", "torso"),
@@ -76,9 +80,10 @@ class Quality:
 
     model_id: str
     parts: tuple[PartQuality, ...]
-    sides: float  # 0..1, share of the limbs' vertices that lie on their own side
+    sides: float  # 0..1, share of the limbs' vertices that lie on no limb of the other side
     feet_forward: float  # 0..1, share of the feet that point where the body faces
     joints_mm: Mapping[str, float] = field(default_factory=dict)  # joint -> skin's distance from it
+    absent: Sequence[str] = ()  # regions that the avatar has no skin of
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -96,6 +101,11 @@ class Quality:
             found.append("left and right are swapped")
         if self.feet_forward < 1.0:
             found.append("front and back are swapped, or a foot is turned backwards")
+        if self.absent:
+            found.append(
+                f"the avatar has no skin of {words_of(self.absent)}: there the haptic body has the "
+                "standard shape, on the bones of the rig"
+            )
         return tuple(found)
 
 
@@ -120,6 +130,8 @@ def judge(
     distance_m: F64,
     feet_forward: float,
     joints_m: Mapping[str, float],
+    is_there: npt.NDArray[np.bool_],
+    absent: Sequence[str],
 ) -> Quality:
     """Judge the fit of a model's placed vertices.
 
@@ -135,6 +147,10 @@ def judge(
         Share of the feet that point forwards.
     joints_m : mapping of joint to float
         Distance of the model's skin around it from where the rig has it.
+    is_there : (V,) bool
+        The avatar has skin of the vertex's region; others are not judged.
+    absent : sequence of str
+        Regions that the avatar has no skin of.
     """
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
     known = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
@@ -143,6 +159,9 @@ def judge(
     parts = []
     for number, name in enumerate(PARTS):
         mine = model.part == number
+        if is_there[mine].mean() < _SHOWN:
+            continue
+        mine &= is_there
         regions = _REGIONS_OF[name]
         at_home = np.isin(dominant[mine], regions) | (regions[0] not in known)
         parts.append(
@@ -155,11 +174,13 @@ def judge(
             )
         )
     limb = ~np.isin(model.part, [PARTS.index("head"), PARTS.index("torso")])
-    right_side = np.where(model.side == LEFT, places.points[:, 0] > 0.0, places.points[:, 0] < 0.0)
-    limb &= np.isin(model.side, (LEFT, RIGHT))
-    sides = float(right_side[limb].mean())
+    limb &= np.isin(model.side, (LEFT, RIGHT)) & is_there
+    other = np.where(model.side == LEFT, "R", "L")
+    ends = np.array([region.rpartition(".")[2] for region in REGIONS])
+    is_right_side = (ends[target_shares.argmax(axis=1)] != other)[limb]
+    sides = float(is_right_side.mean()) if limb.any() else 1.0
     joints_mm = {joint: 1000.0 * off for joint, off in joints_m.items()}
-    return Quality(model.id, tuple(parts), sides, feet_forward, joints_mm)
+    return Quality(model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent))
 
 
 def _areas(points: F64, model: PerceptualModel) -> F64:

@@ -8,7 +8,7 @@ never takes its neighbour's skin.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 _LIMB: Final = {
@@ -71,6 +71,25 @@ REGIONS: Final = (
         )
     ),
 )
+
+_WORDS: Final = {"upperarm": "upper arm", "upperleg": "thigh", "lowerleg": "lower leg"}
+_PLURALS: Final = {"foot": "feet", "finger": "fingers"}
+
+
+def words_of(regions: Sequence[str]) -> str:
+    """Regions in words, both sides and all fingers folded: "head, left hand, feet"."""
+    sides: dict[str, dict[str, None]] = {}
+    for region in regions:
+        stem, _, side = region.partition(".")
+        sides.setdefault(stem.rstrip("12345"), {})[side] = None
+    found = []
+    for stem, of in sides.items():
+        word = _WORDS.get(stem, stem)
+        many = stem == "finger" or len(of) > 1
+        side = {"L": "left ", "R": "right "}.get(next(iter(of)), "") if len(of) == 1 else ""
+        found.append(side + (_PLURALS.get(stem, f"{word}s") if many else word))
+    return ", ".join(found)
+
 
 _ABOVE: Final = {
     "finger": "hand",

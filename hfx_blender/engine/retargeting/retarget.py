@@ -9,10 +9,11 @@ The canonical avatar is posed onto the target's rest pose and pulled onto its sk
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ...stepwise import finish, within
 from ..arrays import F64, I64
@@ -35,6 +36,9 @@ _LEAST_WEIGHT: Final = 0.004
 
 _SAME_TOPOLOGY: Final = 0.95
 """Share of the canonical avatar's edges that a mesh must have to be the same mesh, reshaped."""
+
+_LARGEST_HEAD: Final = 4.0
+"""Largest scale of a head without hats and hair: a chibi character's."""
 
 _UNDER_CLOTHES: Final = 0.02
 """Share of that mesh's skin that may lie under other layers and still be felt."""
@@ -81,15 +85,18 @@ def warping(
         The target's joints are missing or are not a person's.
     """
     bodies = skeletons_of(avatar, target, mapping)
+    if bodies.absent:
+        target = with_mapped_bones(target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
     yield 0.05
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
-    limbs, shares = Limbs(avatar, bodies), bodies.avatar_shares
-    moved, fields = matrices(avatar, bodies), fields_for(avatar)
-    start = posed(avatar, moved)
-    layers = leaving_out(surface, layer, start, vertex_normals(start, triangles), shares)
+    limbs, shares, fields = Limbs(avatar, bodies), bodies.avatar_shares, fields_for(avatar)
+    start = posed(avatar, matrices(avatar, bodies))
+    layers = leaving_out(surface, layer, start, bodies)
     out = yield from within(layers, 0.1, 0.3)
+    moved = matrices(avatar, _without(bodies, surface, out), _LARGEST_HEAD)
+    start = posed(avatar, moved)
     same = _same_mesh(avatar, target)
     if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[out])):
         vertices = start = bodies.points[same]
@@ -105,6 +112,13 @@ def warping(
         vertices = limbs.seated(vertices, start)
     normals = vertex_normals(vertices, triangles)
     return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
+
+
+def _without(bodies: Skeletons, surface: TargetSurface, out: npt.NDArray[np.bool_]) -> Skeletons:
+    """Bodies of which the target has no vertices of layers that are left out: hats, hair."""
+    is_kept = np.zeros(len(surface.points), bool)
+    is_kept[surface.triangles[surface.parent[~out]]] = True
+    return replace(bodies, target_shares=bodies.target_shares * is_kept[:, None])
 
 
 def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
@@ -124,7 +138,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     quality : Quality
         How well it fits, part by part.
     """
-    places, before = _land(model, warped)
+    places, before, is_there = _land(model, warped)
     to_target = warped.bodies.to_target
     scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
     corners, weights = warped.target.triangles[places.triangle], places.weights
@@ -140,7 +154,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
         model_hash=model.content_hash,
         vertices=vertices.astype(np.float32),
         bone_names=warped.target.bone_names,
-        weights=_skin_weights(model, warped, anchors),
+        weights=_skin_weights(model, warped, anchors, is_there),
         anchors=anchors,
     )
     shares = warped.bodies.target_shares[warped.target.triangles[places.triangle]].mean(axis=1)
@@ -149,8 +163,9 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     nearest = model.avatar_vertices[np.arange(len(model)), model.avatar_weights.argmax(axis=1)]
     rest, _ = carried(model, warped.posed, warped.normals)
     joints = warped.limbs.offsets_m(nearest, rest, places.points, warped.surface)
-    feet_forward = warped.bodies.feet_forward
-    return fitted, judge(model, places, shares, distance, feet_forward, joints)
+    feet_forward, absent = warped.bodies.feet_forward, warped.bodies.absent
+    quality = judge(model, places, shares, distance, feet_forward, joints, is_there, absent)
+    return fitted, quality
 
 
 def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F64]:
@@ -164,8 +179,10 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
     return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
 
 
-def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
-    """Project the vertices onto the target; returns their places, and those before."""
+def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64, npt.NDArray[np.bool_]]:
+    """Project the vertices onto the target; returns their places, those before, and which of them
+    the target has skin for.
+    """
     points, normals = carried(model, warped.vertices, warped.normals)
     weights = model.avatar_weights.astype(np.float64)
     shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
@@ -181,7 +198,9 @@ def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
         landed[lost] = anywhere.points
     if warped.same is not None:
         landed = points
-    return Places(places.found, places.triangle, places.weights, landed, places.normals), points
+    is_there: npt.NDArray[np.bool_] = shares.sum(axis=1) > 0.0
+    landed_at = Places(places.found, places.triangle, places.weights, landed, places.normals)
+    return landed_at, points, is_there
 
 
 def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
@@ -207,7 +226,12 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
     return None
 
 
-def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors) -> SkinWeights:
+def _skin_weights(
+    model: PerceptualModel,
+    warped: Warp,
+    anchors: SurfaceAnchors,
+    is_there: npt.NDArray[np.bool_],
+) -> SkinWeights:
     """Skin weights of the target at each vertex; the canonical ones, mapped, where it has none."""
     from scipy.sparse import coo_array, diags_array
 
@@ -219,11 +243,17 @@ def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors)
         shape=(count, len(target.vertices)),
     ).tocsr()
     found = at @ own
-    bare = np.asarray(found.sum(axis=1)).ravel() < 1e-6
+    bare = (np.asarray(found.sum(axis=1)).ravel() < 1e-6) | ~is_there
     if bare.any():
         canonical = _mapped(model, target, warped.mapping)
-        found = found + diags_array(bare.astype(np.float64)) @ canonical
+        found = diags_array(1.0 - bare) @ found + diags_array(1.0 * bare) @ canonical
     return _skin_weights_of(found.tocsr())
+
+
+def with_mapped_bones(target: TargetAvatar, mapping: RigMapping) -> TargetAvatar:
+    """Target of which any bone that the canonical ones follow may move skin."""
+    moving = (*mapping.bones.values(), *mapping.fallbacks.values())
+    return replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
 
 
 def mapped_weights(

@@ -71,7 +71,7 @@ def _shown(
     body, shares = posed(avatar, matrices(avatar, bodies)), bodies.avatar_shares
     normals = vertex_normals(body, triangles)
     surface = TargetSurface(bodies.points, union.triangles, bodies.target_shares)
-    surface.leave_out((yield from leaving_out(surface, layer, body, normals, shares)))
+    surface.leave_out((yield from leaving_out(surface, layer, body, bodies)))
     places = surface.nearest(body, normals, shares, _REACH_M)
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
     areas = np.repeat(areas_of(body, triangles) / 3.0, 3)

@@ -21,7 +21,7 @@ from .reverberation import Reverberators
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SoundSource:
     """Sound source at T times."""
 
     name: str
@@ -35,7 +35,7 @@ class SpatialMix:
 
     Parameters
     ----------
-    sources : sequence of Source
+    sources : sequence of SoundSource
     raster_hz : Fraction
         Rate of the sources' times.
     rate_hz : int
@@ -44,7 +44,7 @@ class SpatialMix:
 
     def __init__(
         self,
-        sources: Sequence[Source],
+        sources: Sequence[SoundSource],
         panner: Panner,
         reverberators: Reverberators,
         raster_hz: Fraction,
@@ -105,7 +105,7 @@ class _Voice:
 
     @classmethod
     def of(
-        cls, source: Source, panner: Panner, reverberators: Reverberators, raster_hz: float
+        cls, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
     ) -> _Voice:
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)

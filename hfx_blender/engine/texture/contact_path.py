@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, Bool
-from .triangle_grid import Nearest, TriangleGrid
+from ..body.surface_locator import NearestPlaces, SurfaceLocator
 
 _SEAM_SHARE: Final = 0.5
 """Coordinates that jump by so much more than the way itself have crossed a seam."""
@@ -98,7 +98,7 @@ class ContactFollower:
         self._first = first
         self._still: _Still | None = None
         self._known_turn: tuple[F64, F64] | None = None  # of a placing, the linear part
-        self._places_stand = True  # those of the last time are in the space of the grid
+        self._places_stand = True  # those of the last time are in the space of the search
         self._last = _none_yet()
         self._last_ids = np.zeros(0, np.int64)
 
@@ -147,7 +147,7 @@ class ContactFollower:
         """Forget the tracked contacts."""
         self._last, self._last_ids = _none_yet(), np.zeros(0, np.int64)
 
-    def _chosen(self, found: Nearest, time: I64, ids: I64) -> Nearest:
+    def _chosen(self, found: NearestPlaces, time: I64, ids: I64) -> NearestPlaces:
         """Drop contacts beyond the allowed number at each time, the farthest first."""
         if len(found.point) <= self._max_contacts:
             return found
@@ -162,7 +162,9 @@ class ContactFollower:
         rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
         return _part(found, np.sort(order[rank < self._max_contacts]))
 
-    def _nearest(self, matrices: F64, vertices: F64, time: I64, points: F64) -> tuple[Nearest, F64]:
+    def _nearest(
+        self, matrices: F64, vertices: F64, time: I64, points: F64
+    ) -> tuple[NearestPlaces, F64]:
         """Places of the points within reach, and the vertices in the same space.
 
         That is one row, in the space of the first placing, where the mesh only moves and turns.
@@ -176,13 +178,13 @@ class ContactFollower:
                 turned = offset @ turns[0]
             else:
                 turned = np.einsum("nj,njk->nk", offset, turns[time])
-            return self._still.grid.nearest(turned), self._still.placed
+            return self._still.search.nearest(turned), self._still.placed
         world = vertices @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]
         parts = [self._nearest_at(world[k], time, points, k) for k in np.unique(time).tolist()]
         return _joined([_none_yet(), *parts]), world
 
     def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
-        """Linear parts from grid to world space, (n, 3, 3); None where there is no grid."""
+        """Linear parts from the search to world space, (n, 3, 3); None where it is not kept."""
         if len(vertices) > 1:
             return None
         linear = matrices[:, :3, :3]
@@ -203,10 +205,8 @@ class ContactFollower:
             self._known_turn = linear.copy(), turns
         return turns
 
-    def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> Nearest:
-        """Nearest places at one time of a deforming mesh: a grid of the triangles near the points
-        only.
-        """
+    def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> NearestPlaces:
+        """Nearest places at one time of a deforming mesh, of the triangles near the points only."""
         mine = np.flatnonzero(time == k)
         triangles = self._mesh.triangles
         low = points[mine].min(axis=0) - self._reach_m
@@ -219,13 +219,13 @@ class ContactFollower:
             outside |= a & b & c
         near = np.flatnonzero(~outside)
         corners = world[triangles[near]]
-        found = TriangleGrid(corners, self._reach_m, is_for_once=True).nearest(points[mine])
-        return Nearest(
+        found = SurfaceLocator(corners, self._reach_m).nearest(points[mine])
+        return NearestPlaces(
             mine[found.point], near[found.triangle], found.weights, found.place, found.distance
         )
 
     def _paths(
-        self, vertices: F64, found: Nearest, time: I64, ids: I64, follows: Bool, carried: int
+        self, vertices: F64, found: NearestPlaces, time: I64, ids: I64, follows: Bool, carried: int
     ) -> ContactPaths:
         triangle, weights = found.triangle, found.weights
         coordinates = self._mesh.coordinates_m.take(triangle, axis=0)
@@ -310,8 +310,8 @@ class _Still:
 
     local: F64  # (V, 3)
     inverse: F64  # (3, 3) of the linear part of its placing
-    placed: F64  # (1, V, 3) in the space of the grid
-    grid: TriangleGrid
+    placed: F64  # (1, V, 3) in the space of the search
+    search: SurfaceLocator
     charts: F64  # (F, 2, 3)
 
 
@@ -323,18 +323,18 @@ def _still(mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> _Still
         local.copy(),
         np.linalg.pinv(linear),
         placed[None],
-        TriangleGrid(corners, reach_m),
+        SurfaceLocator(corners, reach_m),
         _charts(corners, mesh.coordinates_m),
     )
 
 
-def _none_yet() -> Nearest:
+def _none_yet() -> NearestPlaces:
     nothing = np.zeros(0, np.int64)
-    return Nearest(nothing, nothing, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    return NearestPlaces(nothing, nothing, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
-def _part(found: Nearest, chosen: I64) -> Nearest:
-    return Nearest(
+def _part(found: NearestPlaces, chosen: I64) -> NearestPlaces:
+    return NearestPlaces(
         found.point[chosen],
         found.triangle[chosen],
         found.weights[chosen],
@@ -343,8 +343,8 @@ def _part(found: Nearest, chosen: I64) -> Nearest:
     )
 
 
-def _joined(parts: list[Nearest]) -> Nearest:
-    return Nearest(
+def _joined(parts: list[NearestPlaces]) -> NearestPlaces:
+    return NearestPlaces(
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("point", "triangle", "weights", "place", "distance")

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from ..arrays import F32
 from .linear_light import luminance, srgb_to_linear
 
-STRIDE: Final = 16
-"""Edges of a picture are multiples of it."""
+STRIDE: Final = 32
+"""Edges of a picture are multiples of it; those of its half are multiples of 16."""
 
 WEIGHTS: Final = Path(__file__).with_suffix(".npz")
 
@@ -62,23 +62,33 @@ def stored_weights() -> Weights:
 
 
 def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = None) -> Estimate:
-    """Relief of a picture: the mean of the estimates of its four turns by 90 degrees.
+    """Relief of a picture.
+
+    Slopes have no scale: the picture at half its resolution tells their mean a second time, and
+    the geometric mean of both is taken.
 
     Parameters
     ----------
     srgb : (H, W, 3)
-        sRGB 0..1; H and W multiples of 16.
+        sRGB 0..1; H and W multiples of 32.
     tiles : bool
         Whether it goes on at its opposite edge.
     """
     weights = stored_weights() if weights is None else weights
+    colours = np.asarray(srgb, np.float32)
+    found = of_all_turns(colours, weights, tiles)
+    half = _halved(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
+    ratio = of_all_turns(half, weights, tiles).slope.mean() / found.slope.mean()
+    return found._replace(slope=found.slope * np.sqrt(ratio))
+
+
+def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
+    """Mean of the estimates of the four turns of a picture by 90 degrees."""
     inputs = prepared(srgb)
-    total: F32 | None = None
+    total = np.zeros_like(inputs)
     for turns in range(4):
         found = forward(np.ascontiguousarray(np.rot90(inputs, turns, (1, 2))), weights, tiles)
-        found = np.rot90(found, -turns, (1, 2))
-        total = found.copy() if total is None else np.add(total, found, out=total)
-    assert total is not None
+        total += np.rot90(found, -turns, (1, 2))
     heights, slope, roughness = total * np.float32(0.25)
     # Gently, so that the faint pattern of a smooth surface is kept.
     return Estimate(heights, slope * (slope / (slope + np.float32(_FLAT))), roughness)

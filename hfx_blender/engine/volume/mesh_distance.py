@@ -68,9 +68,23 @@ class TriangleTree:
     def distances(self, points: F64) -> F64:
         """Distance of each point of (3, N) to the nearest triangle, (N,)."""
         if self.compiled is not None:
-            return native.distances(self.compiled, points)
-        distances: F64 = np.sqrt(self._squared(points, self._first_guess(points, _FEW)))
+            return native.nearest(self.compiled, points)[1]
+        distances: F64 = np.sqrt(self._squared(points, self._first_guess(points, _FEW))[0])
         return distances
+
+    def nearest(self, points: F64, reach: float) -> tuple[I64, F64]:
+        """Triangle nearest to each point of (3, N) within ``reach``, and its distance, (N,) each.
+
+        -1 and infinity where none is so near.
+        """
+        if self.compiled is not None:
+            leaves, distances = native.nearest(self.compiled, points, reach)
+        else:
+            rounding = 1e-12 * float(np.abs(self.corners).max())  # of a place near its box
+            bound = self._first_guess(points, _FEW) * (1.0 + 1e-12) + rounding**2
+            squared, leaves = self._squared(points, np.minimum(bound, reach * reach))
+            distances = np.where(leaves < 0, np.inf, np.sqrt(squared))
+        return np.where(leaves < 0, -1, self.order[leaves]), distances
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
         """Approximation of :meth:`distances`, cheaper: too large by at most the share ``slack``.
@@ -80,11 +94,12 @@ class TriangleTree:
             return native.distances_beyond(self.compiled, points, limit, slack, _MANY)
         squared = self._first_guess(points, _MANY)
         far = squared > limit * limit
-        squared[far] = self._squared(points[:, far], squared[far], (1.0 + slack) ** -2)
+        squared[far] = self._squared(points[:, far], squared[far], (1.0 + slack) ** -2)[0]
         return np.sqrt(squared)
 
-    def _squared(self, points: F64, best: F64, share: float = 1.0) -> F64:
-        """Squared distances, given upper bounds of them: pass over the tree level by level.
+    def _squared(self, points: F64, best: F64, share: float = 1.0) -> tuple[F64, I64]:
+        """Squared distances, given upper bounds of them, and the leaves, -1 where the bound is
+        less: pass over the tree level by level.
 
         Boxes beyond ``share`` of a bound are not entered.
         """
@@ -100,15 +115,17 @@ class TriangleTree:
             if len(owners) > _PAIRS_AT_ONCE and count > 1:
                 half = count // 2
                 parts = (slice(half), slice(half, None))
-                return np.concatenate([self._squared(points[:, p], best[p], share) for p in parts])
-        triangles = self.order[nodes]
-        best = best.copy()
-        np.minimum.at(
-            best,
-            owners,
-            _to_triangles(points.take(owners, axis=1), self._frames.take(triangles, axis=1)),
-        )
-        return best
+                found = [self._squared(points[:, p], best[p], share) for p in parts]
+                squared, leaves = (np.concatenate(each) for each in zip(*found, strict=True))
+                return squared, leaves
+        frames = self._frames.take(self.order[nodes], axis=1)
+        squared = _to_triangles(points.take(owners, axis=1), frames)
+        best, leaves = best.copy(), np.full(count, -1)
+        by_distance = np.argsort(-squared, kind="stable")  # of those of one point the least is last
+        by_distance = by_distance[squared[by_distance] <= best[owners[by_distance]]]
+        best[owners[by_distance]] = squared[by_distance]
+        leaves[owners[by_distance]] = nodes[by_distance]
+        return best, leaves
 
     def _first_guess(self, points: F64, width: int) -> F64:
         """Squared distance to a triangle that is near: the ``width`` nearest boxes go on down."""

@@ -123,12 +123,9 @@ class _Baked:
         text = self._texts.add
         names = text(device.id), text(device.name), text(self._bodies[raster.body_id])
         firsts = len(self._actuators), len(self._columns)
-        column = 0
-        for actuator in device.actuators:
-            controls = actuator.type.controls
-            self._add_actuator(device, actuator, raster.values[:, column : column + len(controls)])
-            column += len(controls)
-        counts = len(device.actuators), column
+        for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
+            self._add_actuator(device, actuator, raster.values[:, part])
+        counts = len(device.actuators), len(device.controls)
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.raster import columns_of
 from ...errors import InputError
 from ..checking import read_bytes
 from . import baked, rules
@@ -81,7 +82,7 @@ class PlayedClip:
             first, count = int(found["first_actuator"]), int(found["actuators"])
             each = [_rows_of(sections, k) for k in range(first, first + count)]
             self._actuators[name] = each
-        self._neutral = {name: _neutral_of(device) for name, device in devices.items()}
+        self._neutral = {name: device.neutral for name, device in devices.items()}
         self._shown: int | None = None  # last row
 
     def begin(self, client: LiveClient) -> None:
@@ -133,7 +134,7 @@ def _check_columns(sections: Sections, found: Any, device: DeviceConfig, path: s
     columns = sections["COLM"][(owners >= first) & (owners < first + count)]
     actuators = texts_at(sections, sections["ACTR"]["id"][columns["actuator"]])
     theirs = list(zip(actuators, texts_at(sections, columns["parameter"]), strict=True))
-    ours = [(each.id, c.name) for each in device.actuators for c in each.type.controls]
+    ours = [(each.actuator, each.parameter) for each in columns_of(device)]
     for one, other in zip(theirs, ours, strict=False):
         if one != other:
             raise InputError(
@@ -154,7 +155,3 @@ def _rows_of(sections: Sections, actuator: int) -> _Rows:
     numbers = sections["VALU"][first : first + len(rows) * columns : columns].astype(np.int64)
     neutral = int(sections["COLM"]["neutral_number"][int(at["first_column"])])
     return _Rows(rows, values, np.abs(numbers - neutral))
-
-
-def _neutral_of(device: DeviceConfig) -> F64:
-    return np.array([c.neutral for each in device.actuators for c in each.type.controls])

@@ -93,8 +93,7 @@ class _CableIsCut(Rounds):
     def __init__(self, folder: Path) -> None:
         self._library = firmware_core.built(folder)
         self._device = load_device(_BOARD)
-        controls = [c for each in self._device.actuators for c in each.type.controls]
-        self._values = np.array([c.highest for c in controls], np.float64)
+        self._values = np.array([c.highest for c in self._device.controls], np.float64)
         self._rng = np.random.default_rng(1)
         self._open()
 

@@ -30,10 +30,10 @@ _EVIL_DRIVER: Final = "(open({mark!r}, 'a').write('driver ') and 0) or frame"
 def limiter(count: int) -> dict[str, Any]:
     """Push values of every kind through the guard that all devices have; plain data."""
     device = _large_device()
-    controls = [control for actuator in device.actuators for control in actuator.type.controls]
+    controls = device.controls
     lowest = np.array([control.lowest for control in controls])
     highest = np.array([control.highest for control in controls])
-    neutral = np.array([control.neutral for control in controls])
+    neutral = device.neutral
     is_strength = np.array(
         [c is a.type.strength for a in device.actuators for c in a.type.controls]
     )

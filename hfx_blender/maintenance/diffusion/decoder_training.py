@@ -72,8 +72,8 @@ class PerceptualNetwork:
                 self._network = transformers.AutoModel.from_pretrained(
                     str(folder), local_files_only=True, use_safetensors=True
                 )
-            except (OSError, ValueError) as error:
-                reason = str(error).strip().splitlines()[0]
+            except Exception as error:  # as in ModelFolder
+                reason = [*str(error).strip().splitlines(), type(error).__name__][0]
                 raise InputError(f"{folder}: cannot be loaded ({reason}).") from error
         self._network.to(device).eval().requires_grad_(False)
         self._is_random = folder is None

@@ -28,6 +28,19 @@ PIPELINES: Final = (
 _LIBRARIES: Final = ("diffusers", "transformers", "stable_diffusion")
 """Sources of a pipeline's parts: a folder may bring no code of its own."""
 
+_PARTS: Final = (
+    "AutoencoderKL",
+    "UNet2DConditionModel",
+    "SD3Transformer2DModel",
+    "CLIPTextModel",
+    "CLIPTextModelWithProjection",
+    "T5EncoderModel",
+    "CLIPVisionModelWithProjection",
+    "StableDiffusionSafetyChecker",
+)
+_PART_ENDS: Final = ("Scheduler", "Tokenizer", "TokenizerFast", "Processor", "FeatureExtractor")
+"""Classes of parts: weights that another class reads would be left as they are by chance."""
+
 _UNSAFE: Final = (".bin", ".ckpt", ".pt", ".pth", ".pkl")
 Progress = Callable[[float], None]
 
@@ -69,7 +82,12 @@ def check_folder(folder: Path) -> str:
                 f"{index}: {part} comes from '{library}', allowed are {', '.join(_LIBRARIES)}: "
                 "code of a model is never run."
             )
-        if kind is not None and (folder / part).is_dir():
+        if kind not in (None, *_PARTS) and not str(kind).endswith(_PART_ENDS):
+            raise InputError(
+                f"{index}: {part} is a '{kind}', allowed are {', '.join(_PARTS)}, schedulers, "
+                "tokenizers and processors of pictures."
+            )
+        if kind is not None:
             _check_weights(folder / part)
     return name
 
@@ -81,6 +99,8 @@ def _absent(folder: Path) -> list[str]:
 
 
 def _check_weights(part: Path) -> None:
+    if not part.is_dir():
+        raise InputError(f"{part}: there is no such folder; the model has it as a part.")
     files = [path.name for path in part.iterdir()]
     unsafe = [name for name in files if name.endswith(_UNSAFE)]
     if unsafe and not any(name.endswith(".safetensors") for name in files):
@@ -148,8 +168,8 @@ class ModelFolder:
                 **dict.fromkeys(_absent(folder)),
             )
             self.pipeline.to(self.device)
-        except (OSError, ValueError, RuntimeError) as error:
-            reason = str(error).strip().splitlines()[0]
+        except Exception as error:  # what a stranger's folder raises in the libraries has no bound
+            reason = [*str(error).strip().splitlines(), type(error).__name__][0]
             raise InputError(f"{folder}: cannot be loaded ({reason}).") from error
         self.pipeline.set_progress_bar_config(disable=True)
         # Half floats overflow in the decoders of larger models.

@@ -22,18 +22,46 @@ namespace Hfx.Haptics
             public float Share, Seconds;
         }
 
-        bool isLeftOn, isRightOn;
+        bool isLeftOn, isRightOn, isListening;
 
-        void OnEnable()
+        public HapticPlayer Player
         {
-            if (player != null) player.ValuesChanged += OfPlayer;
-            if (body != null) body.ValuesChanged += OfBody;
+            get { return player; }
+            set
+            {
+                bool wasListening = isListening;
+                Listen(false);
+                player = value;
+                Listen(wasListening);
+            }
+        }
+
+        public HapticBody Body
+        {
+            get { return body; }
+            set
+            {
+                bool wasListening = isListening;
+                Listen(false);
+                body = value;
+                Listen(wasListening);
+            }
+        }
+
+        void OnEnable() { Listen(true); }
+
+        void Listen(bool listen)
+        {
+            if (player != null && isListening) player.ValuesChanged -= OfPlayer;
+            if (body != null && isListening) body.ValuesChanged -= OfBody;
+            isListening = listen;
+            if (player != null && listen) player.ValuesChanged += OfPlayer;
+            if (body != null && listen) body.ValuesChanged += OfBody;
         }
 
         void OnDisable()
         {
-            if (player != null) player.ValuesChanged -= OfPlayer;
-            if (body != null) body.ValuesChanged -= OfBody;
+            Listen(false);
             Send(XRNode.LeftHand, new Pulse(), ref isLeftOn);
             Send(XRNode.RightHand, new Pulse(), ref isRightOn);
         }

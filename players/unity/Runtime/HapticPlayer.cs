@@ -19,11 +19,24 @@ namespace Hfx.Haptics
 
         ClipPlayer player;
         float[] values;
+        bool isPaused, isAway; // by the game; because the application is paused or has lost its focus
 
         /// <summary>Each frame in which something plays, and once more when it ends: all columns, in their units.</summary>
         public event Action<HapticPlayer> ValuesChanged;
         /// <summary>The clip came to its end by itself.</summary>
         public event Action Finished;
+
+        /// <summary>The clip's file; another one ends what plays.</summary>
+        public HapticClipAsset Asset
+        {
+            get { return clip; }
+            set
+            {
+                Stop();
+                clip = value;
+                player = null;
+            }
+        }
 
         public HapticClip Clip { get { return clip != null ? clip.Clip : null; } }
         public float[] Values { get { return values; } }
@@ -45,11 +58,10 @@ namespace Hfx.Haptics
             else Debug.LogError("The haptic clip has no part '" + name + "'.", this);
         }
 
-        public void Pause(bool isPaused)
+        public void Pause(bool pause)
         {
-            if (player == null) return;
-            player.IsPaused = isPaused;
-            if (isPaused) Silence();
+            isPaused = pause;
+            Hold();
         }
 
         public void Stop()
@@ -76,13 +88,26 @@ namespace Hfx.Haptics
 
         void OnDisable() { Stop(); }
 
-        void OnApplicationFocus(bool hasFocus) { Pause(!hasFocus); }
+        void OnApplicationFocus(bool hasFocus)
+        {
+            isAway = !hasFocus;
+            Hold();
+        }
 
-        void OnApplicationPause(bool isPaused) { Pause(isPaused); }
+        void OnApplicationPause(bool pause)
+        {
+            isAway = pause;
+            Hold();
+        }
+
+        void Hold()
+        {
+            if ((isPaused || isAway) && player != null) Silence();
+        }
 
         void Update()
         {
-            if (!IsPlaying || player.IsPaused) return;
+            if (!IsPlaying || isPaused || isAway) return;
             if (Time.timeScale == 0.0f)
             {
                 Silence();
@@ -99,6 +124,7 @@ namespace Hfx.Haptics
 
         bool Prepare()
         {
+            isPaused = false;
             if (clip == null)
             {
                 Debug.LogError("The haptic player has no clip.", this);

@@ -21,6 +21,7 @@ static class Conformance
         int damaged = 0;
         foreach (string path in paths) damaged += Damage(path);
         foreach (string path in paths) Garbage(path);
+        Check(Components.Play(paths[0].Replace(Path.GetFileName(paths[0]), "touch.hfxclip")), "components");
         int felt = 0;
         if (arguments.Length > 1) felt = Spatial.Walk(arguments[1], ref wrong);
         Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + felt + " weights felt, " + wrong + " wrong");

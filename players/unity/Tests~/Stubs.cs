@@ -10,9 +10,29 @@ namespace UnityEngine
     {
         public static T CreateInstance<T>() where T : ScriptableObject, new() { return new T(); }
     }
+    public enum PrimitiveType { Cube = 3 }
+    public sealed class GameObject : Object
+    {
+        public readonly Transform transform = new Transform();
+        public readonly List<Component> components = new List<Component>();
+        public T AddComponent<T>() where T : Component, new()
+        {
+            T made = new T { gameObject = this, transform = transform };
+            components.Add(made);
+            Call(made, "OnEnable");
+            return made;
+        }
+        public static GameObject CreatePrimitive(PrimitiveType type) { return new GameObject(); }
+        public static void Call(object on, string method, params object[] given)
+        {
+            var found = on.GetType().GetMethod(method, System.Reflection.BindingFlags.Instance | System.Reflection.BindingFlags.NonPublic);
+            if (found != null) found.Invoke(on, given);
+        }
+    }
     public class Component : Object
     {
         public Transform transform;
+        public GameObject gameObject;
         public T[] GetComponentsInChildren<T>() { return (T[])(object)transform.all.ToArray(); }
     }
     public class Behaviour : Component { }
@@ -21,6 +41,8 @@ namespace UnityEngine
     {
         public readonly List<Transform> all = new List<Transform>();
         public Matrix4x4 localToWorldMatrix = Matrix4x4.identity;
+        public Vector3 localPosition, localScale;
+        public void SetParent(Transform parent, bool worldPositionStays) { parent.all.Add(this); }
         public Matrix4x4 worldToLocalMatrix { get { return localToWorldMatrix.inverse; } }
     }
     public sealed class Animator : Behaviour
@@ -101,6 +123,8 @@ namespace UnityEngine
     {
         public const float PI = (float)Math.PI;
         public static float Cos(float angle) { return (float)Math.Cos(angle); }
+        public static float Abs(float value) { return Math.Abs(value); }
+        public static float Max(float one, float other) { return Math.Max(one, other); }
         public static float Sin(float angle) { return (float)Math.Sin(angle); }
     }
     public static class Gizmos
@@ -125,8 +149,14 @@ namespace UnityEngine.XR
     public struct InputDevice
     {
         public bool isValid { get { return true; } }
-        public bool SendHapticImpulse(uint channel, float amplitude, float duration = 1.0f) { return true; }
-        public void StopHaptics() { }
+        public static float amplitude, strongest;
+        public bool SendHapticImpulse(uint channel, float amplitude, float duration = 1.0f)
+        {
+            InputDevice.amplitude = amplitude;
+            strongest = Math.Max(strongest, amplitude);
+            return true;
+        }
+        public void StopHaptics() { amplitude = 0.0f; }
     }
     public static class InputDevices { public static InputDevice GetDeviceAtXRNode(XRNode node) { return new InputDevice(); } }
 }

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,9 +14,11 @@ from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.skin_parts import joined, skin_of
 from hfx_blender.engine.retargeting.surface import vertex_normals
 from hfx_blender.engine.retargeting.target import TargetAvatar
+from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
 
 BONES = ("root", "spine01", "head", "wrist.L", "wrist.R")
@@ -164,3 +167,34 @@ def test_the_layer_that_is_felt_is_chosen() -> None:
         fitted, _ = retarget.fit(model, replace(warped, same=None))
         on_cloth = (fitted.anchors.corners[mine] >= inner).all(axis=1)
         assert abs(on_cloth.mean() - share) < 0.15, layer
+
+
+def _ball(target: TargetAvatar, middle: tuple[float, float, float], radius: float) -> TargetAvatar:
+    """A sphere that hangs on the head."""
+    from trimesh.creation import icosphere
+
+    ball = icosphere(4, radius)
+    count, head = len(ball.vertices), target.bone_names.index("head")
+    return replace(
+        target,
+        vertices=ball.vertices + middle,
+        triangles=np.array(ball.faces, np.int64),
+        weights=SkinWeights(
+            np.arange(count + 1, dtype=np.int32),
+            np.full(count, head, np.int32),
+            np.ones(count, np.float32),
+        ),
+    )
+
+
+def test_a_hat_that_is_wider_than_the_head_is_no_head() -> None:
+    target, mapping = canonical_mesh()
+    hat = _ball(target, (0.0, -0.06, 1.80), 0.16)
+    assert finish(skin_of(load_avatar(), [hat, target], mapping)) == [1]
+
+
+def test_a_hand_alone_is_no_body() -> None:
+    target, mapping = canonical_mesh()
+    hand = _part(target, target.vertices[:, 0] > 0.62)
+    with pytest.raises(InputError, match="show no torso"):
+        skeletons_of(load_avatar(), hand, mapping)

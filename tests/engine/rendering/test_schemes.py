@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering.device import DeviceConfig, Scheme
 from hfx_blender.engine.rendering.schemes import cells_of
+from hfx_blender.errors import InputError
 
 PANNING = ("nearest", "barycentric", "surface", "ring", "line", "vbap", "splat")
 MODEL = "hfx-pressure-1"
@@ -108,3 +110,12 @@ def test_devices_in_the_room_are_not_panned():
     device = with_scheme("fan_heater", "barycentric")
     cells = cells_of(device, device.actuators, load_model(MODEL))
     assert (cells.counts == len(load_model(MODEL))).all()
+
+
+def test_a_scheme_that_needs_scipy_says_so_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, pad = load_model(MODEL), with_scheme("back_pad", "barycentric")
+    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    with pytest.raises(InputError, match="'barycentric' needs the Python package scipy"):
+        cells_of(pad, pad.actuators, model)
+    belt = load_device("waist_belt")
+    assert cells_of(belt, belt.actuators, model).counts.all(), "a ring needs none"

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hfx_blender.engine.body.surface_locator import SurfaceLocator
 from hfx_blender.engine.texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
-from hfx_blender.engine.texture.triangle_grid import TriangleGrid
 
 
 def _sheet(count: int = 8, size: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +60,7 @@ def test_the_nearest_place_is_that_of_trimesh(seed: int) -> None:
     points = rng.uniform(-0.12, 0.12, (30, 3))
     expected, distances, _ = trimesh.proximity.closest_point_naive(mesh, points)
     reach = 0.03
-    found = TriangleGrid(np.array(mesh.triangles), reach).nearest(points)
+    found = SurfaceLocator(np.array(mesh.triangles), reach).nearest(points)
     sure = np.abs(distances - reach) > 1e-9
     np.testing.assert_array_equal(
         np.isin(np.arange(30), found.point)[sure], (distances < reach)[sure]
@@ -78,7 +78,7 @@ def test_the_nearest_place_is_that_of_trimesh(seed: int) -> None:
     [np.zeros((0, 3, 3)), np.zeros((2, 3, 3)), np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]])],
 )
 def test_a_mesh_without_area_has_no_nearest_place(corners: np.ndarray) -> None:
-    found = TriangleGrid(corners.astype(float), 0.1).nearest(np.zeros((3, 3)))
+    found = SurfaceLocator(corners.astype(float), 0.1).nearest(np.zeros((3, 3)))
     assert len(found.point) == 0
 
 

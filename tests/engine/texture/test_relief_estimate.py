@@ -17,8 +17,8 @@ from hfx_blender.maintenance.bench import relief as bench
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
-    """Lit bumps of 10 and 12 texels in two colours, 48 x 64, that tile."""
-    y, x = np.mgrid[0:48, 0:64]
+    """Lit bumps of 16 and 12 texels in two colours, 96 x 64, that tile."""
+    y, x = np.mgrid[0:96, 0:64]
     light = 0.5 + 0.2 * np.cos(2 * np.pi * x / 16) * np.sin(2 * np.pi * y / 12)
     red = np.where(np.sin(2 * np.pi * (x + y) / 16) > 0, 1.0, 0.8)
     return np.stack([light * red, light, light], -1)
@@ -30,22 +30,33 @@ def layers(found: EstimatedRelief) -> np.ndarray:
 
 @pytest.mark.parametrize("tiles", [True, False])
 def test_turned_by_90_degrees_the_relief_turns_with_it(picture: np.ndarray, tiles: bool) -> None:
-    straight = layers(estimate(picture, (0.064, 0.048), tiles=tiles))
-    turned = layers(estimate(np.rot90(picture), (0.048, 0.064), tiles=tiles))
+    straight = layers(estimate(picture, (0.064, 0.096), tiles=tiles))
+    turned = layers(estimate(np.rot90(picture), (0.096, 0.064), tiles=tiles))
     assert np.ptp(straight[1]) > 0.01
     assert np.allclose(np.rot90(turned, -1, (1, 2)), straight, atol=1e-5)
 
 
 def test_what_tiles_stays_tiling(picture: np.ndarray) -> None:
-    straight = layers(estimate(picture, (0.064, 0.048), tiles=True))
-    moved = layers(estimate(np.roll(picture, (16, 32), (0, 1)), (0.064, 0.048), tiles=True))
-    assert np.allclose(np.roll(straight, (16, 32), (1, 2)), moved, atol=1e-5)
+    straight = layers(estimate(picture, (0.064, 0.096), tiles=True))
+    moved = layers(estimate(np.roll(picture, (64, 32), (0, 1)), (0.064, 0.096), tiles=True))
+    assert np.allclose(np.roll(straight, (64, 32), (1, 2)), moved, atol=1e-5)
 
 
 def test_slopes_have_no_scale_and_heights_grow_with_the_size(picture: np.ndarray) -> None:
-    small, large = (estimate(picture, (s, 0.75 * s)) for s in (0.01, 0.1))
+    small, large = (estimate(picture, (s, 1.5 * s)) for s in (0.01, 0.1))
     assert np.allclose(small.slope, large.slope)
     assert np.allclose(10.0 * small.field.heights_m, large.field.heights_m)
+
+
+def test_the_level_is_agreed_on_with_the_picture_at_half_its_resolution() -> None:
+    (case,) = bench.cases(1, 0, ("labyrinth",))
+    full = case.srgb.astype(np.float32)
+    half = full.reshape(128, 2, 128, 2, 3).mean((1, 3))
+    weights = relief_network.stored_weights()
+    alone = [relief_network.of_all_turns(each, weights, True).slope.mean() for each in (full, half)]
+    agreed = relief_network.estimated(full, tiles=True).slope.mean()
+    assert max(alone) > 1.3 * min(alone)
+    assert agreed == pytest.approx(np.sqrt(alone[0] * alone[1]), rel=1e-4)
 
 
 def test_any_size_is_kept(picture: np.ndarray) -> None:

@@ -184,21 +184,25 @@ def test_the_window_of_the_engine_is_that_of_the_textile_renderer(hand: Perceptu
     assert sample.parameters[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_before_it_touched_nothing_changed_under_a_contact() -> None:
+def paths_over_sheet(x_m):
+    """Paths of one contact that stands at these places of the sheet, one a sample."""
     vertices, triangles = SHEET
+    points = np.zeros((len(x_m), 3))
+    points[:, 0] = x_m
+    return ContactFollower(SurfaceMesh(triangles, vertices[triangles][..., :2]), 0.003).follow(
+        np.tile(np.eye(4), (len(points), 1, 1)),
+        vertices[None],
+        np.arange(len(points)),
+        np.zeros(len(points), np.int64),
+        points,
+        np.arange(len(points)) > 0,
+    )
+
+
+def test_before_it_touched_nothing_changed_under_a_contact() -> None:
     field = grating(1e-3, texels=16)  # no step passes a texel
     texture = SurfaceTexture(field, None, Renderer.TEXTILE)
-    follower = ContactFollower(SurfaceMesh(triangles, vertices[triangles][..., :2]), 0.003)
-    points = np.zeros((2, 3))
-    points[:, 0] = [0.2e-3, 1.2e-3]  # 10 cm/s for one sample of a hundredth of a second
-    paths = follower.follow(
-        np.tile(np.eye(4), (2, 1, 1)),
-        vertices[None],
-        np.arange(2),
-        np.zeros(2, np.int64),
-        points,
-        np.array([False, True]),
-    )
+    paths = paths_over_sheet([0.2e-3, 1.2e-3])  # 10 cm/s for one sample of a hundredth of a second
     drive, _ = ContactRenderer(texture, 0.01).render(paths)
     x = np.concatenate([np.full(80, 0.2e-3), 0.2e-3 + 1e-3 * (np.arange(20) + 0.5) / 20])
     heights = field.sample(np.stack([x, 0.0 * x], axis=1))
@@ -207,22 +211,11 @@ def test_before_it_touched_nothing_changed_under_a_contact() -> None:
 
 def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
     """0.5 mm in texels of 0.25 mm and 0.1 mm at 6 cm/s: 120 Hz, 30 um times the drive."""
-    vertices, triangles = SHEET
     for texel, drive_per_m, expected in ((2.5e-4, 1.6e4, 0.48), (1e-4, 1e6, 1.0)):
         wave = 30e-6 * np.sin(2.0 * np.pi * (np.arange(round(0.1 / texel)) + 0.5) * texel / 5e-4)
         field = HeightField(np.tile(wave, (8, 1)), (texel, texel), True)
         texture = SurfaceTexture(field, None, Renderer.DIRECT, drive_per_m)
-        follower = ContactFollower(SurfaceMesh(triangles, vertices[triangles][..., :2]), 0.003)
-        points = np.zeros((20, 3))
-        points[:, 0] = -0.03 + 6e-4 * np.arange(20)
-        paths = follower.follow(
-            np.tile(np.eye(4), (20, 1, 1)),
-            vertices[None],
-            np.arange(20),
-            np.zeros(20, np.int64),
-            points,
-            np.arange(20) > 0,
-        )
+        paths = paths_over_sheet(-0.03 + 6e-4 * np.arange(20))
         drive, frequency = ContactRenderer(texture, 0.01).render(paths)
         assert drive[10:].max() == pytest.approx(expected, rel=0.04)
         assert frequency[-1] == pytest.approx(120.0, rel=0.02)

@@ -10,6 +10,7 @@ import bpy
 import hands
 
 PLACE = 1  # of the panel: below the effects
+CANCEL_BESIDE = 49  # pixels from the right edge of the sidebar; its X is too small to be looked for
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -55,15 +56,20 @@ def steps(h: Any) -> Iterator[float]:
     h.check(bpy.context.object.hfx.surface.source == "GENERATED", "redo gives it again")
 
     wanted.resolution, wanted.variations = 2048, 8
+    _, height = yield from h.button(h.region("UI"), bpy.types.HFX_OT_generate_surface)
     yield from h.press_button("HFX_OT_generate_surface")
     yield 0.5
     h.check(made.running is not None, "more are being made")
     h.shot("3_progress.png")
-    yield from h.press_button("HFX_OT_cancel_generation")
+    region = h.region("UI")
+    yield from h.click(region.x + region.width - CANCEL_BESIDE, height)
     yield from h.until(lambda: made.running is None, "until they are cancelled", 10)
     h.check(len(made.results) == 4, "the earlier ones are still there")
 
     yield from h.press_button("HFX_OT_stroke_pad")
     yield 0.5
     h.shot("4_pad.png")
+    pad = h.region()
+    yield from h.drag([h.xy(pad, 0.3 + 0.02 * step, 0.5) for step in range(20)], step=0.1)
+    h.shot("5_stroked.png")
     yield from h.key("Escape")

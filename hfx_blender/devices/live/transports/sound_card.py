@@ -174,11 +174,6 @@ def _library() -> Any:
 
 def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Columns of the amplitudes and frequencies of vibration actuators."""
-    amplitudes = []
-    first = 0
-    for actuator in device.actuators:
-        if actuator.type.modality == "vibration":
-            amplitudes.append(first)
-        first += len(actuator.type.controls)
-    found = np.array(amplitudes, np.int64)
+    vibrates = [actuator.type.modality == "vibration" for actuator in device.actuators]
+    found = device.strength_columns[vibrates]
     return found, found + 1

@@ -74,6 +74,8 @@ def left_by_soles(
         points = np.concatenate([skin[name] for name in below])
         start = rig.head(knee) if foot is None else foot
         depth = (points - start) @ (-up if foot is None else foot - rig.head(knee))
+        if not depth.max() > 0.0:  # no skin below the foot's joint
+            return None
         sole = points[depth > (0.9 if foot is None else 0.5) * depth.max()]
         places[f"toe1-1.{side}"] = sole.mean(axis=0)
         if foot is None:

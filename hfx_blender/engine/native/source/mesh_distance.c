@@ -112,20 +112,27 @@ static Tree all_of(const hfx_tree *tree) {
   return (Tree){tree->boxes, tree->size, tree->frames, tree->size < TOGETHER ? tree->size : TOGETHER};
 }
 
-// Distances (count) of points (3, count); NaN for what is not finite.
-HFX_EXPORT void hfx_mesh_distances(const hfx_tree *known, const double *points, int64_t count,
-                                   double *distances) {
+// Leaves of the nearest triangles within `reach` of points (3, count), and the distances: -1 and
+// infinity without one, NaN for what is not finite.
+HFX_EXPORT void hfx_mesh_nearest(const hfx_tree *known, const double *points, int64_t count,
+                                 double reach, int64_t *leaves, double *distances) {
   const Tree tree = all_of(known);
-  int64_t at = 0;
+  const double farthest = reach * reach * WIDER;
+  int64_t last = 0;
   for (int64_t n = 0; n < count; ++n) {
     const double point[3] = {points[n], points[count + n], points[2 * count + n]};
+    leaves[n] = -1;
     if (!is_finite(point)) {
       distances[n] = NAN;
       continue;
     }
     // Points that follow each other are often neighbours: the last one's triangle is a bound.
-    const double guess = to_triangle(point, tree.frames + FRAME * at, INFINITY);
-    distances[n] = sqrt(least(&tree, point, guess, INFINITY, WIDER, &at));
+    const double guess = to_triangle(point, tree.frames + FRAME * last, INFINITY);
+    int64_t at = guess <= farthest ? last : -1;
+    const double best = least(&tree, point, lesser(guess, farthest), INFINITY, WIDER, &at);
+    distances[n] = at < 0 ? INFINITY : sqrt(best);
+    leaves[n] = at;
+    if (at >= 0) last = at;
   }
 }
 

@@ -82,14 +82,14 @@ func stop() -> void:
 func seek(seconds: float) -> void:
 	if clip == null:
 		return
-	_position = clampf(seconds if seconds > 0.0 else 0.0, _start, _end)
+	_position = clampf(_positive(seconds), _start, _end)
 	_shown_row = _row_of(_position) - 1
 
 
 ## Scales one parameter (amplitude_m_s2, frequency_hz, pressure_kpa, temperature_c, speed_m_s): its
 ## deviation from neutral, a frequency itself.
 func set_parameter(parameter: String, factor: float) -> void:
-	_factors[parameter] = factor if factor > 0.0 else 0.0
+	_factors[parameter] = _positive(factor)
 
 
 func is_playing() -> bool:
@@ -108,7 +108,7 @@ func advance(seconds: float) -> PackedFloat32Array:
 		return PackedFloat32Array()
 	if not _playing or _paused:
 		return clip.get_neutral_values()
-	_position += seconds if seconds > 0.0 else 0.0
+	_position += _positive(seconds)
 	var now := _row_of(_position)
 	var spans := [Vector2i(_shown_row + 1, now)]
 	if _position < _end:
@@ -128,6 +128,11 @@ func advance(seconds: float) -> PackedFloat32Array:
 			return clip.get_neutral_values()
 	_shown_row = now
 	return _strongest(spans)
+
+
+## What is not a number or below 0 counts as 0; products of what is not infinite stay numbers.
+static func _positive(value: float) -> float:
+	return minf(value, 3.4e38) if value > 0.0 else 0.0
 
 
 func _row_of(seconds: float) -> int:
@@ -173,7 +178,7 @@ func _value(column: Dictionary, number: int, is_strength: bool) -> float:
 	if number != column.neutral_number:
 		value = column.lowest + (column.highest - column.lowest) * number / 65535.0
 	var neutral: float = column.neutral if is_strength else 0.0
-	var factor: float = _factors.get(column.parameter, 1.0) * (gain if is_strength else 1.0)
+	var factor: float = _factors.get(column.parameter, 1.0) * (_positive(gain) if is_strength else 1.0)
 	if factor == 1.0:
 		return value
 	return clampf(neutral + factor * (value - neutral), column.lowest, column.highest)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Upcoming state of a keyed scene: plain data of the engine, to be evaluated elsewhere."""
+"""Upcoming state of a keyed scene: plain data, to be evaluated elsewhere."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.arrays import F64
-from ...engine.kinematics.keyed_rig import KeyedRig
-from ...engine.scene import AnimationBlock, EffectBlock, PoseBlock, SceneDescription
-from ...engine.tolerance import Tolerance
-from ...engine.volume.shape import Shape
+from .arrays import F64
+from .kinematics.keyed_rig import KeyedRig
+from .scene import AnimationBlock, EffectBlock, PoseBlock, SceneDescription
+from .tolerance import Tolerance
+from .volume.shape import Shape
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+using System;
+using System.IO;
+using System.Reflection;
+using Hfx.Haptics;
+using UnityEngine;
+using UnityEngine.XR;
+
+/// <summary>
+/// The sample, with its player and controllers, as Unity would call them: they play, make no garbage, and are
+/// silent while the game is paused or has lost its focus.
+/// </summary>
+static class Components
+{
+    public static bool Play(string path)
+    {
+        HapticClipAsset asset = ScriptableObject.CreateInstance<HapticClipAsset>();
+        asset.SetBytes(File.ReadAllBytes(path));
+        GameObject garage = new GameObject();
+        var sample = garage.AddComponent<Hfx.Haptics.Samples.Garage>();
+        typeof(Hfx.Haptics.Samples.Garage).GetField("clip", BindingFlags.Instance | BindingFlags.NonPublic).SetValue(sample, asset);
+        GameObject.Call(sample, "Start");
+        HapticPlayer player = (HapticPlayer)garage.components[1];
+        Action frame = (Action)Delegate.CreateDelegate(typeof(Action), player, "Update");
+        long grown = Grown(frame);
+        bool plays = player.IsPlaying && InputDevice.strongest > 0.1f && garage.transform.all.Count == player.Clip.Actuators.Length;
+        player.Gain = 4.0f;
+        player.Pause(true);
+        bool isPaused = IsSilent(player, frame);
+        GameObject.Call(player, "OnApplicationFocus", false);
+        GameObject.Call(player, "OnApplicationFocus", true);
+        bool staysPaused = IsSilent(player, frame); // the player's own pause outlasts a lost focus
+        player.Pause(false);
+        bool goesOn = !IsSilent(player, frame);
+        GameObject.Call(player, "OnApplicationFocus", false);
+        bool isAway = IsSilent(player, frame);
+        GameObject.Call(player, "OnApplicationFocus", true);
+        Time.timeScale = 0.0f;
+        bool standsStill = IsSilent(player, frame);
+        Time.timeScale = 1.0f;
+        player.Asset = null;
+        bool isEmpty = player.Clip == null && !player.IsPlaying && InputDevice.amplitude == 0.0f;
+        bool[] held = { grown < 1000, plays, isPaused, staysPaused, goesOn, isAway, standsStill, isEmpty };
+        int fault = Array.IndexOf(held, false);
+        if (fault >= 0) Console.WriteLine("the sample's demand " + fault + " is not held (" + grown + " bytes of garbage)");
+        return fault < 0;
+    }
+
+    static long Grown(Action frame)
+    {
+        frame();
+        long before = GC.GetTotalMemory(true);
+        for (int k = 0; k < 20000; k++) frame();
+        return GC.GetTotalMemory(false) - before;
+    }
+
+    /// <summary>Whether nothing is felt in a second.</summary>
+    static bool IsSilent(HapticPlayer player, Action frame)
+    {
+        InputDevice.strongest = 0.0f;
+        for (int k = 0; k < 200; k++) frame();
+        return InputDevice.strongest == 0.0f;
+    }
+}
