@@ -9,7 +9,6 @@ arrays            types of arrays
 counters          numbers of what the engine did
 indexing          index arithmetic within groups of different sizes
 matmul            products of matrices that start no threads
-ways              paths of points between two samples
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
 native            the compiled loops

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import F64, I64
+from .arrays import I64
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:
@@ -22,15 +22,6 @@ def lacking(is_there: npt.NDArray[np.bool_], wanted: I64) -> I64:
     """Numbers in ``wanted`` for which nothing is there, each once, ascending."""
     known = is_there[wanted]
     return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])
-
-
-def largest(values: F64, owners: I64, count: int) -> F64:
-    """Maximum of ``values`` (E, ...) by owner (E,), ascending; 0 for owners without any."""
-    largest = np.zeros((count, *values.shape[1:]))
-    firsts = np.flatnonzero(np.diff(owners, prepend=-1))
-    if len(firsts):
-        largest[owners[firsts]] = np.maximum.reduceat(values, firsts, axis=0)
-    return largest
 
 
 def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine with the compiled library, with the phases of contact in numpy, and without it."""
+"""The engine with the compiled library and without it."""
 
 from __future__ import annotations
 
@@ -9,20 +9,9 @@ from unittest import mock
 
 import pytest
 
-from hfx_blender.engine.contact import accumulator, compiled_contacts
 from hfx_blender.engine.native import library
 
 needs_library = pytest.mark.skipif(not library.is_there(), reason="no library was built")
-
-
-@contextmanager
-def in_numpy() -> Iterator[None]:
-    """Context in which volumes that have a formula go the way of meshes and of details."""
-    with (
-        mock.patch.object(compiled_contacts, "is_possible", lambda query: False),
-        mock.patch.object(accumulator, "is_known", lambda shapes: False),
-    ):
-        yield
 
 
 @contextmanager

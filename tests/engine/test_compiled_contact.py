@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts of the compiled library equal those of numpy."""
+"""Contacts of the compiled library on whole bodies, and how it places volumes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from both_ways import in_numpy, needs_library
+from both_ways import by_reference, needs_library
 from distorted_scenes import load
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
@@ -14,10 +14,7 @@ from moving_scenes import SHAPES, moving_scene
 from hfx_blender.engine.active_rows import FARTHEST
 from hfx_blender.engine.contact import compiled_contacts
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
-from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.scene import BodyDescription, SkinBinding
-from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.placing_matrix import inverse_placement, world_bounds
@@ -54,20 +51,18 @@ def weights_at(time, rows):
 
 
 @pytest.mark.parametrize("modality", ["temperature", "pressure"])
-@pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
 @settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(
     seed=st.integers(0, 2**31), strength=st.floats(0.0, 0.6), speed=st.sampled_from([0.0, 0.1, 1.0])
 )
-@example(seed=300017, strength=0.08168121312481758, speed=0.4)  # passes, and ends far away
 @example(seed=2358, strength=0.32276461900142983, speed=1.0)  # a vertex on the boundary
-def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
+def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, speed):
+    """Vertex by vertex: many clusters, of which the volumes reach some."""
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
-    found, counted = told(scene, block, tolerance)
-    with in_numpy():
-        expected, counted_in_numpy = told(scene, block, tolerance)
-    assert counted == counted_in_numpy
-    assert found.keys() == expected.keys()
+    found, counted = told(scene, block, PAPER)
+    with by_reference():
+        expected, others = told(scene, block, PAPER)
+    assert counted[0] == others[0] and found.keys() == expected.keys()
     for name, rows in found.items():
         for time in {row[0] for row in (*rows, *expected[name])}:
             one, other = weights_at(time, rows), weights_at(time, expected[name])
@@ -82,16 +77,16 @@ def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
 
 
 def test_the_library_was_asked(monkeypatch):
-    """Else the test above compares numpy with itself."""
+    """Else the test above compares the reference with itself."""
     scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
     asked = []
     begin = compiled_contacts.begin
     monkeypatch.setattr(compiled_contacts, "begin", lambda *a: asked.append(1) or begin(*a))
-    told(scene, block, STANDARD)
+    told(scene, block, PAPER)
     assert asked
     asked.clear()
-    with in_numpy():
-        told(scene, block, STANDARD)
+    with by_reference():
+        told(scene, block, PAPER)
     assert not asked
 
 
@@ -119,8 +114,8 @@ def test_places_are_those_of_numpy(entries, scale, shape):
     found = PlacedTarget(
         shapes, which, matrices, np.repeat(body[None], 4, 0), np.array([1, 3]), *FLAT, FARTHEST
     )
-    assert found.is_usable == bool(usable[0])
-    if found.is_usable:
+    assert (found.is_usable == usable[0]).all()
+    if usable[0]:
         size, boxes = np.abs(inverse).max(), world_bounds(shape, matrix[None])
         expected = inverse @ body
         for part, value, near in (
@@ -141,24 +136,8 @@ def test_shapes_and_rows_that_are_not_there_are_refused():
     for which in (-1, 1):
         shape_index, rows = np.full(2, which, np.int32), np.array([0])
         found = PlacedTarget((Sphere(),), shape_index, matrices, matrices, rows, *FLAT, FARTHEST)
-        assert not found.is_usable
+        assert not found.is_usable.any()
     for row in (-1, 2):
         rows = np.array([row])
         with pytest.raises(IndexError, match="of a block of 2"):
             PlacedTarget((Sphere(),), None, matrices, matrices, rows, *FLAT, FARTHEST)
-
-
-def test_neighbours_are_those_of_numpy():
-    model = load("hfx-pressure-1")
-    body = BodyDescription("anna", "Anna", SkinBinding(model.bone_names))
-    skin = BoundSkins(load, STANDARD, Counters()).of(body, model.id)
-    table, clusters = skin.skin.table, np.array([0, 7, 40])
-    table.need(clusters)
-    found = skin.surface.native_clusters(clusters, table)
-    for cluster in clusters.tolist():
-        expected, units = skin.surface.links(cluster, table), table.unit_counts[cluster]
-        *_, distances, differences = found.arrays_of(cluster)
-        np.testing.assert_allclose(distances[:units], expected.distances, atol=1e-12)
-        by_bone = differences.reshape(-1, units)
-        np.testing.assert_allclose(by_bone, expected.differences, atol=1e-12)
-        assert expected.distances.all() and expected.differences.any()

@@ -11,6 +11,7 @@ from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.contact import contacts
 from hfx_blender.engine.contact.contact_query import ContactQuery
+from hfx_blender.engine.contact.reachable_bounds import bounds_of
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.reference.cells import Skin
 from hfx_blender.engine.reference.contact import Body, Volume, contact
@@ -77,7 +78,7 @@ def _find(
     levels, parameters = np.ones(len(matrices)), np.zeros((len(matrices), 2))
     effect = EffectBlock(levels, parameters, matrices, shapes, which)
     rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
-    bounds = contacts.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
+    bounds = bounds_of(BOUND, posed, np.arange(len(posed.valid)))
     no = np.zeros(len(rows), np.bool_)
     query = ContactQuery(
         effect, falloff, BOUND, posed, bounds, counters or Counters(), rows, no, ~no, **options

@@ -8,7 +8,7 @@ import pytest
 from coverage_synthetic import evaluated, placed, rigid, sheet
 
 from hfx_blender.engine.contact import block_broad_phase
-from hfx_blender.engine.contact.broad_phase import ReachableBounds
+from hfx_blender.engine.contact.reachable_bounds import ReachableBounds
 from hfx_blender.engine.volume.analytic import Cuboid, Sphere
 
 

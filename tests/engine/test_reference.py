@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import igl
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from random_contacts import NEAR, RandomContact
 from hfx_blender.engine import tolerance
 from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.model import PerceptualModel
+from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.reference import motion
 from hfx_blender.engine.reference.boundary import nearest
 from hfx_blender.engine.reference.cells import EXACT, Cells, Fineness, Skin
@@ -27,7 +30,17 @@ from hfx_blender.engine.reference.shapes import (
     winding_numbers,
 )
 from hfx_blender.engine.reference.sweep import passage
-from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
@@ -250,3 +263,33 @@ def test_passages_by_hand() -> None:
     assert (first[0], last[0]) == pytest.approx(((3.0 - 0.8) / 12.0, 1.0 - (3.0 - 0.8) / 12.0))
     away = path + np.array([[0.0], [1.0], [0.0]])
     assert np.isinf(passage(Capsule(1.0), away)[0]).all()
+
+
+@needs_library
+def test_a_cell_whose_vertex_is_outside_is_as_deep_as_its_deepest_skin() -> None:
+    """A ball about the farthest skin of the largest temperature cell, sampled on a finer model."""
+    model = load("hfx-temperature-1")
+    finer_id, owner = cell_of_skin(model)
+    finer, cell = load(finer_id), int(np.bincount(owner).argmax())
+    skin = finer.vertices[owner == cell].astype(float)
+    away = np.linalg.norm(skin - model.vertices[cell], axis=1)
+    matrix = np.diag([*[0.45 * away.max()] * 3, 1.0])
+    matrix[:3, 3] = skin[away.argmax()]
+    bones = np.tile(np.eye(3, 4), (1, len(model.bone_names), 1, 1))
+    pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], bones)
+    effect = EffectBlock(np.ones(1), np.full((1, 2), 20.0), matrix[None], (Sphere(),))
+    body = BodyDescription("a", "A", SkinBinding(model.bone_names))
+    area = EffectDescription("e", "E", model.modality, model.id, HapticVolume(Falloff()))
+    time = TimeBase(Fraction(100), Fraction(100), 0, 0, 99)
+    engine = Engine(SceneDescription(time, (body,), (area,)), record=("depth",))
+    [run] = engine.evaluate(AnimationBlock(np.arange(1), (effect,), (pose,)))
+    [sample] = run
+    assert cell in sample.vertices
+    near = sample.vertices.astype(np.int64)
+    fineness = Fineness(
+        tolerance.STANDARD.spacing_share, EXACT.least_m, tolerance.STANDARD.distance_m
+    )
+    placed = Body(Skin.of(model, finer), body.binding, pose, fineness, near)
+    felt = contact(placed, Volume(effect, Falloff()), 0, None, with_details=True)
+    depths = Sphere().depth_m(felt.details.places[:, sample.vertices], matrix)
+    np.testing.assert_allclose(sample.depth_m, depths, rtol=0, atol=1e-6)

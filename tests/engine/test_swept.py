@@ -3,25 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from both_ways import in_numpy
 from coverage_synthetic import ball, evaluated, moved_along, placed, rigid, sheet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.contact.continuous_collision import Crossings
 from hfx_blender.engine.kinematics.motion import Motion, turned_by
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
-from hfx_blender.engine.ways import Ways
 
 FAST = 50.0 / 24.0
 """Metres in a frame at 50 m/s and 24 frames a second."""
@@ -144,26 +138,21 @@ def test_falloff_counts_where_a_passage_is_deepest() -> None:
 # Slow motion, and time
 
 
-@pytest.mark.parametrize("way", [nullcontext, in_numpy])
-def test_slow_motion_is_not_looked_at(
-    monkeypatch: pytest.MonkeyPatch, way: Callable[[], AbstractContextManager[None]]
-) -> None:
-    from hfx_blender.engine.contact import accumulator, compiled_narrow_phase
+def test_slow_motion_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    from hfx_blender.engine.contact import compiled_narrow_phase
 
     calls: list[int] = []
-    real, compiled = accumulator.crossings, compiled_narrow_phase.look_at_skin
-    monkeypatch.setattr(accumulator, "crossings", lambda *a: calls.append(1) or real(*a))
+    compiled = compiled_narrow_phase.look_at_skin
     monkeypatch.setattr(
         compiled_narrow_phase,
         "look_at_skin",
         lambda *a: calls.extend(a[0].steps[a[0].steps > 0]) or compiled(*a),
     )
-    with way():
-        slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s
-        weights, _, _ = evaluated(sheet(), Sphere(), slow)
-        assert weights.any() and not calls
-        evaluated(sheet(), Sphere(), slow[::4])
-        assert calls
+    slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s
+    weights, _, _ = evaluated(sheet(), Sphere(), slow)
+    assert weights.any() and not calls
+    evaluated(sheet(), Sphere(), slow[::4])
+    assert calls
 
 
 @pytest.mark.parametrize("way", [0.05, 0.6, 4.0])
@@ -276,19 +265,6 @@ def test_every_first_touch_has_an_impact_and_no_later_one_has(shape: Shape) -> N
 
 
 # Parts
-
-
-def test_the_peak_is_what_was_inside_together() -> None:
-    """One cell: 0.3 and 0.4 together, 0.5 later, 0.2 beginning as the 0.5 ends."""
-    nothing: Any = np.zeros((3, 4))
-    found = Crossings(
-        contacts=np.array([1, 1, 1, 1]),
-        first=np.array([0.1, 0.2, 0.5, 0.6]),
-        last=np.array([0.3, 0.3, 0.6, 0.9]),
-        shares=np.array([0.3, 0.4, 0.5, 0.2]),
-        ways=Ways.straight(nothing, nothing),
-    )
-    assert found.peaks(3) == pytest.approx(np.array([0.0, 0.7, 0.0]))
 
 
 @settings(max_examples=50, deadline=None)

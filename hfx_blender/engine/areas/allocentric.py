@@ -13,8 +13,8 @@ from ..active_rows import followed, of_read, with_pose
 from ..arrays import I64
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
-from ..contact.broad_phase import ReachableBounds
 from ..contact.contact_query import ContactQuery
+from ..contact.reachable_bounds import ReachableBounds
 from ..response.answering import Answering, depths_of, with_own_sets
 from ..samples import SampleRun
 from ..scene import (

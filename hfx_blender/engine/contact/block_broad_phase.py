@@ -18,8 +18,7 @@ from ..native import library
 from ..native import volume_boxes as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
-from .broad_phase import ReachableBounds
-from .contacts import bounds_of, box_of
+from .reachable_bounds import ReachableBounds, bounds_of, box_of
 
 _FEWEST: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""

@@ -22,6 +22,7 @@ from ..native.library import (
     f64,
     i64,
     loaded,
+    pointer_to,
     structure,
 )
 from ..native.skin import PosedBones, UsedBones
@@ -36,19 +37,23 @@ WHOLE: Final = 3
 _Pairs = structure(
     "hfx_pairs",
     count=INTEGER,
-    **{"clusters": LONGS, "rows": LONGS, "how": BYTES, "steps": LONGS, "points": DOUBLES},
-    total=INTEGER,
-    allowed_m=DOUBLES,
+    **{"clusters": LONGS, "rows": LONGS, "how": BYTES, "steps": LONGS},
 )
 _Broad = structure(
     "hfx_broad",
-    **{"outline": POINTER, "row": LONGS, "all": LONGS},
+    **{"outline": POINTER, "clusters": INTEGER, "row": LONGS, "all": LONGS},
     **dict.fromkeys(("low", "high", "of_rows", "of_clusters"), DOUBLES),
     **dict.fromkeys(("follows", "reported"), BYTES),
     edge_m=DOUBLE,
     is_split=INTEGER,
+    is_always=INTEGER,
     **{"at": LONGS, "flags": BYTES, "near": LONGS},
     near_count=INTEGER,
+)
+_Given = structure(
+    "hfx_given",
+    **{"places": DOUBLES, "own": DOUBLES, "at": LONGS, "starts": LONGS},
+    **{"place_count": INTEGER, "cell_count": INTEGER},
 )
 _Posed = structure("hfx_posed", posed=DOUBLES, all=INTEGER, bones=LONGS, own=POINTER)
 
@@ -59,7 +64,7 @@ def _calls() -> ctypes.CDLL:
     found.hfx_overlaps.argtypes = [POINTER, POINTER, LONGS]
     found.hfx_reach.argtypes = [
         *(POINTER, POINTER, POINTER, POINTER, BYTES),
-        *(POINTER, POINTER, LONGS, LONGS),
+        *(POINTER, POINTER, POINTER, LONGS, LONGS),
     ]
     found.hfx_overlaps.restype, found.hfx_reach.restype = INTEGER, None
     return found
@@ -78,14 +83,33 @@ class Pairs:
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
     found: ctypes.Structure | None = None  # ``hfx_pairs`` where the library has filled them in
 
-    def pointers(self, points: F64 | None = None, allowed_m: F64 | None = None) -> ctypes.Structure:
-        """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known, and then
-        ``allowed_m`` (p,): how far their skin may be from its samples."""
-        if self.found is not None and points is None:
+    @property
+    def pointers(self) -> ctypes.Structure:
+        """``hfx_pairs``."""
+        if self.found is not None:
             return self.found
-        arrays = self.clusters, self.rows, self.how, self.steps, points
-        total = 0 if points is None else points.shape[1]
-        return _Pairs(len(self.clusters), *arrays, total, allowed_m)
+        return _Pairs(len(self.clusters), self.clusters, self.rows, self.how, self.steps)
+
+
+class Given:
+    """Places of skin that no bones move, in the body's own space; ``hfx_given``.
+
+    Parameters
+    ----------
+    places : (m, P, 3) float64
+        Of the skin, at some rows.
+    own : (m, cells, 3) float64 or None
+        Of the cells' vertices, where these are others.
+    at : (n,) int64
+        Which of these the rows of the volume are.
+    starts : (clusters + 1,) int64
+        Each cluster's first place.
+    """
+
+    def __init__(self, places: F64, own: F64 | None, at: I64, starts: I64) -> None:
+        counts = places.shape[1], 0 if own is None else own.shape[1]
+        own = None if own is None else f64(own)
+        self.pointers = _Given(f64(places), own, at, starts, *counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +121,8 @@ class Reached:
     wide: I64  # those whose skin is sampled or tracked
     by_vertex: I64  # those whose vertices suffice
     most_steps: int  # of any pair
-    bones: PosedBones  # to shape space; only bones that move any of these clusters
+    bones: PosedBones | None  # to shape space; only bones that move any of these clusters
+    given: Given | None  # where there are none
 
 
 class CompiledBroadPhase:
@@ -106,8 +131,8 @@ class CompiledBroadPhase:
     Parameters
     ----------
     target : PlacedTarget
-    outline : Outline
-        Of the body's clusters.
+    outline : Outline or None
+        Of the body's clusters, where bones move them.
     rows : (m,) int64
         Of the block, ascending; those of the target are among them.
     boxes : tuple
@@ -118,29 +143,38 @@ class CompiledBroadPhase:
         How far off the edge of a contact may be.
     is_split : bool
         Whether cells have samples.
+    is_always : bool
+        Whether all that may pass is followed, however slowly.
+
+    Attributes
+    ----------
+    at : (n,) int64
+        Which of the boxes' rows those of the target are.
     """
 
     def __init__(
         self,
         target: PlacedTarget,
-        outline: Outline,
+        outline: Outline | None,
         rows: I64,
         boxes: tuple[F64, F64, F64, F64],
         follows: Bool,
         reported: Bool,
         edge_m: float,
         is_split: bool,
+        is_always: bool,
     ) -> None:
         count, clusters = target.count, boxes[0].shape[1]
         if count and not (len(rows) and target.rows[-1] <= rows[-1]):
             raise IndexError(f"row {target.rows[-1]} has no boxes")
         self._flags = np.empty(count * clusters, np.uint8)
-        self._at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
+        self.at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
         self._target = target
         follows, reported = (np.ascontiguousarray(each, np.bool_) for each in (follows, reported))
         self._pointers: Any = _Broad(
-            *(outline.address, target.rows, i64(rows), *map(f64, boxes), follows, reported),
-            *(edge_m, int(is_split), self._at, self._flags, self._near),
+            *(outline and outline.address, clusters, target.rows, i64(rows), *map(f64, boxes)),
+            *(follows, reported, edge_m, int(is_split), int(is_always), self.at, self._flags),
+            self._near,
         )
         self._outline = outline
 
@@ -150,6 +184,12 @@ class CompiledBroadPhase:
         shared = ctypes.byref(self._pointers), ctypes.byref(self._target.pointers)
         count = _calls().hfx_overlaps(*shared, met)
         return met[:count]
+
+    @property
+    def near_count(self) -> int:
+        """Number of clusters that may be met at any row, or between."""
+        count: int = self._pointers.near_count
+        return count
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
         """Finish the broad phase; to be called once.
@@ -166,23 +206,34 @@ class CompiledBroadPhase:
             See :meth:`..skin.cell_sizes.CellSizes.pointers`, for the clusters that are met; None
             where nothing falls off or amplitudes must be exact.
         """
-        near, count = self._pointers.near_count, self._target.count
-        posed = f64(posed)
+        count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):
             raise IndexError(f"row {self._target.rows[-1]} of a pose of {len(posed)}")
         bones = PosedBones(posed, self._target.rows, None, used)
+        where = _Posed(posed, posed.shape[1], used.ids, own and own.address)
+        is_used = np.empty(len(used.ids), np.uint8)
+        return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
+
+    def reach_given(self, given: Given) -> Reached:
+        """Finish the broad phase of a body that no bones move; to be called once."""
+        return self._reached(None, given, (None, None, None, given.pointers), None)
+
+    def _reached(
+        self, bones: PosedBones | None, given: Given | None, body: tuple[Any, ...], groups: Any
+    ) -> Reached:
+        near, count = self.near_count, self._target.count
         clusters, rows, steps = np.empty((3, near * count), np.int64)
-        how, is_used = np.empty(near * count, np.uint8), np.empty(len(used.ids), np.uint8)
-        pairs: Any = Pairs(clusters, rows, how, steps).pointers()
-        lists, counts, ids = np.empty((3, near), np.int64), np.empty(4, np.int64), used.ids
-        where = _Posed(posed, posed.shape[1], ids, own and own.address)
-        shared = (self._pointers, self._target.pointers, where, bones.pointers)
+        how = np.empty(near * count, np.uint8)
+        pairs: Any = Pairs(clusters, rows, how, steps).pointers
+        lists, counts = np.empty((3, near), np.int64), np.empty(4, np.int64)
+        where, posed, is_used, places = body
+        shared = map(pointer_to, (self._pointers, self._target.pointers, where, posed))
         _calls().hfx_reach(
-            *map(ctypes.byref, shared),
-            *(is_used, groups, ctypes.byref(pairs), lists, counts),
+            *shared,
+            *(is_used, pointer_to(places), groups, ctypes.byref(pairs), lists, counts),
         )
         *numbers, most_steps = counts.tolist()
         every, wide, by_vertex = (each[:some] for each, some in zip(lists, numbers, strict=True))
         total = pairs.count
         known = Pairs(clusters[:total], rows[:total], how[:total], steps[:total], pairs)
-        return Reached(known, every, wide, by_vertex, most_steps, bones)
+        return Reached(known, every, wide, by_vertex, most_steps, bones, given)

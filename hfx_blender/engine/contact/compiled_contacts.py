@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies that bones move against volumes with a formula, by the compiled library.
+"""Contacts by the compiled library: one way for every volume and every body.
 
-The same as :func:`.contacts.begin` does in numpy, step by step; what it cannot do is left to that.
+Broad phase: boxes of vertex clusters against boxes of volumes, in the world (``reach.c``). Narrow
+phase: only the clusters that a volume can reach are posed, straight into the volume's shape
+space, and looked at cell by cell (``contact.c``).
 """
 
 from __future__ import annotations
@@ -11,99 +13,108 @@ from collections.abc import Callable
 import numpy as np
 
 from ..active_rows import FARTHEST
-from ..arrays import I32, I64, Weights
+from ..arrays import F64, I32, I64, Weights
 from ..native import gathering
-from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
-from . import compiled_broad_phase
 from . import compiled_narrow_phase as native
-from .compiled_target import PlacedTarget, is_known
+from .compiled_broad_phase import CompiledBroadPhase, Given, Reached
+from .compiled_target import PlacedTarget
+from .contact_details import DetailArrays, Details
 from .contact_query import ContactQuery
-from .continuous_collision import Drift
+from .continuous_collision import drift_of
 
-FoundContacts = tuple[I64, I64, I64, I32, Weights]
-"""Rows, sets, offsets, vertices and weights; see :class:`.contacts.Contacts`."""
-
-
-def is_possible(query: ContactQuery) -> bool:
-    """Test that the library is there and supports this volume and this body's binding."""
-    return isinstance(query.skin.surface, SkinnedModel) and is_known(query.effect.shapes)
+FoundContacts = tuple[I64, I64, I64, I32, Weights, Details | None]
+"""Rows, sets, offsets, vertices, weights and details; see :class:`.contacts.Contacts`."""
 
 
-def begin(query: ContactQuery) -> Callable[[], FoundContacts] | None:
-    """Begin the contacts of a body with a volume; None where the volume is unusable at some row.
+def placed(query: ContactQuery) -> PlacedTarget:
+    """The query's volume and body at its rows."""
+    effect, tolerance = query.effect, query.skin.skin.tolerance
+    assert effect.matrices is not None
+    return PlacedTarget(
+        *(effect.shapes, effect.shape_index, effect.matrices, query.pose.to_world, query.rows),
+        *(query.falloff, tolerance.amplitude, FARTHEST),
+    )
+
+
+def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContacts]:
+    """Begin the contacts of a body with a volume, which is usable at all rows.
 
     As :func:`.contacts.begin`; rows are places among those of the query.
     """
-    effect, falloff, pose, skin = query.effect, query.falloff, query.pose, query.skin
+    falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
-    assert isinstance(skin.surface, SkinnedModel)
-    assert effect.matrices is not None and pose.bones is not None
     tolerance, table = skin.skin.tolerance, skin.skin.table
-    target = PlacedTarget(
-        effect.shapes,
-        effect.shape_index,
-        effect.matrices,
-        pose.to_world,
-        rows,
-        falloff,
-        tolerance.amplitude,
-        FARTHEST,
-    )
-    if not target.is_usable:
-        return None
-    broad = compiled_broad_phase.CompiledBroadPhase(
-        *(target, skin.surface.outline, bounds.rows, bounds.boxes, query.follows, query.reported),
-        *(skin.skin.edge_m, skin.skin.is_split),
+    bound = skin.surface if isinstance(skin.surface, SkinnedModel) else None
+    broad = CompiledBroadPhase(
+        *(target, bound.outline if bound else None, bounds.rows, bounds.boxes, query.follows),
+        *(query.reported, skin.skin.edge_m, skin.skin.is_split, query.with_impact),
     )
     tests = int(np.count_nonzero(query.reported))
     counters.volume_tests += tests
     counters.clusters_tested += tests * bounds.low.shape[1]
     met = broad.overlaps()
-    if not len(met) and not query.follows.any():
+    if not broad.near_count:
         return _nothing
+    target.find_meshes(bool(query.follows.any()))
     groups = None
-    if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
+    if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0 and bound:
         assert skin.cell_sizes is not None
         groups = skin.cell_sizes.pointers(met)
-    reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)
+    if bound is not None:
+        assert pose.bones is not None
+        reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)
+    else:
+        assert bounds.places is not None
+        reached = broad.reach_given(Given(bounds.places, bounds.own, broad.at, table.starts))
     if not len(reached.clusters):
         return _nothing
-    pairs, posing = reached.pairs, _posing(skin, reached)
+    pairs, posing = reached.pairs, _posing(query, reached)
     columns, column_of = gathering.columns_of(reached.clusters, table)
     weights: Weights = np.zeros((len(rows), len(columns)), falloff.precision)
-    drifts = {}
-    if reached.most_steps > 1:
-        volume, body = target.part("matrices"), target.part("to_world")
-        ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
-        for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
-            drift = Drift.of(*ways, number)
-            drifts[number] = drift.from_before, drift.from_after
+    arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
+    drifts = _drifts(target, pairs.steps[pairs.steps > 1]) if reached.most_steps > 1 else {}
     looked = native.look_at_skin(
-        pairs, table, posing, target, drifts, weights, column_of, query.threads
+        *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )
 
     def found() -> FoundContacts:
         counters.vertices_posed += looked()
-        return gathering.gathered(weights, columns, query.reported, query.own_sets)
+        own_sets = query.own_sets or arrays is not None
+        felt = gathering.gathered(weights, columns, query.reported, own_sets)
+        if arrays is None:
+            return *felt, None
+        row, column = np.repeat(felt[0], np.diff(felt[2])), np.searchsorted(columns, felt[3])
+        return *felt, arrays.of(row, column)
 
     return found
 
 
-def _posing(skin: BodySkin, reached: compiled_broad_phase.Reached) -> native.Posing:
+def _drifts(target: PlacedTarget, steps: I64) -> dict[int, tuple[F64, F64]]:
+    """Relative motion between rows, by the number of steps."""
+    volume, body = target.part("matrices"), target.part("to_world")
+    ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
+    return {number: drift_of(*ways, number) for number in np.unique(steps).tolist()}
+
+
+def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
     """Source of positions for the library; fills in skin that is covered or followed."""
-    assert isinstance(skin.surface, SkinnedModel)
+    skin, table = query.skin, query.skin.skin.table
     if len(reached.wide):
-        skin.skin.table.need(reached.wide)
-        skin.surface.native_clusters(reached.wide, skin.skin.table)
-    clusters = skin.surface.native_clusters(reached.clusters)
+        table.need(reached.wide)
+    if not isinstance(skin.surface, SkinnedModel):
+        return native.Posing(given=reached.given)
+    if len(reached.wide):
+        skin.surface.native_clusters(reached.wide, table)
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
-        own = skin.vertices.native_clusters(reached.by_vertex)
-    return native.Posing(clusters, own, reached.bones)
+        asked = reached.clusters if query.asks_details else reached.by_vertex
+        own = skin.vertices.native_clusters(asked)
+    return native.Posing(skin.surface.native_clusters(reached.clusters), own, reached.bones)
 
 
 def _nothing() -> FoundContacts:
     none = np.zeros(0, np.int64)
-    return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0)
+    nowhere = Details.empty(0)
+    return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), nowhere

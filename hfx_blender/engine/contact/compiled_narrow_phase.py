@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of skin with volumes that have a formula; ``contact.c``."""
+"""Contact of skin with volumes; ``contact.c``."""
 
 from __future__ import annotations
 
@@ -13,11 +13,22 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, Weights
-from ..native.library import ANY, DOUBLES, INTEGER, LONGS, POINTER, f64, loaded, structure
+from ..native.library import (
+    ANY,
+    DOUBLES,
+    INTEGER,
+    LONGS,
+    POINTER,
+    f64,
+    loaded,
+    pointer_to,
+    structure,
+)
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
-from .compiled_broad_phase import Pairs
-from .compiled_target import Target
+from .compiled_broad_phase import Given, Pairs
+from .compiled_target import PlacedTarget
+from .contact_details import DetailArrays
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
@@ -39,36 +50,44 @@ _Found = structure(
 )
 
 
+_Details = structure(
+    "hfx_details",
+    **dict.fromkeys(("places", "since", "entries", "ways", "samples"), DOUBLES),
+    contacts=LONGS,
+    **{"count": INTEGER, "room": INTEGER},
+)
+
+
 @cache
 def _library() -> ctypes.CDLL:
     found = loaded()
-    found.hfx_look_at_skin.argtypes = [POINTER] * 8 + [DOUBLES] * 2
+    found.hfx_look_at_skin.argtypes = [POINTER] * 10 + [DOUBLES] * 2
     found.hfx_look_at_skin.restype = None
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class Posing:
-    """Source of the positions of cluster-row pairs: matrices of bones, or known positions."""
+    """Source of the positions of cluster-row pairs: matrices of bones, or known places."""
 
     clusters: Clusters | None = None
     own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
-    points: F64 | None = None  # (3, N) the places of all pairs, shape space
-    allowed_m: F64 | None = None  # (pairs,) then: how far their skin may be from its samples
+    given: Given | None = None
 
 
 def look_at_skin(
     pairs: Pairs,
     table: Table,
     posing: Posing,
-    target: Target,
+    target: PlacedTarget,
     drifts: Mapping[int, tuple[F64, F64]],
     weights: Weights,
     column_of: I64,
+    details: DetailArrays | None = None,
     threads: Threads | None = None,
 ) -> Callable[[], int]:
-    """Compute contact weights of cells inside and of passages; see ``ContactAccumulator``.
+    """Compute contact weights of cells inside and of passages.
 
     Parameters
     ----------
@@ -76,14 +95,16 @@ def look_at_skin(
     table : Table
         Filled for the clusters that are covered or followed.
     posing : Posing
-    target : Target
+    target : PlacedTarget
     drifts : mapping
         How points drift, (steps + 1, n - 1, 4, 4) from before and after, by number of steps; see
-        :class:`.continuous_collision.Drift`. Straight ways need none.
+        :func:`.continuous_collision.drift_of`. Straight ways need none.
     weights : (n, C) float32 or float64
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
         The column of each of the table's cells.
+    details : DetailArrays, optional
+        Filled in, for the same columns.
     threads : Threads, optional
         Threads that look while this one goes on, each at clusters of its own.
 
@@ -95,7 +116,10 @@ def look_at_skin(
     """
     drift = _drift_of(drifts, target.count - 1) if drifts else _STRAIGHT
     shared = table_of(table), posing, target, drift, weights, column_of
-    if threads is None or posing.points is not None:
+    if details is not None:
+        count = _look_for_details(_Look(pairs, table, *shared), weights, details, target)
+        return lambda: count
+    if threads is None:
         count = _Look(pairs, table, *shared).take()
         return lambda: count
     looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
@@ -104,6 +128,28 @@ def look_at_skin(
 
 
 _STRAIGHT: Final = _Drift()
+_SAMPLES: Final = 1 << 18
+"""Samples of contacts that there is room for at first."""
+
+
+def _look_for_details(
+    look: _Look, weights: Weights, details: DetailArrays, target: PlacedTarget
+) -> int:
+    room = _SAMPLES
+    while True:
+        samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)
+        made: Any = _Details(
+            *(details.places, details.since, details.entries, details.ways),
+            *(samples, contacts, 0, room),
+        )
+        count = look.take(made)
+        if made.count <= room:
+            break
+        room = made.count
+        weights[:] = 0.0  # what is there already is taken as found
+    found, owners = samples[: made.count], contacts[: made.count]
+    details.place_deepest(found, owners, target.shapes, target.part("matrices"))
+    return count
 
 
 def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> ctypes.Structure:
@@ -148,37 +194,29 @@ class _Look:
         table: Table,
         pointers: Any,
         posing: Posing,
-        target: Target,
+        target: PlacedTarget,
         drift: Any,
         weights: Weights,
         column_of: I64,
     ) -> None:
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
-        points = None if posing.points is None else f64(posing.points)
-        allowed_m = None if posing.allowed_m is None else f64(posing.allowed_m)
         room = np.empty(2 * pointers.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
-        self._kept = (
-            *(pairs, pointers, posing, target, drift, weights, column_of),
-            *(points, allowed_m, room, events),
-        )
+        self._kept = pairs, pointers, posing, target, drift, weights, column_of
         is_single = int(weights.dtype == np.float32)
         self._found = _Found(weights, column_of, weights.shape[1], is_single, 0)
         self._arguments = (
-            ctypes.byref(pairs.pointers(points, allowed_m)),
-            ctypes.byref(pointers),
-            None if posing.clusters is None else posing.clusters.table,
-            None if posing.own is None else posing.own.table,
-            None if posing.bones is None else ctypes.byref(posing.bones.pointers),
-            ctypes.byref(target.pointers),
-            ctypes.byref(drift),
-            ctypes.byref(self._found),
-            room,
-            events,
+            *(pointer_to(pairs.pointers), pointer_to(pointers)),
+            *(each and each.table for each in (posing.clusters, posing.own)),
+            None if posing.bones is None else pointer_to(posing.bones.pointers),
+            None if posing.given is None else pointer_to(posing.given.pointers),
+            *(pointer_to(target.pointers), pointer_to(drift), pointer_to(self._found)),
         )
+        self._room = room, events
 
-    def take(self) -> int:
+    def take(self, details: ctypes.Structure | None = None) -> int:
         """Run the call without the interpreter lock; returns the number of positions posed."""
-        _library().hfx_look_at_skin(*self._arguments)
+        self._found.posed = 0
+        _library().hfx_look_at_skin(*self._arguments, pointer_to(details), *self._room)
         count: int = self._found.posed
         return count

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes that have a formula, and their placement relative to a body; ``placing.c``,
-``broad.h``.
-"""
+"""Volumes, and their placement relative to a body; ``placing.c``, ``broad.h``."""
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..native import library
+from ..kinematics.motion import Motion
 from ..native.library import (
+    BYTES,
     DOUBLE,
     DOUBLES,
     INTEGER,
@@ -27,9 +25,17 @@ from ..native.library import (
     structure,
 )
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from ..volume.mesh import MeshVolume
+from ..volume.placing_matrix import world_bounds
 from ..volume.shape import Falloff, FalloffKind, Shape
 
-_KINDS: Final[dict[type[Shape], int]] = {Cuboid: 0, Sphere: 1, Cylinder: 2, Capsule: 3}
+_MESH: Final = 4
+_KINDS: Final[dict[type[Shape], int]] = {
+    **{Cuboid: 0, Sphere: 1, Cylinder: 2, Capsule: 3},
+    MeshVolume: _MESH,
+}
+_SWEPT_PARTS: Final = 8
+"""Parts of the way of a turning mesh; see ``reach.c``."""
 
 _Target = structure(
     "hfx_target",
@@ -41,6 +47,7 @@ _Target = structure(
     share=DOUBLE,
     amplitude=DOUBLE,
     **dict.fromkeys(("matrices", "body_to_shape", "boxes", "turns"), DOUBLES),
+    **{"meshes": LONGS, "swept": DOUBLES, "is_usable": BYTES},
 )
 
 
@@ -55,54 +62,20 @@ def _calls() -> ctypes.CDLL:
     return found
 
 
-def is_known(shapes: Sequence[Shape]) -> bool:
-    """Test that the library is there and knows the formulas of all given volumes."""
-    return library.is_there() and all(type(shape) in _KINDS for shape in shapes)
-
-
-@lru_cache(maxsize=256)
 def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
     """Kinds, halves of segments, and boxes (n, 2, 3) in shape space."""
+    if any(isinstance(shape, MeshVolume) for shape in shapes):
+        return _made_formulas(shapes)
+    return _kept_formulas(shapes)
+
+
+def _made_formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
     halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
     boxes = np.array([shape.bounds for shape in shapes], np.float64).reshape(-1, 2, 3)
     return i64([_KINDS[type(shape)] for shape in shapes]), f64(halves), boxes
 
 
-class Target:
-    """A volume and a body's place at some rows.
-
-    Parameters
-    ----------
-    shapes : tuple of Shape
-        That :func:`is_known` tells of.
-    which : (n,) int64
-        The shape of each row.
-    falloff : Falloff
-    amplitude : float
-        Change of weight that need not be sampled.
-    matrices, to_shape, to_world : (n, 4, 4) float64
-        From shape space to the world, and back; from the body's own space to the world.
-    """
-
-    def __init__(
-        self,
-        shapes: tuple[Shape, ...],
-        which: I64,
-        falloff: Falloff,
-        amplitude: float,
-        matrices: F64,
-        to_shape: F64,
-        to_world: F64,
-    ) -> None:
-        self.count = len(which)
-        kinds, halves, _ = _formulas(shapes)
-        found = kinds[which], halves[which], f64(to_shape), f64(to_world)
-        rises = *_rises(falloff), amplitude
-        self.pointers = _Target(self.count, *found, *rises, f64(matrices))
-
-
-def _rises(falloff: Falloff) -> tuple[int, int, float]:
-    return int(falloff.is_flat), int(falloff.kind is FalloffKind.SMOOTH), falloff.share
+_kept_formulas = lru_cache(maxsize=256)(_made_formulas)
 
 
 _ROW: Final[dict[str, tuple[int, ...]]] = {
@@ -114,34 +87,36 @@ _ROW: Final[dict[str, tuple[int, ...]]] = {
     "body_to_shape": (4, 4),
     "boxes": (2, 3),
     "turns": (2,),
+    "meshes": (),
 }
 """Fields of ``hfx_target`` for each row, in this order: shapes of arrays."""
 
 _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.values())]).tolist()
 
 
-class PlacedTarget(Target):
+class PlacedTarget:
     """Volume and body, placed at some rows of a block.
 
     Parameters
     ----------
     shapes : tuple of Shape
-        That :func:`is_known` tells of.
     shape_index : (T,) int32 or None
         The shape at each row of the block; None: always the first.
     matrices, to_world : (T, 4, 4) float64
         Shape space to the world; the body's own space to the world.
     rows : (n,) int64
         Of the block, ascending.
-    falloff, amplitude
-        See :class:`Target`.
+    falloff : Falloff
+    amplitude : float
+        Change of weight that need not be sampled.
     farthest : float
         No entry of a matrix is larger.
 
     Attributes
     ----------
-    is_usable : bool
-        Whether all of it is: nothing is flattened, endless or not a number.
+    is_usable : (n,) bool
+        At which rows it is: nothing is flattened, endless or not a number. What else is found
+        is for the case that it is at all of them.
     """
 
     def __init__(
@@ -157,20 +132,58 @@ class PlacedTarget(Target):
     ) -> None:
         self.count = count = len(rows)
         self.rows = rows = i64(rows)
-        self._room = np.empty(count * _ENDS[-1])
+        self._room, self.is_usable = np.empty(count * _ENDS[-1]), np.zeros(count, np.bool_)
         first = DOUBLES.address(self._room)
         places = [first + count * end * self._room.itemsize for end in _ENDS[:-1]]
-        self.pointers = _Target(count, *places[:4], *_rises(falloff), amplitude, *places[4:])
+        rises = int(falloff.is_flat), int(falloff.kind is FalloffKind.SMOOTH), falloff.share
+        self.pointers: Any = _Target(
+            *(count, *places[:4], *rises, amplitude, *places[4:], None, self.is_usable)
+        )
         matrices, to_world = f64(matrices), f64(to_world)
         if shape_index is not None:
             shape_index = np.ascontiguousarray(shape_index, np.int32)
         shortest = min(len(each) for each in (matrices, to_world, shape_index) if each is not None)
         if count and not 0 <= rows[0] <= rows[-1] < shortest:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")
+        self._shapes, self._falloff, self._kept = shapes, falloff, np.zeros(0)
+        self._which = np.zeros(count, np.int64) if shape_index is None else shape_index[rows]
         known = rows, matrices, to_world, shape_index, *_formulas(shapes)
-        calls: Any = _calls()
         own = ctypes.byref(self.pointers)
-        self.is_usable = bool(calls.hfx_place(own, *known, len(shapes), farthest))
+        _calls().hfx_place(own, *known, len(shapes), farthest)
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """The shape at each row."""
+        return [self._shapes[k] for k in self._which.tolist()]
+
+    def find_meshes(self, with_ways: bool) -> None:
+        """Hand meshes to the library: they are prepared only where skin is near them.
+
+        With ``with_ways`` also how far they reach between rows, where they turn.
+        """
+        is_mesh = self.part("kinds").view(np.int64) == _MESH
+        if not is_mesh.any():
+            return
+        meshes, matrices = self.part("meshes").view(np.int64), self.part("matrices")
+        boxes = self.part("boxes")
+        turning = is_mesh & (self.part("turns")[0] > 0.0) & with_ways
+        if turning.any():
+            # The ends of half a turn do not show how little a blade passes through.
+            low, high = boxes[:, 0].copy(), boxes[:, 1].copy()
+            low[1:], high[1:] = np.minimum(low[1:], low[:-1]), np.maximum(high[1:], high[:-1])
+        for k in np.unique(self._which[is_mesh]).tolist():
+            shape, mine = self._shapes[k], self._which == k
+            assert isinstance(shape, MeshVolume)
+            meshes[mine] = shape.compiled(not self._falloff.is_flat).address
+            rows = np.flatnonzero(turning & mine)
+            motion = Motion.between(matrices[rows - 1], matrices[rows])
+            for part in range(1, _SWEPT_PARTS if len(rows) else 0):
+                ends = world_bounds(shape, motion.at(part / _SWEPT_PARTS))
+                low[rows] = np.minimum(low[rows], ends[:, 0])
+                high[rows] = np.maximum(high[rows], ends[:, 1])
+        if turning.any():
+            self._kept = np.stack([low, high], axis=1)
+            self.pointers.swept = DOUBLES.address(self._kept)
 
     def part(self, name: str) -> F64:
         """``to_shape``, ``to_world``, ``matrices`` or ``body_to_shape`` (n, 4, 4), ``boxes``

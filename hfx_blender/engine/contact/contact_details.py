@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import F64, I64, Bool
+from ..arrays import F64, I64
 from ..volume.shape import Shape
-from .narrow_phase import Inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,39 +44,47 @@ class Details:
         )
 
 
-def tell_deepest(
-    details: Details,
-    is_open: Bool,
-    inside: list[Inside],
-    column_of: I64,
-    shapes: Sequence[Shape],
-    matrices: F64,
-) -> None:
-    """Place contacts whose vertex is outside at their deepest sample.
+@dataclass(frozen=True, eq=False)
+class DetailArrays:
+    """Details of all contacts that may be, as the library fills them in."""
 
-    Parameters
-    ----------
-    details : Details
-        Of rows and columns.
-    is_open : (rows, columns) bool
-        Contacts that are to be placed.
-    inside : list of Inside
-        Samples that are inside.
-    column_of : (cells,) int64
-        The column of each cell that :class:`Inside` names.
-    shapes, matrices : (rows,), (rows, 4, 4)
-        The volume at each row, and its place in the world.
-    """
-    if not inside:
-        return
-    rows = np.concatenate([each.rows for each in inside])
-    columns = column_of[np.concatenate([each.cells for each in inside])]
-    points = np.concatenate([each.points for each in inside], axis=1)
-    asked = is_open[rows, columns]
-    rows, columns, points = rows[asked], columns[asked], points[:, asked]
-    for row in np.unique(rows).tolist():
-        mine = np.flatnonzero(rows == row)
-        depths = shapes[row].depth_m(points[:, mine], matrices[row])
-        order = np.lexsort((-depths, columns[mine]))
-        order = order[np.flatnonzero(np.diff(columns[mine][order], prepend=-1))]
-        details.places[:, row, columns[mine][order]] = points[:, mine[order]]
+    places: F64  # (rows, columns, 3)
+    since: F64  # (rows, columns)
+    entries: F64  # (rows, columns, 3)
+    ways: F64  # (rows, columns, 3)
+
+    @classmethod
+    def empty(cls, *shape: int) -> DetailArrays:
+        vectors = np.zeros((3, *shape, 3))
+        return cls(vectors[0], np.full(shape, np.nan), vectors[1], vectors[2])
+
+    def of(self, rows: I64, columns: I64) -> Details:
+        """Details of some contacts, by their rows and columns."""
+        return Details(
+            self.places[rows, columns].T,
+            self.since[rows, columns],
+            self.entries[rows, columns].T,
+            self.ways[rows, columns].T,
+        )
+
+    def place_deepest(
+        self, samples: F64, contacts: I64, shapes: Sequence[Shape], matrices: F64
+    ) -> None:
+        """Place contacts whose vertex is outside at their deepest sample.
+
+        Parameters
+        ----------
+        samples : (n, 3) float64
+            That are inside, shape space.
+        contacts : (n,) int64
+            Row times the number of columns, plus column.
+        shapes, matrices : (rows,), (rows, 4, 4)
+            The volume at each row, and its place in the world.
+        """
+        rows, columns = np.divmod(contacts, max(self.since.shape[1], 1))
+        for row in np.unique(rows).tolist():
+            mine = np.flatnonzero(rows == row)
+            depths = shapes[row].depth_m(samples[mine].T, matrices[row])
+            order = np.lexsort((-depths, columns[mine]))
+            order = mine[order[np.flatnonzero(np.diff(columns[mine][order], prepend=-1))]]
+            self.places[row, columns[order]] = samples[order]

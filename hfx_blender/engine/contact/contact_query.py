@@ -11,7 +11,7 @@ from ..counters import Counters
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.shape import Falloff
-from .broad_phase import ReachableBounds
+from .reachable_bounds import ReachableBounds
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
@@ -35,3 +35,8 @@ class ContactQuery:
     with_impact: bool = False  # how contacts began, however slowly
     threads: Threads | None = None  # for the compiled part, which works while this one goes on
     title: str = "a volume"  # in warnings
+
+    @property
+    def asks_details(self) -> bool:
+        """Test for anything that needs :class:`.contact_details.Details`."""
+        return self.with_details or self.with_impact

@@ -37,7 +37,7 @@ def contacts_at(
     skin, volume = query.skin.skin, Volume(query.effect, query.falloff)
     of_model = Skin.of(skin.model, skin.finer)
     body = Body(of_model, query.skin.binding, query.pose, _fineness(skin))
-    with_details = query.with_details or query.with_impact
+    with_details = query.asks_details
     is_solid = inverse_placement(query.pose.to_world[rows])[1]
     for k in np.flatnonzero(reported).tolist():
         is_tracked = follows[k] and math.isfinite(skin.edge_m) and is_solid[k - 1 : k + 1].all()

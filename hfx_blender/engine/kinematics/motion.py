@@ -71,16 +71,6 @@ def turned_by(before: F64, after: F64) -> F64:
     return native.turns(before, after)
 
 
-def turns_since_before(*placements: F64) -> F64:
-    """Angles of rotation since the row before, for each of k sequences (n, 4, 4), radians
-    (k, n).
-    """
-    turns = np.zeros((len(placements), len(placements[0])))
-    for turn, matrices in zip(turns, placements, strict=True):
-        turn[1:] = turned_by(matrices[:-1], matrices[1:])
-    return turns
-
-
 def _polar(linear: F64) -> tuple[F64, F64]:
     """Rotation and symmetric stretch, (n, 3, 3) each; a mirroring is in the stretch."""
     u, s, vt = np.linalg.svd(linear)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compiled versions of loops that numpy cannot vectorize: optional, with the same results.
+"""Bindings of the compiled library, which finds contacts; :mod:`..reference` defines what it finds.
 
-Each function here does what a function in numpy does elsewhere in the engine, which is used
-where no library was built or it is switched off.
+Where no library was built or it is switched off, exports compute that definition.
 """

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from . import sources
 
-INTERFACE: Final = 7
+INTERFACE: Final = 8
 """Version in ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
@@ -212,6 +212,11 @@ class Structure(ctypes.Structure):
             if field < len(given) and given[field].__class__ is np.ndarray:
                 given[field] = address(given[field])
         super().__init__(*given)
+
+
+def pointer_to(made: ctypes.Structure | None) -> Any:
+    """Argument that is a structure, or none."""
+    return None if made is None else ctypes.byref(made)
 
 
 def structure(name: str, **types: Any) -> type[Structure]:

@@ -5,28 +5,31 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import F64, I64, Bool
-from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, f64, i64, loaded
+from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
 
 SPAN: Final = 16
 """Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
 slopes in x of the edges low to high, low to middle, middle to high (3); the same in z (5); +1 or
 -1, which way it faces; two unused."""
 
+_Grid = structure(
+    "hfx_grid",
+    **{"box": DOUBLES, "axes": LONGS, "scale": DOUBLES},
+    **dict.fromkeys(("cells", "codes", "offsets", "beyond", "listed", "bounds"), LONGS),
+    spans=DOUBLES,
+)
+
 
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = loaded()
-    found.hfx_mesh_inside.argtypes = [
-        *(DOUBLES, INTEGER, DOUBLES, LONGS, DOUBLES, LONGS, LONGS),
-        *(LONGS, LONGS, LONGS, LONGS, DOUBLES, BYTES),
-    ]
+    found.hfx_mesh_inside.argtypes = [POINTER, DOUBLES, INTEGER, BYTES]
     found.hfx_mesh_bounds.argtypes = [
         *(DOUBLES, LONGS, LONGS, INTEGER, INTEGER, INTEGER),
         *(DOUBLE, LONGS),
@@ -88,6 +91,11 @@ class NativeGrid:
         Where the listed triangles are in their columns, see :func:`bounds_in_columns`.
     spans : (F, 16) float64
         Of the triangles, see :data:`SPAN`.
+
+    Attributes
+    ----------
+    address : int
+        Of ``hfx_grid``, as long as this lives.
     """
 
     def __init__(
@@ -104,14 +112,15 @@ class NativeGrid:
         spans: F64,
     ) -> None:
         assert bounds.shape == listed.shape and spans.shape[1:] == (SPAN,)
-        self._arrays: list[npt.NDArray[Any]] = [
-            f64(box), i64(axes), f64(scale), i64(cells), i64(codes),
-            i64(offsets), i64(beyond), i64(listed), i64(bounds), f64(spans),
-        ]  # fmt: skip
+        self._structure = _Grid(
+            *(f64(box), i64(axes), f64(scale), i64(cells), i64(codes)),
+            *(i64(offsets), i64(beyond), i64(listed), i64(bounds), f64(spans)),
+        )
+        self.address = ctypes.addressof(self._structure)
 
     def contains(self, points: F64) -> Bool:
         """Inside test of points (3, N), (N,) bool; NaN is outside."""
         points = f64(points)
         inside = np.empty(points.shape[1], np.bool_)
-        _calls().hfx_mesh_inside(points, points.shape[1], *self._arrays, inside)
+        _calls().hfx_mesh_inside(self.address, points, points.shape[1], inside)
         return inside

@@ -10,10 +10,14 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, f64, i64, loaded
+from .library import DOUBLES, INTEGER, LONGS, f64, i64, loaded, structure
 
 BOX: Final = 6
 FRAME: Final = 16
+
+_Tree = structure(
+    "hfx_tree", boxes=DOUBLES, order=LONGS, corners=DOUBLES, frames=DOUBLES, size=INTEGER
+)
 
 
 @cache
@@ -60,6 +64,8 @@ class NativeTree:
         of n, the leaves come last.
     frames : (2^k, 16) float64
         The triangle of each leaf, in a plane of its own.
+    address : int
+        Of ``hfx_tree``, as long as this lives.
     """
 
     def __init__(self, corners: F64, order: I64) -> None:
@@ -69,6 +75,8 @@ class NativeTree:
         self.frames = np.empty((self.size, FRAME))
         _calls().hfx_mesh_boxes(self.corners, self.order, self.size, self.boxes)
         _calls().hfx_mesh_frames(self.corners, self.order, self.size, self.frames)
+        self._structure = _Tree(self.boxes, self.order, self.corners, self.frames, self.size)
+        self.address = ctypes.addressof(self._structure)
 
     @property
     def extent(self) -> tuple[F64, F64]:

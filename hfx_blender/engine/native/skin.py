@@ -23,14 +23,10 @@ def _calls() -> ctypes.CDLL:
         *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
         *(DOUBLES, DOUBLES, DOUBLES),
     ]
-    found.hfx_cluster_moves.argtypes = [
-        *(POINTER, INTEGER, LONGS, LONGS, DOUBLES, INTEGER),
-        *(LONGS, LONGS, LONGS, DOUBLES, DOUBLES, DOUBLES),
-    ]
     found.hfx_cell_means.argtypes = [
         *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
     ]
-    for name in ("bone_matrices", "cluster_moves", "cell_means"):
+    for name in ("bone_matrices", "cell_means"):
         getattr(found, f"hfx_{name}").restype = None
     return found
 
@@ -94,47 +90,6 @@ class PosedBones:
         if to_target is not None:
             arrays = f64(posed), i64(rows), i64(used), f64(to_target)
             calls.hfx_bone_matrices(count, len(used), given, *arrays, *found)
-
-    def cluster_moves(
-        self,
-        before: I64,
-        after: I64,
-        linear: F64,
-        clusters: I64,
-        starts: I64,
-        bones: I64,
-        centres: F64,
-        halves: F64,
-    ) -> F64:
-        """Upper bound of the displacement of clusters between rows.
-
-        Parameters
-        ----------
-        before, after : (m,) int64
-            Rows.
-        linear : (m, 3, 3) float64
-            From target space to that of the moves.
-        clusters : (k,) int64
-        starts : (C + 1,) int64
-            Each cluster's first pair: a bone, and the box of what it moves at rest.
-        bones : (P,) int64
-            Of pairs.
-        centres, halves : (P, 3) float64
-            Of these boxes.
-
-        Returns
-        -------
-        (m, k) float64
-        """
-        calls = _calls()
-        before, after, linear, clusters = i64(before), i64(after), f64(linear), i64(clusters)
-        moves = np.empty((len(before), len(clusters)))
-        calls.hfx_cluster_moves(
-            ctypes.byref(self.pointers),
-            *(len(before), before, after, linear),
-            *(len(clusters), clusters, starts, bones, centres, halves, moves),
-        )
-        return moves
 
     def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
         """Upper bounds of the mean distance of cells' skin from their vertex, target space (m, k);

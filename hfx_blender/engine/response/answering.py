@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import I64
-from ..contact.broad_phase import ReachableBounds
+from ..contact.reachable_bounds import ReachableBounds
 from ..modality import MODALITIES
 from ..response_filters.controls import FilterKind
 from ..samples import SampleRun, Stream

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64, Bool
-from ..contact.broad_phase import ReachableBounds
+from ..contact.reachable_bounds import ReachableBounds
 from ..response_filters.controls import About, Filter, FilterKind
 from ..response_filters.filters import (
     distance_value,

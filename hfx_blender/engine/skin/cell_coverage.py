@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, Bool
+from ..arrays import F64, I32, I64
 from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
@@ -227,41 +227,10 @@ class BodySkin:
         assert own is None or isinstance(own, SkinnedModel)
         return CellSizes(self.skin.table, self.surface, own)
 
-    @cached_property
-    def cluster_of(self) -> I64:
-        """The skin's cluster of each vertex of the model."""
-        return owners_of(self.skin.clusters, len(self.skin.model))
-
-    @cached_property
-    def groups(self) -> PosableModel:
-        """The model's own vertices in the largest clusters that pay."""
-        if self.skin.surface is self.skin.model:
-            return self.vertices
-        return self._bind(self.skin.model, clusters_of(self.skin.model))
-
-    @cached_property
-    def group_sizes(self) -> I64:
-        """Number of vertices of each group, (groups,)."""
-        return np.array([len(ids) for ids in self.groups.clusters], np.int64)
-
     @property
     def is_grouped(self) -> bool:
         """Test that groups differ from the clusters of the skin."""
         return self.skin.surface is not self.skin.model
-
-    def asked_groups(self, asked: Bool) -> Bool:
-        """Groups that hold any of the clusters ``asked`` (n, clusters): (n, groups) bool."""
-        if not self.is_grouped:
-            return asked
-        found: Bool = (asked[:, None] & self._members).any(axis=2)
-        return found
-
-    @cached_property
-    def _members(self) -> Bool:
-        """Membership of clusters in groups, (groups, clusters) bool."""
-        members = np.zeros((len(self.groups.clusters), len(self.skin.clusters)), np.bool_)
-        members[owners_of(self.groups.clusters, len(self.skin.model)), self.cluster_of] = True
-        return members
 
 
 def owners_of(clusters: list[I32], count: int) -> I64:

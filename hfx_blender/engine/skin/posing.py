@@ -36,13 +36,6 @@ class PosableModel(Protocol):
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         """Clusters posed at some rows, see :class:`PosedClusters`."""
 
-    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """Lower bound of the stretch of the skin of some clusters, (n, k), target space.
-
-        It is what a distance on it that is known at rest is worth. Where bones part the skin
-        they move, that is no stretch.
-        """
-
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
 
@@ -55,24 +48,6 @@ class PosedClusters(Protocol):
 
     def all_points(self, clusters: I64, at: I64) -> F64:
         """Positions of several clusters' vertices, one after the other, (3, N)."""
-
-    def skin(self, clusters: I64, at: I64, table: LinkTable) -> tuple[F64, F64]:
-        """Positions of clusters' vertices, and how far from the first their neighbours can be.
-
-        The positions are those of :meth:`all_points`, the distances one for each unit of each
-        pair, (slots,), target space.
-        """
-
-
-class LinkTable(Protocol):
-    """Vertices of clusters that take part in a search, and their neighbours."""
-
-    unit_counts: I64
-    """Number of each cluster's first vertices whose neighbours count, (C,)."""
-
-    def links(self, cluster: int) -> I64:
-        """Pairs of a counted vertex and a neighbour, (E, 2), by their places in the cluster; the
-        same for the same cluster."""
 
 
 def runs(clusters: I64) -> list[tuple[int, int]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
-from ..indexing import lacking, ramp
+from ..indexing import lacking
 from ..native import skin_filling as native
 from ..tolerance import Tolerance
 from .skin_mesh import SkinMesh
@@ -146,20 +146,6 @@ class SkinTable:
         area."""
         return self._samples
 
-    def quads_of(self, units: I64) -> tuple[I64, I64]:
-        """All quads of some units, one unit after the other: owners, and quads."""
-        step, owner = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
-        return owner, self.quad_starts[units][owner] + step
-
-    def links(self, cluster: int) -> I64:
-        """Units of a cluster, ascending, and corners around them, (2 Q, 2) places in it."""
-        first = self.starts[cluster]
-        quads = slice(self.quad_starts[first], self.quad_starts[self.starts[cluster + 1]])
-        links: I64 = np.stack(
-            [np.repeat(self.unit_of[quads], 2), self.around[quads].ravel()], axis=1
-        )
-        return links - first
-
     def need(self, clusters: I64) -> None:
         """Fill in the skin of clusters that have not been filled yet."""
         new = lacking(self._is_made, clusters)
@@ -188,32 +174,3 @@ class SkinTable:
     def _closeness(self) -> F64:
         """Reciprocal spacing of vertices, up to a constant factor, (skin vertices,)."""
         return (1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))).astype(np.float64)
-
-    def samples_at(self, quads: I64, number: int) -> F64:
-        """Samples of some quads, ``number`` squared of each, (4, k, N); see :attr:`samples`.
-
-        What a pose needs more of is made anew.
-        """
-        is_known = self.steps[quads] == number
-        if not is_known.any():
-            return self.samples_of(quads, number)
-        at = self.sample_starts[quads][:, None] + np.arange(number * number)
-        if is_known.all():
-            return self._samples.take(at, axis=1)
-        found = np.empty((4, *at.shape))
-        found[:, is_known] = self._samples.take(at[is_known], axis=1)
-        found[:, ~is_known] = self.samples_of(quads[~is_known], number)
-        return found
-
-    def samples_of(self, quads: I64, number: int) -> F64:
-        """Samples of some quads, ``number`` squared of each, (4, k, N)."""
-        # Places of the samples in each quad, (1, N).
-        ticks = (np.arange(number) + 0.5) / number
-        s, t = (each.reshape(1, -1) for each in np.meshgrid(ticks, ticks, indexing="ij"))
-        edge, other, inner, inner_2, *rest = self.quads[quads].T[:, :, None]
-        area, by_s, by_t, to_one, to_two, between = rest
-        one = s * (1.0 - t) * edge + s * t * inner
-        two = (1.0 - s) * t * other + s * t * inner_2
-        height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
-        fewer = np.square(self.steps[quads] / number)[:, None]
-        return np.stack([one, two, height, (area + s * by_s + t * by_t) * fewer])

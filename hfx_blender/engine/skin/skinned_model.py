@@ -10,8 +10,6 @@ import numpy as np
 from ..arrays import F64, I32, I64
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
-from ..indexing import largest
-from ..kinematics.motion import longest_axis
 from ..matmul import stacked_product
 from ..native import skin as native
 from ..native.bounds import Outline
@@ -19,8 +17,8 @@ from ..native.skin import PosedBones, UsedBones
 from ..native.skin_table import Table
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
-from .posing import LinkTable, PosedClusters
-from .skinned_clusters import Links, SkinnedClusters
+from .posing import PosedClusters
+from .skinned_clusters import SkinnedClusters
 
 
 class SkinnedModel:
@@ -38,8 +36,6 @@ class SkinnedModel:
         self._still = self._weights.bone_count
         self._factors: dict[int, tuple[I64, F64]] = {}
         self._sparse: dict[int, tuple[I64, F64, I64]] = {}
-        self._links: dict[int, Links] = {}
-        self._moved_by: dict[int, F64] = {}
 
     @cached_property
     def _boxes(self) -> BoneBoxes:
@@ -120,14 +116,6 @@ class SkinnedModel:
         matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
         return SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
 
-    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones = [self.cluster_bones(cluster) for cluster in clusters.tolist()]
-        firsts = np.cumsum([0, *(len(some) for some in bones[:-1])])
-        used, slots = np.unique(np.concatenate(bones), return_inverse=True)
-        linear = self.bone_matrices(pose, rows, to_target, used)[..., :3]
-        stretches: F64 = np.minimum.reduceat(longest_axis(linear)[:, slots], firsts, axis=1)
-        return stretches
-
     @property
     def used_bones(self) -> I64:
         """Bones that move anything, ascending; the number of bones stands for what rests."""
@@ -146,50 +134,6 @@ class SkinnedModel:
         """Cluster-bone pairs with boxes at rest of what each bone moves: each cluster's first pair
         (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
         return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
-
-    def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
-        """Upper bound of the way of clusters' vertices between two rows of bones, (n, k), in the
-        space of ``linear`` (n, 3, 3)."""
-        before, after = rows
-        return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
-
-    def links(self, cluster: int, table: LinkTable) -> Links:
-        """Links of a cluster's vertices to their neighbours; cached. See :class:`PosedClusters`."""
-        if cluster not in self._links:
-            units = int(table.unit_counts[cluster])
-            self._links[cluster] = self._made_links(cluster, units, table.links(cluster))
-        return self._links[cluster]
-
-    def _made_links(self, cluster: int, units: int, links: I64) -> Links:
-        ids = self.clusters[cluster]
-        bones = self.cluster_bones(cluster)
-        entries, owners = self._weights.entries(ids)
-        weights = np.zeros((len(ids), len(bones)))
-        weights[owners, np.searchsorted(bones, self._weights.bones[entries])] = (
-            self._weights.values[entries]
-        )
-        rest = self._weights.rest[ids, :3]
-        one, other = links.T
-        gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
-        distances = largest(gaps, one, units)
-        differences = largest(np.abs(weights[one] - weights[other]), one, units)
-        return Links(distances, np.ascontiguousarray(differences.T), self._moved(cluster))
-
-    def _moved(self, cluster: int) -> F64:
-        """Weight, centre and radius of what each bone moves of a cluster; see :class:`Links`."""
-        if cluster in self._moved_by:
-            return self._moved_by[cluster]
-        ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
-        entries, _ = self._weights.entries(ids)
-        columns = np.searchsorted(bones, self._weights.bones[entries])
-        rest = self._weights.rest[ids, :3]
-        low, high = rest.min(axis=0), rest.max(axis=0)
-        moved = np.zeros((len(bones), 6))
-        moved[:, 0] = np.bincount(columns, self._weights.values[entries], len(bones)) / len(ids)
-        moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
-        moved[:, 5] = 0.5 * np.sqrt(np.square(high - low).sum())
-        self._moved_by[cluster] = moved
-        return moved
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._weights.entries(vertices)

@@ -13,15 +13,13 @@ import numpy as np
 from ..arrays import F64, I32, I64
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
-from ..indexing import largest
-from ..kinematics.motion import longest_axis
 from ..reference.pose import by_bones
 from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
-from .posing import LinkTable, PosedClusters, joined, runs
+from .posing import PosedClusters, joined
 
 
 class PointwiseModel(ABC):
-    """Model whose clusters are bounded by posing them."""
+    """Model whose clusters, none of which is empty, are bounded by posing them."""
 
     clusters: list[I32]
 
@@ -30,12 +28,19 @@ class PointwiseModel(ABC):
         """Positions of vertices (k,) at some rows, (n, k, 3), the body's own space."""
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        lows, highs = [], []
-        for cluster in range(len(self.clusters)):
-            points = self.cluster_points(cluster, pose, rows, to_target)
-            lows.append(points.min(axis=2).T)
-            highs.append(points.max(axis=2).T)
-        return np.stack(lows, axis=1), np.stack(highs, axis=1)
+        return self.bounds_around(self.places(pose, rows), to_target)
+
+    def places(self, pose: PoseBlock, rows: I64) -> F64:
+        """Positions of the vertices of all clusters, one after the other, (n, P, 3), the body's
+        own space.
+        """
+        return self._local(np.concatenate(self.clusters), pose, rows)
+
+    def bounds_around(self, places: F64, to_target: F64) -> tuple[F64, F64]:
+        """Boxes that hold each cluster, of the places of :meth:`places`: two (n, C, 3)."""
+        moved = places @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
+        starts = np.cumsum([0, *(len(ids) for ids in self.clusters[:-1])])
+        return np.minimum.reduceat(moved, starts, 1), np.maximum.reduceat(moved, starts, 1)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         local = self._local(self.clusters[cluster], pose, rows)
@@ -44,27 +49,6 @@ class PointwiseModel(ABC):
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         return _PointwiseClusters(self, pose, rows, to_target)
-
-    def cluster_moves(
-        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
-    ) -> F64:
-        """Upper bound of the way of a cluster's vertices between two rows, (n, k), target space.
-
-        ``rows`` and ``to_target`` are those before and those after.
-        """
-        moves = np.zeros((len(rows[0]), len(clusters)))
-        for k, cluster in enumerate(clusters.tolist()):
-            before, after = (
-                self.cluster_points(cluster, pose, row, target)
-                for row, target in zip(rows, to_target, strict=True)
-            )
-            moves[:, k] = np.sqrt(np.square(after - before).sum(axis=0).max(axis=1))
-        return moves
-
-    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """Stretch of the body's transform; the stretch of its surface is not known."""
-        stretches = longest_axis(to_target[:, :3, :3])
-        return np.repeat(stretches[:, None], len(clusters), axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         local = self._local(vertices, pose, np.array([row]))[0]
@@ -146,16 +130,3 @@ class _PointwiseClusters:
 
     def all_points(self, clusters: I64, at: I64) -> F64:
         return joined(self, clusters, at)
-
-    def skin(self, clusters: I64, at: I64, table: LinkTable) -> tuple[F64, F64]:
-        """The distances are exact."""
-        points, gaps = [], []
-        for first, last in runs(clusters):
-            cluster = int(clusters[first])
-            posed, ends = self.points(cluster, at[first:last]), table.links(cluster)
-            one, other = posed[:, :, ends[:, 0]], posed[:, :, ends[:, 1]]
-            lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
-            units = int(table.unit_counts[cluster])
-            points.append(posed.reshape(3, -1))
-            gaps.append(largest(lengths, ends[:, 0], units).T.ravel())
-        return np.concatenate(points, axis=1), np.concatenate(gaps)

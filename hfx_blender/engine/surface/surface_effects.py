@@ -11,7 +11,7 @@ from ..active_rows import followed
 from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
-from ..contact.broad_phase import ReachableBounds
+from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
 from ..scene import AnimationBlock, EffectBlock, EffectDescription, HapticSurface, PoseBlock

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -50,9 +49,6 @@ def _across(linear: F64) -> Ellipsoid:
 class _Convex:
     """Shape that is a unit ball of a measure of its own: what is common to all of them."""
 
-    is_convex: ClassVar[bool] = True
-    steepest_rise: ClassVar[float] = 1.0
-
     @property
     def bounds(self) -> F64:
         return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
@@ -66,9 +62,6 @@ class _Convex:
 
     def rise(self, points: F64) -> F64:
         return np.fmax(1.0 - np.sqrt(self._squared(points)), 0.0)
-
-    def clearance(self, points: F64) -> F64:
-        return np.sqrt(self._squared(points)) - 1.0
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib.util import find_spec
-from typing import Any, ClassVar, Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, Bool
-from ..native import mesh_crossing
-from ..native.mesh_tree import NativeTree
-from ..ways import Ways
+from ..native.mesh_volume import NativeMesh
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
@@ -26,10 +24,6 @@ _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
 _CORE_ROUNDS: Final = 24
 _ALIKE: Final = 1e-9  # depths, as shares of the largest
-_AROUND: Final = 1 / 16  # of the extent: beyond it the distance to the box is enough
-_NEARLY: Final = 0.4  # a bound of a distance is found ten times faster, and is nearly as useful
-_UNSURE: Final = 1e-9  # of the extent: nearer to the boundary a point may count for either side
-_SLACK: Final = 1e-12  # of the largest coordinate: boxes of a tree are that much too small
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 _BOX_TRIANGLES: Final = np.array(
@@ -65,8 +59,6 @@ class MeshVolume:
     InputError
         The mesh is empty, flat, not finite, wide open, or faces both ways.
     """
-
-    is_convex: ClassVar[bool] = False
 
     vertices: F64
     triangles: I32
@@ -182,10 +174,6 @@ class MeshVolume:
             return np.zeros(points.shape[1])
         return np.minimum(self._depth(points, np.eye(3)) / self._largest_depth, 1.0)
 
-    @property
-    def steepest_rise(self) -> float:
-        return 1.0 / self._largest_depth if self._largest_depth > 0.0 else 0.0
-
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
         return self._depth(points, to_world[:3, :3])
@@ -206,40 +194,35 @@ class MeshVolume:
             return np.asarray(stretch[1] * self._tree.distances(about))
         return self._placed_tree(linear).distances(linear @ about)
 
+    def compiled(self, with_depth: bool = False) -> NativeMesh:
+        """The mesh for the library, which must be there; with the largest depth, or without."""
+        if with_depth not in self._compiled:
+            tree, grid = self._tree.compiled, self._grid.compiled
+            assert tree is not None and grid is not None
+            depth = self._largest_depth if with_depth else 0.0
+            self._compiled[with_depth] = NativeMesh(grid, tree, self._middle, depth)
+        return self._compiled[with_depth]
+
+    @cached_property
+    def _compiled(self) -> dict[bool, NativeMesh]:
+        return {}
+
     def clearance(self, points: F64) -> F64:
-        """A bound of the distance to the boundary, see :meth:`Shape.clearance`.
+        """Bound of the distance to the boundary of points (3, N), shape space, (N,).
 
-        In the box and around it told by the compiled tree.
+        Within less than its absolute value all points are on the same side of the boundary: it is
+        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
+        for NaN.
         """
-        low, high = self.bounds
-        to_box = np.maximum(low[:, None] - points, points - high[:, None]).max(axis=0)
-        clear: F64 = np.maximum(to_box, 0.0)
-        extent = high - low
-        rounding = (
-            _UNSURE * extent.max() + 8.0 * np.finfo(np.float64).eps * np.abs(low + high).max()
-        )
-        asked = np.flatnonzero(to_box < _AROUND * extent.max())
-        if len(asked):
-            near = points.take(asked, axis=1)
-            away = self._tree.distances_at_least(near - self._middle[:, None], _NEARLY) - rounding
-            away = np.maximum(away, 0.0)
-            clear[asked] = np.where(self.contains(near), -away, away)
-        return clear
+        return self.compiled().clearances(points)
 
-    def crossings(self, ways: Ways) -> tuple[F64, F64]:
-        """First and last crossings of paths, see :func:`.native.mesh_crossing.crossings`."""
-        return mesh_crossing.crossings(*self._searched, self._middle, ways)
+    def passage(self, starts: F64, ends: F64) -> tuple[F64, F64]:
+        """First and last time at which points in straight, even motion are inside, (N,) each.
 
-    def comes_near(self, ways: Ways, reaches: F64) -> Bool:
-        """Paths that may come within ``reaches`` (N,) of the surface."""
-        return mesh_crossing.comes_near(*self._searched, self._middle, ways, reaches)
-
-    @property
-    def _searched(self) -> tuple[NativeTree, float]:
-        """Compiled tree, and how much its boxes are too small."""
-        tree = self._tree.compiled
-        assert tree is not None
-        return tree, _SLACK * float(np.abs(np.stack(tree.extent)).max())
+        From 0 at the ``starts`` (3, N) to 1 at the ``ends``; infinite, and minus infinity, where a
+        point is never inside. In between a point may leave the mesh for a while.
+        """
+        return self.compiled().passages(starts, ends)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
         """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""

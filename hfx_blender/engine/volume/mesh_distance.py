@@ -86,12 +86,6 @@ class TriangleTree:
             distances = np.where(leaves < 0, np.inf, np.sqrt(squared))
         return np.where(leaves < 0, -1, self.order[leaves]), distances
 
-    def distances_at_least(self, points: F64, share: float) -> F64:
-        """Lower bound of each distance, at least ``share`` of it; faster where compiled."""
-        if self.compiled is not None:
-            return native.distances_at_least(self.compiled, points, share)
-        return self.distances(points)
-
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
         """Approximation of :meth:`distances`, cheaper: too large by at most the share ``slack``.
         For points within ``limit`` the result only says that they are within it.

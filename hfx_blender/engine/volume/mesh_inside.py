@@ -143,6 +143,11 @@ class InsideGrid:
         With some extent along each axis.
     triangles : (F, 3) int32
         Closed: each edge is used as often in one direction as in the other.
+
+    Attributes
+    ----------
+    compiled : NativeGrid or None
+        The same for the library, where there is one.
     """
 
     def __init__(self, vertices: F64, triangles: I32) -> None:
@@ -161,7 +166,7 @@ class InsideGrid:
         corners = placed.T[triangles]
         self._spans = _Spans.of(corners)
         self._fill(*covered_columns(corners, self._counts))
-        self._native = self._packed(corners) if library() is not None else None
+        self.compiled = self._packed(corners) if library() is not None else None
 
     def _to_cells(self, points: F64) -> F64:
         placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
@@ -215,8 +220,8 @@ class InsideGrid:
 
     def contains(self, points: F64) -> Bool:
         """Inside test of points (3, N), (N,) bool."""
-        if self._native is not None:
-            return self._native.contains(points)
+        if self.compiled is not None:
+            return self.compiled.contains(points)
         inside = np.zeros(points.shape[1], np.bool_)
         near = (points >= self._low[:, None]) & (points <= self._high[:, None])
         candidates = np.flatnonzero(near[0] & near[1] & near[2])

@@ -19,10 +19,6 @@ class Shape(Protocol):
     """
 
     @property
-    def is_convex(self) -> bool:
-        """Convexity: a box is inside as soon as its corners are."""
-
-    @property
     def bounds(self) -> F64:
         """Axis-aligned box, (2, 3): lowest and highest corner."""
 
@@ -35,18 +31,6 @@ class Shape(Protocol):
         0 on the boundary, 1 at the core (the points farthest inside), linear between along
         the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
         """
-
-    def clearance(self, points: F64) -> F64:
-        """Bound of the distance to the boundary of points (3, N), in shape space, (N,).
-
-        Within less than its absolute value all points are on the same side of the boundary: it is
-        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
-        for NaN.
-        """
-
-    @property
-    def steepest_rise(self) -> float:
-        """Upper bound of the change of :meth:`rise` over a distance of 1 in shape space."""
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """World-space distance to the boundary of points that are inside, (N,) metres.

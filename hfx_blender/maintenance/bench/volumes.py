@@ -19,7 +19,6 @@ from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.placing_matrix import inverse_placement
 from ...engine.volume.shape import Shape
-from ...engine.volume.sweep import passage
 
 BAND: Final = 1e-9
 """Points nearer to the boundary than this share of the shape's size are not judged."""
@@ -172,7 +171,7 @@ def _asked_more(
     questions: dict[str, Callable[[], Any]] = {
         "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
         "clearance_ms": lambda: volume.clearance(points),
-        "passage_ms": lambda: passage(volume, points, ends),
+        "passage_ms": lambda: volume.passage(points, ends),
     }
     found = {}
     for name, question in questions.items():

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import igl
 import numpy as np
 import pytest
@@ -12,12 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_twins import MESHES, needs_library, probes, twins
 
-from hfx_blender.engine.native import mesh_crossing as native_crossing
 from hfx_blender.engine.reference import sweep as reference
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
-from hfx_blender.engine.volume.sweep import passage
-from hfx_blender.engine.ways import Ways
 
 pytestmark = needs_library
 
@@ -69,20 +64,20 @@ def test_trees_of_a_few_triangles(count: int) -> None:
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
-    share=st.floats(0.05, 0.95),
     step=st.sampled_from([1e-6, 1e-2, 0.3, 3.0]),
 )
-def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, share, step) -> None:
+def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> None:
     """Walks, so that what is known of one place counts for the next."""
     rng = np.random.default_rng(seed)
-    tree = TriangleTree(rng.normal(size=(60, 3, 3)))
+    shape = MeshVolume(*MESHES["rough"], "rough")
     points = np.cumsum(step * rng.normal(size=(3, 400)), axis=1)
     points[:, rng.integers(400, size=5)] = np.nan
-    exact, found = tree.distances(points), tree.distances_at_least(points, share)
+    exact, found = shape.surface_distance_m(points, np.eye(3)), np.abs(shape.clearance(points))
     np.testing.assert_array_equal(np.isnan(found), np.isnan(points[0]))
-    known = ~np.isnan(found)
-    assert (found[known] <= exact[known] * (1 + 1e-12)).all()
-    assert (found[known] >= share * exact[known] * (1 - 1e-12)).all()
+    low, high = shape.bounds[:, :, None]
+    near = ((points > low) & (points < high)).all(axis=0)
+    assert (found[near] <= exact[near] * (1 + 1e-12)).all()
+    assert (found[near] >= 0.4 * exact[near] - 1e-8).all()
 
 
 def _crossed(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -104,39 +99,20 @@ def test_ways_cross_the_surface_where_the_reference_finds_it(name: str) -> None:
     starts[:2, 15:45] = ends[:2, 15:45]  # along an axis
     for one, other in ((starts, ends), (ends, starts)):
         with np.errstate(all="ignore"):
-            expected = reference._through_triangles(shape.corners, one, other - one)
-        _crossed(np.stack(shape.crossings(Ways.straight(one, other))), np.stack(expected))
-
-
-@pytest.mark.parametrize("name", sorted(MESHES.keys() - {"slivers"}))  # there rounding decides
-def test_ways_that_turn_cross_the_surface_where_the_reference_finds_it(name: str) -> None:
-    vertices, triangles = MESHES[name]
-    shape = MeshVolume(vertices, triangles, name)
-    ends = finite(probes(vertices, triangles, 50))
-    starts, size = np.roll(ends, 111, axis=1), np.ptp(vertices, axis=0).max()
-    starts[:, 0] = ends[:, 0] = vertices.max(axis=0) + 1e3 * size
-    rng = np.random.default_rng(1)
-    drift = np.tile(np.eye(4), (2, 5, 3, 1, 1)) + 0.2 * rng.normal(size=(2, 5, 3, 4, 4))
-    ways = Ways(starts, ends, rng.integers(3, size=ends.shape[1]), *drift)
-    expected = np.array([[np.inf], [-np.inf]]) + np.zeros(ends.shape[1])
-    for k, (start, end) in enumerate(pairwise(ways.path())):
-        with np.errstate(all="ignore"):
-            first, last = reference._through_triangles(shape.corners, start, end - start)
-        np.minimum(expected[0], (k + first) / ways.steps, out=expected[0])
-        np.maximum(expected[1], (k + last) / ways.steps, out=expected[1])
-    met = _crossed(np.stack(shape.crossings(ways)), expected)
-    near = shape.comes_near(ways, np.full(met.size, 1e-3 * size))
-    assert (near | shape.contains(starts))[met].all() and not near.all()
+            first, last = reference._through_triangles(shape.corners, one, other - one)
+        # Whether an end on the surface is inside is up to rounding.
+        sure = ~np.isclose([first, last], [[[0.0]], [[1.0]]], rtol=0, atol=1e-9).any(axis=(0, 1))
+        first[shape.contains(one)], last[shape.contains(other)] = 0.0, 1.0
+        expected = np.where(first <= last, [first, last], [[np.inf], [-np.inf]])
+        _crossed(np.stack(shape.passage(one, other))[:, sure], expected[:, sure])
 
 
 def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:
     """Places on the plane of a face divide 0 by 0."""
-    vertices, triangles = MESHES["a box"]
-    tree = TriangleTree(vertices[triangles]).compiled
-    assert tree is not None
+    shape = MeshVolume(*MESHES["a box"], "box")
     for side in (-0.5, 0.5):
         starts, ends = np.array([[side], [-1.0], [0.2]]), np.array([[side], [1.0], [0.2]])
-        first, last = native_crossing.crossings(tree, 0.0, np.zeros(3), Ways.straight(starts, ends))
+        first, last = shape.passage(starts, ends)
         np.testing.assert_allclose([first[0], last[0]], [0.25, 0.75], rtol=1e-12)
 
 
@@ -164,10 +140,10 @@ def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
     compiled, _ = twins(*MESHES["a torus"])
     points = np.array([[np.nan, np.inf, 0.0], [0.0, 0.0, -np.inf], [0.0, 0.0, 0.0]])
     assert np.isnan(compiled._tree.distances(points)).all()
-    first, last = passage(compiled, points, np.zeros((3, 3)))
+    first, last = compiled.passage(points, np.zeros((3, 3)))
     assert np.isinf(first).all() and np.isinf(last).all()
     nothing = np.zeros((3, 0))
-    for found in (compiled._tree.distances(nothing), *passage(compiled, nothing, nothing)):
+    for found in (compiled._tree.distances(nothing), *compiled.passage(nothing, nothing)):
         assert found.shape == (0,)
 
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Volumes with a formula, as engine/volume/{analytic,sweep,parting}.py have them: unit shapes in
-// their own space. What is not a number is outside, and never parted.
+// Volumes in their own space: unit shapes with a formula, as engine/volume/analytic.py has them, and
+// meshes, of which this file knows the box. What is not a number is outside, and never parted.
 
 #ifndef HFX_ANALYTIC_H
 #define HFX_ANALYTIC_H
@@ -8,13 +8,15 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "mesh.h"
 #include "numbers.h"
 
-enum { HFX_CUBOID, HFX_SPHERE, HFX_CYLINDER, HFX_CAPSULE };
+enum { HFX_CUBOID, HFX_SPHERE, HFX_CYLINDER, HFX_CAPSULE, HFX_MESH };
 
 typedef struct {
   int64_t kind;
-  double half;  // of the capsule's segment
+  double half;           // of the capsule's segment
+  const hfx_mesh *mesh;  // or NULL
 } hfx_shape;
 
 static inline double hfx_clip(double value, double low, double high) {
@@ -154,6 +156,10 @@ static inline void hfx_away(hfx_shape shape, const double p[3], double away[3]) 
       away[2] = p[2] - hfx_clip(p[2], -1.0, 1.0);
       return;
     }
+    case HFX_MESH:
+      for (int i = 0; i < 3; i++)
+        away[i] = p[i] - hfx_clip(p[i], shape.mesh->grid->box[i], shape.mesh->grid->box[3 + i]);
+      return;
     default:
       for (int i = 0; i < 3; i++) away[i] = p[i] - hfx_clip(p[i], -1.0, 1.0);
   }
@@ -165,6 +171,12 @@ static inline double hfx_farthest(hfx_shape shape, const double d[3]) {
     case HFX_SPHERE: return sqrt(hfx_dot(d, d));
     case HFX_CAPSULE: return sqrt(hfx_dot(d, d)) + shape.half * fabs(d[2]);
     case HFX_CYLINDER: return sqrt(hfx_dot2(d, d)) + fabs(d[2]);
+    case HFX_MESH: {
+      double sum = 0.0;
+      for (int i = 0; i < 3; i++)
+        sum += hfx_larger(d[i] * shape.mesh->grid->box[i], d[i] * shape.mesh->grid->box[3 + i]);
+      return sum;
+    }
     default: return fabs(d[0]) + fabs(d[1]) + fabs(d[2]);
   }
 }
@@ -181,7 +193,7 @@ static inline int hfx_parted(hfx_shape shape, const double (*corners)[3], int co
   double nearest = hfx_dot(away, corners[0]);
   for (int k = 1; k < count; k++) nearest = hfx_smaller(nearest, hfx_dot(away, corners[k]));
   double limit = hfx_farthest(shape, away) + margin * sqrt(hfx_dot(away, away));
-  return nearest - limit > 1e-12 * (fabs(nearest) + limit);
+  return nearest - limit > 1e-12 * (fabs(nearest) + fabs(limit));
 }
 
 #endif

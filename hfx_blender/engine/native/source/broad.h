@@ -6,6 +6,8 @@
 
 #include <stdint.h>
 
+#include "analytic.h"
+
 // A volume at some rows.
 typedef struct {
   int64_t rows;
@@ -20,7 +22,27 @@ typedef struct {
   double *body_to_shape;          // (rows, 4, 4) the body's own space to shape space
   double *boxes;                  // (rows, 2, 3) world, of the volume
   double *turns;                  // (2, rows) of volume and body since the row before, radians
+  const hfx_mesh **meshes;        // (rows,) of rows with a mesh; only where it is met
+  const double *swept;            // (rows, 2, 3) boxes of meshes since the row before, or NULL
+  uint8_t *is_usable;             // (rows,) not flattened, endless or not a number
 } hfx_target;
+
+static inline hfx_shape hfx_shape_at(const hfx_target *target, int64_t row) {
+  return (hfx_shape){target->kinds[row], target->halves[row], target->meshes[row]};
+}
+
+// Where a body has no bones: places of its skin in its own space, at some rows.
+typedef struct {
+  const double *places;  // (bounds, places, 3)
+  const double *own;     // (bounds, cells, 3) of the cells' vertices, or NULL: they are places
+  const int64_t *at;     // (rows,) which of these rows
+  const int64_t *starts; // (clusters + 1,) each cluster's first place
+  int64_t place_count, cell_count;
+} hfx_given;
+
+static inline void hfx_moved_by(const double *matrix, const double *from, double to[3]) {
+  for (int i = 0; i < 3; i++) to[i] = hfx_dot(matrix + 4 * i, from) + matrix[4 * i + 3];
+}
 
 // The largest change of weight for a change of rise.
 static inline double hfx_steepest(const hfx_target *target) {
@@ -38,9 +60,6 @@ typedef struct {
   int64_t *clusters, *rows;
   uint8_t *how;
   int64_t *steps;        // followed from the pair before in so many steps; 0: not
-  const double *points;  // (3, total) all places, or NULL: bones pose them
-  int64_t total;
-  const double *allowed_m;  // (count,) where points are given: how far skin may be from its samples
 } hfx_pairs;
 
 #endif

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Contact of skin with a volume that has a formula: how much of each cell is inside, and what
-// passed since the row before. See engine/{narrow,swept}.py, whose terms these are.
+// Contact of skin with a volume: how much of each cell is inside, and what passed since the row before.
+// What that means is defined in engine/reference.
+
+#include <string.h>
 
 #include "hfx_native.h"
 #include "passing.h"
@@ -13,25 +15,48 @@ typedef struct {
   int64_t columns, is_single, posed;  // `posed` is counted up: how many places were
 } hfx_found;
 
-// See narrow.covered: the share of a cell that is inside and falls to one of its units.
+// The weighted share of a cell that samples of a quad make, `steps` both ways.
+static double sampled(look *at, int64_t quad, int64_t steps, const triangle *t) {
+  double points[TOGETHER_AT_ONCE][3], shares[TOGETHER_AT_ONCE], weights[TOGETHER_AT_ONCE], sum = 0.0;
+  for (int64_t first = 0; first < steps * steps; first += TOGETHER_AT_ONCE) {
+    int64_t count = steps * steps - first;
+    if (count > TOGETHER_AT_ONCE) count = TOGETHER_AT_ONCE;
+    for (int64_t k = 0; k < count; k++) {
+      hfx_sample s = sample_of(at->table, quad, steps, first + k);
+      place_sample(&s, t, points[k]);
+      shares[k] = s.share;
+    }
+    weigh(at, (const double(*)[3])points, count, weights);
+    for (int64_t k = 0; k < count; k++) sum += weights[k] * shares[k];
+    for (int64_t k = 0; at->details && k < count; k++)
+      if (weights[k] > 0.0) tell_inside(at, points[k]);
+  }
+  return sum;
+}
+
+// The share of a cell that is inside and falls to one of its units.
 static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
   const hfx_table *table = at->table;
   const hfx_target *target = at->target;
   int64_t place = at->first + unit;
-  double bound = pair->gaps[unit] * table->reaches[place];
+  double bound = at->cluster ? pair->gaps[unit] * table->reaches[place] : reach_of(at, pair, unit);
   if (!(pair->least[unit] <= bound)) return 0.0;
-  if (target->is_flat && table->is_split && pair->most[unit] < -bound) return table->unit_shares[place];
+  // A contact whose vertex is outside has its place at the deepest of all its samples.
+  int is_searched = target->is_flat && at->details && at->contact >= 0;
+  if (target->is_flat && table->is_split && !is_searched && pair->most[unit] < -bound)
+    return table->unit_shares[place];
   const double *vertex = place_of(at, pair, unit);
   double gap = pair->clear[unit];
   if (!(gap <= bound)) return 0.0;
   double at_vertex = weight_of(at, vertex);
+  if (at_vertex > 0.0) tell_inside(at, vertex);
   int near = 0;
   if (table->is_split) {
     near = gap >= -bound;
     if (target->is_flat) {
       double reach = near ? reach_of(at, pair, unit) : 0.0;
       if (near && gap > reach) return 0.0;
-      near = near && gap >= -reach;
+      near = (near && gap >= -reach) || is_searched;
     } else {
       int varies = at->steepest * bound > target->amplitude && at_vertex > 0.0;
       near |= varies && -gap < target->share + bound;
@@ -53,18 +78,12 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
     // Where a corner is inside, nothing parts them.
     if (!(shallowest <= 0.0) && hfx_parted(at->shape, (const double(*)[3])t.corners, 3, margin))
       continue;
-    if (target->is_flat && deepest <= -table->heights_m[q] * at->stretch) {
+    if (target->is_flat && !is_searched && !at->shape.mesh && deepest <= -table->heights_m[q] * at->stretch) {
       sum += table->wholes[q];
       continue;
     }
     find_edges(at, pair->row, q, &t);
-    int64_t steps = steps_of(at, pair, q, &t);
-    for (int64_t k = 0; k < steps * steps; k++) {
-      hfx_sample s = sample_of(table, q, steps, k);
-      double p[3];
-      place_sample(&s, &t, p);
-      sum += weight_of(at, p) * s.share;
-    }
+    sum += sampled(at, q, steps_of(at, pair, q, &t), &t);
   }
   return sum;
 }
@@ -184,33 +203,64 @@ static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, 
   at->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
   at->has_turns = 0;
   at->is_same = before->row == row - 1 && at->shape.kind == target->kinds[row - 1] &&
-                at->shape.half == target->halves[row - 1];
+                at->shape.half == target->halves[row - 1] && at->shape.mesh == target->meshes[row - 1];
   at->moved = INFINITY;
   now->floor = -INFINITY, now->ceiling = INFINITY;
   if (!at->cluster) return;
   hfx_find_spread(at->cluster, at->bones, row, &now->spread);
-  double share = hfx_share(at->shape, now->spread.middle), radius = now->spread.radius;
-  now->floor = share - 1.0 - radius - SPARE * (share + radius);
-  now->ceiling = share - 1.0 + radius + SPARE * (share + radius);
+  double clear = clear_of(at, at->shape, now->spread.middle), radius = now->spread.radius;
+  double spare = SPARE * (fabs(clear) + 1.0 + radius);
+  now->floor = clear - radius - spare, now->ceiling = clear + radius + spare;
   if (at->is_same && steps < 2) at->moved = hfx_moved(at->cluster, at->bones, row - 1, row);
 }
 
-// How much of a cell of a pair is inside. `own` poses its vertex where that is no unit, else it is NULL.
-static double inside(look *at, const hfx_cluster *own, int64_t row, side *now, int64_t cell, int64_t from,
-                     int64_t to, int how, int may) {
-  if (how == HFX_WHOLE) return 1.0;
-  if (how == HFX_BY_VERTEX && own) {
-    double vertex[3];
+// Where the vertex of a cell of a pair is. `own` poses it where it is no unit, else that is NULL.
+static void find_vertex(look *at, const hfx_cluster *own, side *now, int64_t row, int64_t cell,
+                        double vertex[3]) {
+  const hfx_given *given = at->given;
+  if (own) {
     hfx_pose_one(own, at->bones, row, cell, vertex);
     at->posed++;
+  } else if (given && given->own) {
+    int64_t from = given->at[row] * given->cell_count + at->table->cell_starts[at->number] + cell;
+    hfx_moved_by(at->target->body_to_shape + 16 * row, given->own + 3 * from, vertex);
+    at->posed++;
+  } else
+    memcpy(vertex, place_of(at, now, cell), 3 * sizeof *vertex);
+}
+
+// How much of a cell of a pair is inside. `has_own`: its vertex is no unit.
+static double inside(look *at, const hfx_cluster *own, int has_own, int64_t row, side *now, int64_t cell,
+                     int64_t from, int64_t to, int how, int may) {
+  if (how == HFX_WHOLE) return 1.0;
+  if (how == HFX_NOT || !((how == HFX_BY_VERTEX && has_own) || (may & INSIDE))) return 0.0;
+  if (how == HFX_BY_VERTEX) {
+    double vertex[3];
+    find_vertex(at, own, now, row, cell, vertex);
     return weight_of(at, vertex);
   }
-  if (!(may & INSIDE) || how == HFX_NOT) return 0.0;
-  if (how == HFX_BY_VERTEX) return weight_of(at, place_of(at, now, cell));
   double share = 0.0;
   int told = -1;
   for (int64_t u = from; u < to; u++) share += cover(at, now, u, from, to, &told);
   return share > WHOLE ? 1.0 : share;
+}
+
+// Details of a contact begin with the place of its vertex. Its samples are asked for where that is
+// outside.
+static void begin_details(look *at, const hfx_cluster *own, side *now, int64_t row, int64_t cell,
+                          int64_t contact) {
+  double *vertex = at->details->places + 3 * contact;
+  find_vertex(at, own, now, row, cell, vertex);
+  at->contact = weight_of(at, vertex) > 0.0 ? -1 : contact;
+  at->began = INFINITY;
+}
+
+// How it began, as far as something was entered.
+static void end_details(const look *at, int64_t contact) {
+  const hfx_details *details = at->details;
+  details->since[contact] = at->began;
+  memcpy(details->entries + 3 * contact, at->entry, sizeof at->entry);
+  memcpy(details->ways + 3 * contact, at->way, sizeof at->way);
 }
 
 // Contact weights of pairs; what is less than what is there already is left out.
@@ -220,44 +270,42 @@ static double inside(look *at, const hfx_cluster *own, int64_t row, side *now, i
 // `events` for twice the most samples of a cell.
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
-                                 const hfx_bones *bones, const hfx_target *target,
-                                 const hfx_drift *drift, hfx_found *found, double *room,
-                                 event *events) {
-  look at = {.table = table, .target = target, .bones = bones, .on_the_way_of = -1};
-  at.steepest = hfx_steepest(target), at.allowed_m = pairs->allowed_m;
+                                 const hfx_bones *bones, const hfx_given *given,
+                                 const hfx_target *target, const hfx_drift *drift, hfx_found *found,
+                                 hfx_details *details, double *room, event *events) {
+  look at = {.table = table, .target = target, .bones = bones, .given = given, .on_the_way_of = -1};
+  at.steepest = hfx_steepest(target), at.details = details, at.contact = -1;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];
   widest most;
-  int64_t shift = 0, has_sides = 0;
+  int64_t has_sides = 0;
+  int has_own = own || (given && given->own);
   for (int64_t p = 0; p < pairs->count; p++) {
     int64_t c = pairs->clusters[p], row = pairs->rows[p], steps = pairs->steps[p];
-    int64_t places = table->place_counts[c], units = table->unit_counts[c];
+    int64_t units = table->unit_counts[c];
     int64_t first_cell = table->cell_starts[c], cells = table->cell_starts[c + 1] - first_cell;
     int how = pairs->how[p], is_followed = steps > 0;
     int is_last = p + 1 == pairs->count || pairs->clusters[p + 1] != c || !pairs->steps[p + 1];
     if (p == 0 || c != pairs->clusters[p - 1]) {
       at.number = c, at.first = table->starts[c];
-      at.cluster = pairs->points ? NULL : clusters + c;
+      at.cluster = clusters ? clusters + c : NULL;
       has_sides = 0;
     }
-    at.shape.kind = target->kinds[row], at.shape.half = target->halves[row];
+    at.shape = hfx_shape_at(target, row);
     // Whether what is inside, or what passed, asks for units.
-    int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !own), is_kept = is_followed || !is_last;
+    int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !has_own);
+    int is_kept = is_followed || !is_last || details;
     if (asks || is_kept) {
       if (!has_sides) make_sides(&at, room, sides, &most), find_widest(&at, units, &most);
       has_sides = 1;
       side *swapped = before;
       before = now, now = swapped;
       turn_to_pair(&at, before, now, p, row, steps);
-      for (int64_t k = 0; pairs->points && k < places; k++)
-        for (int i = 0; i < 3; i++)
-          now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
       if (asks || is_followed) asks = !is_apart(&at, before, now, &most, is_followed);
       for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor, now->most[u] = now->ceiling;
       if (asks) find_gaps(&at, now);
       if (asks && is_followed) find_gaps(&at, before);
     }
-    shift += places;
     if (how == HFX_WHOLE && !asks && !is_kept) {
       const int64_t *columns = found->column_of + first_cell;
       for (int64_t k = 0; k < cells; k++) store(found, columns[k] + row * found->columns, 1.0);
@@ -268,14 +316,18 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (asks && to < units && table->cell_of[at.first + to] == first_cell + k) to++;
       int may = asks ? may_be(&at, before, now, from, to, is_followed) : 0;
-      double share = inside(&at, own ? own + c : NULL, row, now, k, from, to, how, may);
+      if (details && (may || how >= HFX_BY_VERTEX)) begin_details(&at, own ? own + c : NULL, now, row, k, column);
+      double share = inside(&at, own ? own + c : NULL, has_own, row, now, k, from, to, how, may);
       if (share != 0.0) store(found, column, share);
       if (asks || is_kept) now->weights[k] = loaded(found, column);
-      if (!(may & PASSED) || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
+      if (!(may & PASSED) || before->weights[k] != 0.0) continue;
+      if (!details && !(now->weights[k] < 1.0)) continue;
+      if (now->weights[k] != 0.0) at.contact = -1;  // its place is that of now
       int told[2] = {-1, -1};
       int64_t count = 0;
       for (int64_t u = from; u < to; u++)
         count = follow(&at, before, now, u, from, to, steps, drift, told, events, count);
+      if (details && count) end_details(&at, column);
       double peak = count ? peak_of(events, count) : 0.0;
       if (peak > now->weights[k]) store(found, column, peak);
     }

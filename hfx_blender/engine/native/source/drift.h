@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // How points that rest in a body's frame move in a volume's space from one row to the next. See
-// Drift in engine/swept.py.
+// drift_of in engine/contact/continuous_collision.py.
 
 #ifndef HFX_DRIFT_H
 #define HFX_DRIFT_H

@@ -13,6 +13,6 @@
 #endif
 
 // Raised with every change of a function's arguments: the package loads no other.
-#define HFX_INTERFACE 7
+#define HFX_INTERFACE 8
 
 #endif

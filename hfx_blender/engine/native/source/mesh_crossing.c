@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where straight ways cross a mesh's surface: SurfaceTree of volume/mesh_crossing.py.
+// Where ways cross a mesh's surface, and when they are inside.
 
 #include <math.h>
 #include <stddef.h>
 
-#include "drift.h"
+#include "mesh.h"
 #include "mesh_tree.h"
 
 // How far beyond a triangle's edge a crossing counts, as a share: no way slips between two.
@@ -43,112 +43,67 @@ static double hit(const double *start, const double *step, const double *corners
   return within && at >= -GRAZE && at <= 1.0 + GRAZE ? at : NAN;
 }
 
-// A mesh's surface; see native/mesh_tree.py.
-typedef struct {
-  const double *boxes;    // (2 size, 6)
-  const int64_t *order;   // (size,)
-  int64_t size;
-  const double *corners;  // (triangles, 3, 3)
-  double slack;           // how much the boxes are too small
-  const double *middle;   // (3,) what the tree is about, in the points' space
-} hfx_surface;
-
-// Widens `times`, from 0 to 1, by when a straight way, about the middle, crosses a surface. Without
-// them it is only told whether the way comes within `reach` of the box of a triangle.
-static int cross_surface(const hfx_surface *surface, const double *start, const double *end,
-                         double reach, double times[2]) {
-  double step[3], rate[3];
-  const double slack = surface->slack + reach;
+// Widens `times`, from 0 to 1, by when a straight way between places crosses a surface. Without them it
+// is only told whether the way comes within `reach` of the box of a triangle.
+static int cross_surface(const hfx_mesh *mesh, const double *from, const double *to, double reach,
+                         double times[2]) {
+  const hfx_tree *tree = mesh->tree;
+  double start[3], step[3], rate[3], sum = 0.0;
+  const double slack = mesh->slack + reach;
   for (int k = 0; k < 3; ++k) {
-    step[k] = end[k] - start[k];
+    start[k] = from[k] - mesh->middle[k];
+    step[k] = (to[k] - mesh->middle[k]) - start[k];
     rate[k] = 1.0 / step[k];
+    sum += start[k] + step[k];
   }
-  if (!meets(start, rate, surface->boxes + BOX, slack)) return 0;
+  if (!isfinite(sum) || !meets(start, rate, tree->boxes + BOX, slack)) return 0;
   int64_t waiting[DEEPEST];
   int left = 1;
   waiting[0] = 1;
   while (left) {
     const int64_t node = waiting[--left];
-    if (node >= surface->size) {
+    if (node >= tree->size) {
       if (!times) return 1;
-      const double at = hit(start, step, surface->corners + 9 * surface->order[node - surface->size]);
+      const double at = hit(start, step, tree->corners + 9 * tree->order[node - tree->size]);
       times[0] = at < times[0] ? at : times[0];
       times[1] = at > times[1] ? at : times[1];
       continue;
     }
     for (int64_t half = 2 * node; half < 2 * node + 2; ++half)
-      if (meets(start, rate, surface->boxes + BOX * half, slack)) waiting[left++] = half;
+      if (meets(start, rate, tree->boxes + BOX * half, slack)) waiting[left++] = half;
   }
   return 0;
 }
 
-// Whether a way through places comes within `reach` of the box around all triangles.
-static int is_near(const hfx_surface *surface, const double (*path)[3], int64_t steps, double reach) {
-  const double slack = surface->slack + reach;
-  for (int k = 0; k < 3; ++k) {
-    double low = INFINITY, high = -INFINITY;
-    for (int64_t s = 0; s <= steps; ++s) {
-      low = lesser(path[s][k], low);
-      high = greater(path[s][k], high);
-    }
-    if (!(low <= surface->boxes[BOX + 3 + k] + slack && high >= surface->boxes[BOX + k] - slack)) return 0;
+void hfx_mesh_passage(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, uint64_t open,
+                      double times[2]) {
+  times[0] = INFINITY, times[1] = -INFINITY;
+  for (int64_t s = 0; s < steps; ++s) {
+    double crossed[2] = {INFINITY, -INFINITY};
+    if (!(open >> s & 1)) continue;
+    cross_surface(mesh, path[s], path[s + 1], 0.0, crossed);
+    if (!(crossed[0] <= crossed[1])) continue;
+    if (times[0] == INFINITY) times[0] = ((double)s + crossed[0]) / (double)steps;
+    times[1] = ((double)s + crossed[1]) / (double)steps;
   }
-  return 1;
+  if (hfx_mesh_holds(mesh, path[0])) times[0] = 0.0;
+  if (hfx_mesh_holds(mesh, path[steps])) times[1] = 1.0;
+  if (!(times[0] <= times[1])) times[0] = INFINITY, times[1] = -INFINITY;
 }
 
-// Points' ways in intervals of several steps: before, after (3, count); intervals (count); see
-// hfx_path for the others.
-typedef struct {
-  int64_t count, steps, all;
-  const double *from_before, *from_after;
-  const int64_t *interval;
-  const double *before, *after;
-} hfx_ways;
-
-// The n-th of them, about the middle of a surface, (steps + 1, 3); whether all of it is finite.
-static int way_of(const hfx_surface *surface, const hfx_ways *ways, int64_t n, double path[][3]) {
-  double before[3], after[3], sum = 0.0;
-  for (int k = 0; k < 3; ++k) {
-    before[k] = ways->before[k * ways->count + n];
-    after[k] = ways->after[k * ways->count + n];
-  }
-  hfx_path(ways->from_before, ways->from_after, ways->all, ways->interval[n], ways->steps, 0, ways->steps,
-           before, after, path);
-  for (int64_t s = 0; s <= ways->steps; ++s)
-    for (int k = 0; k < 3; ++k) sum += path[s][k] -= surface->middle[k];
-  return isfinite(sum) != 0;
+int hfx_mesh_nears(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, double reach) {
+  for (int64_t s = 0; s < steps; ++s)
+    if (cross_surface(mesh, path[s], path[s + 1], reach, NULL)) return 1;
+  return hfx_mesh_holds(mesh, path[0]);
 }
 
-// When they cross a surface, from 0 to 1 of each interval: first, last (count), infinite where nothing
-// is crossed.
-HFX_EXPORT void hfx_mesh_crossings(const hfx_surface *surface, const hfx_ways *ways, double *first,
-                                   double *last) {
-  double path[MOST_STEPS + 1][3];
-  for (int64_t n = 0; n < ways->count; ++n) {
-    first[n] = INFINITY;
-    last[n] = -INFINITY;
-    if (!way_of(surface, ways, n, path) || !is_near(surface, (const double(*)[3])path, ways->steps, 0.0))
-      continue;
-    for (int64_t s = 0; s < ways->steps; ++s) {
-      double times[2] = {INFINITY, -INFINITY};
-      cross_surface(surface, path[s], path[s + 1], 0.0, times);
-      if (!(times[0] <= times[1])) continue;
-      if (first[n] == INFINITY) first[n] = ((double)s + times[0]) / (double)ways->steps;
-      last[n] = ((double)s + times[1]) / (double)ways->steps;
-    }
-  }
-}
-
-// Which may come within `reaches` (count) of the surface, or cross it.
-HFX_EXPORT void hfx_mesh_nears(const hfx_surface *surface, const hfx_ways *ways, const double *reaches,
-                               uint8_t *nears) {
-  double path[MOST_STEPS + 1][3];
-  for (int64_t n = 0; n < ways->count; ++n) {
-    nears[n] = 0;
-    if (!way_of(surface, ways, n, path) ||
-        !is_near(surface, (const double(*)[3])path, ways->steps, reaches[n]))
-      continue;
-    for (int64_t s = 0; s < ways->steps && !nears[n]; ++s)
-      nears[n] = (uint8_t)cross_surface(surface, path[s], path[s + 1], reaches[n], NULL);
+// The same of straight ways from `starts` to `ends` (3, count): first, last (count).
+HFX_EXPORT void hfx_mesh_passages(const hfx_mesh *mesh, const double *starts, const double *ends,
+                                  int64_t count, double *first, double *last) {
+  for (int64_t n = 0; n < count; ++n) {
+    double path[2][3], times[2];
+    for (int k = 0; k < 3; ++k) path[0][k] = starts[k * count + n], path[1][k] = ends[k * count + n];
+    hfx_mesh_passage(mesh, (const double(*)[3])path, 1, 1, times);
+    first[n] = times[0], last[n] = times[1];
   }
 }

@@ -1,12 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Distances of points to a mesh's triangles: TriangleTree of volume/mesh_distance.py.
 
+#include <float.h>
 #include <math.h>
 
+#include "mesh.h"
 #include "mesh_tree.h"
+#include "numbers.h"
 
 // Rounding of a box's distance against that of its triangles: nothing is left out for it.
 static const double WIDER = 1.0 + 1e-12;
+
+// A bound of a distance is found ten times faster than it, and is nearly as useful: half of what it may
+// lack is lost in a search, the rest on the way from it.
+static const double SURE = 0.4, LOOKED = 0.7;
+
+// Of the extent: beyond it the distance to the box is enough; nearer to the boundary a point may count
+// for either side.
+static const double AROUND = 1.0 / 16.0, UNSURE = 1e-9;
 
 typedef struct {
   const double *boxes;  // (2 size, 6)
@@ -97,12 +108,15 @@ static int is_finite(const double *point) {
   return isfinite(point[0]) && isfinite(point[1]) && isfinite(point[2]);
 }
 
+static Tree all_of(const hfx_tree *tree) {
+  return (Tree){tree->boxes, tree->size, tree->frames, tree->size < TOGETHER ? tree->size : TOGETHER};
+}
+
 // Leaves of the nearest triangles within `reach` of points (3, count), and the distances: -1 and
 // infinity without one, NaN for what is not finite.
-HFX_EXPORT void hfx_mesh_nearest(const double *boxes, int64_t size, const double *frames,
-                                 const double *points, int64_t count, double reach,
-                                 int64_t *leaves, double *distances) {
-  const Tree tree = {boxes, size, frames, size < TOGETHER ? size : TOGETHER};
+HFX_EXPORT void hfx_mesh_nearest(const hfx_tree *known, const double *points, int64_t count,
+                                 double reach, int64_t *leaves, double *distances) {
+  const Tree tree = all_of(known);
   const double farthest = reach * reach * WIDER;
   int64_t last = 0;
   for (int64_t n = 0; n < count; ++n) {
@@ -113,7 +127,7 @@ HFX_EXPORT void hfx_mesh_nearest(const double *boxes, int64_t size, const double
       continue;
     }
     // Points that follow each other are often neighbours: the last one's triangle is a bound.
-    const double guess = to_triangle(point, frames + FRAME * last, INFINITY);
+    const double guess = to_triangle(point, tree.frames + FRAME * last, INFINITY);
     int64_t at = guess <= farthest ? last : -1;
     const double best = least(&tree, point, lesser(guess, farthest), INFINITY, WIDER, &at);
     distances[n] = at < 0 ? INFINITY : sqrt(best);
@@ -122,34 +136,54 @@ HFX_EXPORT void hfx_mesh_nearest(const double *boxes, int64_t size, const double
   }
 }
 
-// Lower bounds of distances: no more than the distance and no less than `share` of it, in far less
-// time: boxes beyond the share `looked` of what was found are left out, and where a place has
-// moved by so little that the last search tells enough, there is none.
-HFX_EXPORT void hfx_mesh_distances_at_least(const double *boxes, int64_t size,
-                                            const double *frames, const double *points,
-                                            int64_t count, double share, double looked,
-                                            double *distances) {
-  const Tree tree = {boxes, size, frames, size < TOGETHER ? size : TOGETHER};
-  double known[3] = {0.0, 0.0, 0.0}, least_there = -1.0, most_there = 0.0;
-  int64_t at = 0;
+double hfx_mesh_distance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  const Tree tree = all_of(mesh->tree);
+  double point[3];
+  for (int k = 0; k < 3; ++k) point[k] = p[k] - mesh->middle[k];
+  if (!is_finite(point)) return NAN;
+  const double guess = to_triangle(point, tree.frames + FRAME * search->at, INFINITY);
+  return sqrt(least(&tree, point, guess, INFINITY, WIDER, &search->at));
+}
+
+// No more than the distance of a point about the middle and no less than the share SURE of it, in far
+// less time: boxes beyond the share LOOKED of what was found are left out, and where a place has moved
+// by so little that the last search tells enough, there is none.
+static double distance_at_least(const hfx_tree *known, const double *point, hfx_search *search) {
+  const Tree tree = all_of(known);
+  if (!is_finite(point)) return NAN;
+  double way = 0.0;
+  for (int k = 0; k < 3; ++k) way += (point[k] - search->known[k]) * (point[k] - search->known[k]);
+  way = sqrt(way);
+  if (search->is_known && search->least - way >= SURE * (search->most + way)) return search->least - way;
+  const double guess = to_triangle(point, tree.frames + FRAME * search->at, INFINITY);
+  search->most = sqrt(least(&tree, point, guess, INFINITY, LOOKED * LOOKED, &search->at));
+  search->least = LOOKED * search->most;
+  search->is_known = 1;
+  for (int k = 0; k < 3; ++k) search->known[k] = point[k];
+  return search->least;
+}
+
+double hfx_mesh_clearance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  const double *low = mesh->grid->box, *high = low + 3;
+  double to_box = -INFINITY, extent = 0.0, far = 0.0, about[3];
+  for (int k = 0; k < 3; ++k) {
+    to_box = hfx_larger(to_box, hfx_larger(low[k] - p[k], p[k] - high[k]));
+    extent = hfx_larger(extent, high[k] - low[k]), far = hfx_larger(far, fabs(low[k] + high[k]));
+    about[k] = p[k] - mesh->middle[k];
+  }
+  if (!(to_box < AROUND * extent)) return hfx_larger(to_box, 0.0);
+  const double unsure = UNSURE * extent + 8.0 * DBL_EPSILON * far;
+  const double away = hfx_larger(distance_at_least(mesh->tree, about, search) - unsure, 0.0);
+  return hfx_mesh_holds(mesh, p) ? -away : away;
+}
+
+// The same of points (3, count).
+HFX_EXPORT void hfx_mesh_clearances(const hfx_mesh *mesh, const double *points, int64_t count,
+                                    double *clear) {
+  hfx_search search = {.at = 0};
   for (int64_t n = 0; n < count; ++n) {
     const double point[3] = {points[n], points[count + n], points[2 * count + n]};
-    if (!is_finite(point)) {
-      distances[n] = NAN;
-      continue;
-    }
-    double way = 0.0;
-    for (int k = 0; k < 3; ++k) way += (point[k] - known[k]) * (point[k] - known[k]);
-    way = sqrt(way);
-    if (least_there - way >= share * (most_there + way)) {
-      distances[n] = least_there - way;
-      continue;
-    }
-    const double guess = to_triangle(point, frames + FRAME * at, INFINITY);
-    most_there = sqrt(least(&tree, point, guess, INFINITY, looked * looked, &at));
-    least_there = looked * most_there;
-    for (int k = 0; k < 3; ++k) known[k] = point[k];
-    distances[n] = least_there;
+    clear[n] = hfx_mesh_clearance(mesh, point, &search);
   }
 }
 
@@ -198,11 +232,10 @@ static double first_guess(const Tree *tree, const double *point, int64_t width, 
 
 // As TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
 // much. points (3, count), distances (count); nodes, away (2 width): scratch.
-HFX_EXPORT void hfx_mesh_distances_beyond(const double *boxes, int64_t size, const double *frames,
-                                          const double *points, int64_t count, double limit,
-                                          double slack, int64_t width, int64_t *nodes,
+HFX_EXPORT void hfx_mesh_distances_beyond(const hfx_tree *known, const double *points, int64_t count,
+                                          double limit, double slack, int64_t width, int64_t *nodes,
                                           double *away, double *distances) {
-  const Tree tree = {boxes, size, frames, 1};
+  const Tree tree = {known->boxes, known->size, known->frames, 1};
   const double share = 1.0 / ((1.0 + slack) * (1.0 + slack));
   for (int64_t n = 0; n < count; ++n) {
     const double point[3] = {points[n], points[count + n], points[2 * count + n]};

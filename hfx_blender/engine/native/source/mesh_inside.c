@@ -2,6 +2,7 @@
 // Which points are inside a closed mesh: InsideGrid.contains of volume/mesh_inside.py.
 
 #include "hfx_native.h"
+#include "mesh.h"
 #include "mesh_numbers.h"
 
 // Memory that will be read soon.
@@ -116,15 +117,13 @@ static void add_windings(Pair *pairs, int64_t count, const int64_t *listed, cons
   }
 }
 
-// points (3, count); box: lowest and highest corner (2, 3); axes, scale, cells (3): how cells lie;
-// codes (cells): a run, -1 outside, -2 inside; offsets (runs + 1), beyond (runs); listed (n),
-// bounds (n) by run; spans (triangles, 16); inside (count).
-HFX_EXPORT void hfx_mesh_inside(const double *points, int64_t count, const double *box,
-                                const int64_t *axes, const double *scale, const int64_t *cells,
-                                const int64_t *codes, const int64_t *offsets,
-                                const int64_t *beyond, const int64_t *listed,
-                                const int64_t *bounds, const double *spans, uint8_t *inside) {
-  const int64_t a = axes[0], b = axes[1], c = axes[2];
+// Which of the points (3, count) are inside (count).
+HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int64_t count,
+                                uint8_t *inside) {
+  const double *box = grid->box, *scale = grid->scale, *spans = grid->spans;
+  const int64_t *cells = grid->cells, *codes = grid->codes, *offsets = grid->offsets;
+  const int64_t *beyond = grid->beyond, *listed = grid->listed, *bounds = grid->bounds;
+  const int64_t a = grid->axes[0], b = grid->axes[1], c = grid->axes[2];
   const double *xs = points + a * count, *ys = points + b * count, *zs = points + c * count;
   const double height = 1.0 / (double)cells[2];
   for (int64_t first = 0; first < count; first += BLOCK) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What of skin passed a volume on the way from one row to the next. See
-// engine/contact/continuous_collision.py.
+// What of skin passed a volume on the way from one row to the next: samples of skin move straight in its
+// space, in as many steps as its turning asks for, and each step is tested exactly.
 
 #ifndef HFX_PASSING_H
 #define HFX_PASSING_H
@@ -11,7 +11,8 @@
 #define STEP_KINDS 7  // powers of two up to MOST_STEPS
 #define PLACES_ALONG 5
 
-// How points that rest in a body's frame move, in 2^k steps of each interval; see swept.Drift.
+// How points that rest in a body's frame move, in 2^k steps of each interval; see drift_of in
+// engine/contact/continuous_collision.py.
 typedef struct {
   const double *before[STEP_KINDS];  // (steps + 1, rows - 1, 4, 4)
   const double *after[STEP_KINDS];
@@ -36,17 +37,23 @@ static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int6
            before, after, path);
 }
 
-// See swept._along.
-static inline void along(const double (*path)[3], int64_t steps, double share, double p[3]) {
+// The step of a way at a share of its time.
+static inline int64_t step_at(int64_t steps, double share) {
   int64_t step = (int64_t)(share * (double)steps);
-  step = step < 0 ? 0 : (step > steps - 1 ? steps - 1 : step);
+  return step < 0 ? 0 : (step > steps - 1 ? steps - 1 : step);
+}
+
+// Where a path is then.
+static inline void along(const double (*path)[3], int64_t steps, double share, double p[3]) {
+  int64_t step = step_at(steps, share);
   for (int i = 0; i < 3; i++)
     p[i] = path[step][i] + (share * (double)steps - (double)step) * (path[step + 1][i] - path[step][i]);
 }
 
-// See swept._may_meet: whether a ball on a path may meet the volume. Every shape holds the unit
+// Whether a ball on a path may meet the volume. Every shape holds the unit
 // ball, so that within a factor 1 + r of it is all that is nearer than r.
 static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t steps, double reach) {
+  if (shape.mesh) return hfx_mesh_nears(shape.mesh, path, steps, reach);
   double share = 1.0 / (1.0 + reach);
   for (int64_t k = 0; k < steps; k++) {
     double start[3], end[3];
@@ -57,27 +64,37 @@ static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t ste
   return 0;
 }
 
-// Adds when something on a path was inside, as engine/contact/continuous_collision.py does in
-// _entered. The number of events then. Only `open` steps, one bit each, are looked at.
-static inline int64_t enter(const look *at, const double (*path)[3], int64_t steps, uint64_t open,
-                     double share, event *events, int64_t count) {
-  double first = INFINITY, last = -INFINITY;
+// First and last time at which something on a path is inside a volume with a formula. Only `open` steps,
+// one bit each, are looked at.
+static inline void pass(hfx_shape shape, const double (*path)[3], int64_t steps, uint64_t open,
+                        double times[2]) {
   int64_t begin = 0;
-  for (; begin < steps && first == INFINITY; begin++) {
+  for (; begin < steps && times[0] == INFINITY; begin++) {
     if (!(open >> begin & 1)) continue;
-    hfx_times t = hfx_passage(at->shape, path[begin], path[begin + 1]);
+    hfx_times t = hfx_passage(shape, path[begin], path[begin + 1]);
     if (!(t.first <= t.last)) continue;
-    first = ((double)begin + t.first) / (double)steps, last = ((double)begin + t.last) / (double)steps;
+    times[0] = ((double)begin + t.first) / (double)steps;
+    times[1] = ((double)begin + t.last) / (double)steps;
   }
-  if (first == INFINITY) return count;
   for (int64_t k = steps - 1; k >= begin; k--) {  // from the end: what is between does not matter
     if (!(open >> k & 1)) continue;
-    hfx_times t = hfx_passage(at->shape, path[k], path[k + 1]);
+    hfx_times t = hfx_passage(shape, path[k], path[k + 1]);
     if (!(t.first <= t.last)) continue;
-    last = ((double)k + t.last) / (double)steps;
+    times[1] = ((double)k + t.last) / (double)steps;
     break;
   }
-  double strength = 1.0;
+}
+
+// Adds when something on a path was inside. The number of events then.
+static inline int64_t enter(look *at, const double (*path)[3], int64_t steps, uint64_t open,
+                     double share, event *events, int64_t count) {
+  double times[2] = {INFINITY, -INFINITY};
+  if (at->shape.mesh)
+    hfx_mesh_passage(at->shape.mesh, path, steps, open, times);
+  else
+    pass(at->shape, path, steps, open, times);
+  double first = times[0], last = times[1], strength = 1.0;
+  if (first == INFINITY) return count;
   if (!at->target->is_flat) {
     strength = 0.0;
     for (int k = 0; k < PLACES_ALONG; k++) {
@@ -85,6 +102,17 @@ static inline int64_t enter(const look *at, const double (*path)[3], int64_t ste
       along(path, steps, first + (double)k / (PLACES_ALONG - 1) * (last - first), p);
       double here = weight_of(at, p);
       if (here > strength) strength = here;
+    }
+  }
+  if (at->details) {
+    double middle[3];
+    along(path, steps, 0.5 * (first + last), middle);
+    tell_inside(at, middle);
+    if (first < at->began) {
+      int64_t step = step_at(steps, first);
+      at->began = first;
+      along(path, steps, first, at->entry);
+      for (int i = 0; i < 3; i++) at->way[i] = (path[step + 1][i] - path[step][i]) * (double)steps;
     }
   }
   events[count].when = first, events[count++].change = share * strength;
@@ -107,7 +135,7 @@ static inline void sift(event *events, int64_t root, int64_t count) {
   events[root] = moved;
 }
 
-// The most that was inside at one moment; see Crossings.peaks. Events come in pairs: in, and out.
+// The most that was inside at one moment. Events come in pairs: in, and out.
 static inline double peak_of(event *events, int64_t count) {
   double latest = -INFINITY, earliest = INFINITY, all = 0.0;
   for (int64_t k = 0; k < count; k += 2) {
@@ -210,15 +238,15 @@ static inline int64_t follow_quad(look *at, side *before, side *now, int64_t uni
     double start[3], end[3], path[MOST_STEPS + 1][3];
     place_sample(&s, &a, start);
     place_sample(&s, &b, end);
-    path_of(drift, steps, kind, interval, open, start, end, path);
+    path_of(drift, steps, kind, interval, at->details ? EVERY_STEP : open, start, end, path);
     count = enter(at, (const double(*)[3])path, steps, open, s.share, events, count);
   }
   return count;
 }
 
-// See swept.passing and swept.crossings: what of a unit entered on the way from one pair to the
+// What of a unit entered on the way from one pair to the
 // next. The number of events then.
-static inline int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t from, int64_t to,
+static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t from, int64_t to,
                       int64_t steps, const hfx_drift *drift, int cells[2], event *events,
                       int64_t count) {
   const hfx_table *table = at->table;
@@ -230,6 +258,7 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
   // (a + b - l) / 2.
   double bound = hfx_larger(before->gaps[unit], now->gaps[unit]);
   bound *= 2.0 * table->reaches[place];
+  if (!at->cluster) bound = 2.0 * hfx_larger(reach_of(at, before, unit), reach_of(at, now, unit));
   int is_straight = steps == 1 && at->is_same;
   if (is_straight) {
     double least = before->least[unit] + now->least[unit];

@@ -107,26 +107,29 @@ static int stays(const double *now) {
 
 // Fills in a target at some rows of a block, `matrices` (block, 4, 4) place the volume in the world,
 // `to_world` (block, 4, 4) the body, `shapes` (block,) say which of the shapes it has (NULL: the
-// first), whose kinds, halves and `limits` (count, 2, 3) are known. Whether all of it can be used:
-// nothing is flattened, endless or not a number.
+// first), whose kinds, halves and `limits` (count, 2, 3) are known. How many rows can be used: where
+// nothing is flattened, endless or not a number; of the others nothing else is told.
 HFX_EXPORT int64_t hfx_place(hfx_target *target, const int64_t *row, const double *matrices,
                              const double *to_world, const int32_t *shapes, const int64_t *kinds,
                              const double *halves, const double *limits, int64_t count,
                              double farthest) {
+  int64_t usable = 0;
   for (int64_t n = 0; n < target->rows; n++) {
     double *matrix = target->matrices + 16 * n, *world = target->to_world + 16 * n;
     double *inverse = target->to_shape + 16 * n, *shape = target->body_to_shape + 16 * n;
     int64_t which = shapes ? shapes[row[n]] : 0;
-    if (which < 0 || which >= count) return 0;
+    target->meshes[n] = NULL, target->is_usable[n] = 0;
+    if (which < 0 || which >= count) continue;
     target->kinds[n] = kinds[which], target->halves[n] = halves[which];
     memcpy(matrix, matrices + 16 * row[n], 16 * sizeof(*matrix));
     memcpy(world, to_world + 16 * row[n], 16 * sizeof(*world));
     target->turns[n] = n ? hfx_turned_by(matrix - 16, matrix) : 0.0;
     target->turns[target->rows + n] = n ? hfx_turned_by(world - 16, world) : 0.0;
-    if (n && stays(matrix))
+    if (n && target->is_usable[n - 1] && stays(matrix))
       memcpy(inverse, inverse - 16, 16 * sizeof(*inverse));
     else if (!is_near(matrix, farthest) || !invert(matrix, inverse))
-      return 0;
+      continue;
+    target->is_usable[n] = 1, usable++;
     for (int i = 0; i < 4; i++)
       for (int j = 0; j < 4; j++) {
         const double *one = inverse + 4 * i, *other = world + j;
@@ -134,7 +137,7 @@ HFX_EXPORT int64_t hfx_place(hfx_target *target, const int64_t *row, const doubl
       }
     box_of(limits + 6 * which, matrix, target->boxes + 6 * n);
   }
-  return 1;
+  return usable;
 }
 
 // Flatter than this, a volume's box is not sure: determinant over the product of columns' lengths,

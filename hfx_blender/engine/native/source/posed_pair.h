@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Skin of a cluster at a row as it is looked at: posed where it is asked for, and where its samples
-// are. See engine/{posed_skin,narrow,target}.py, whose terms these are.
+// are.
 
 #ifndef HFX_POSED_PAIR_H
 #define HFX_POSED_PAIR_H
@@ -16,6 +16,7 @@
 
 #define SLACK (1.0 + 1e-9)
 #define SPARE 1e-9
+#define TOGETHER_AT_ONCE 64  // samples
 
 static const double WHOLE = 1.0 - 1e-9;
 
@@ -38,11 +39,27 @@ typedef struct {
   double allowed;        // how far skin may be from its samples, metres
 } side;
 
+// Optional details of contacts, in shape space; see contact/contact_details.py. A contact is
+// numbered by its row and column.
+typedef struct {
+  double *places;                 // (contacts, 3) of their vertices
+  double *since;                  // (contacts,) when it began
+  double *entries, *ways;         // (contacts, 3)
+  double *samples;                // (room, 3) inside, of contacts whose vertex is outside
+  int64_t *contacts;              // (room,) of samples
+  int64_t count, room;            // how many there are, even where there is no room for all
+} hfx_details;
+
 typedef struct {
   const hfx_table *table;
   const hfx_target *target;
   const hfx_bones *bones;
-  const hfx_cluster *cluster;  // NULL where points are given
+  const hfx_cluster *cluster;  // NULL where places are given
+  const hfx_given *given;
+  hfx_details *details;        // or NULL
+  int64_t contact;             // that is looked at; below 0: its samples are not asked for
+  double began, entry[3], way[3];  // how it was entered first
+  hfx_search search;           // of meshes
   double moved;                // no place has moved farther since the pair before
   int is_same;                 // the volume has the shape that it had then
   hfx_shape shape;
@@ -55,16 +72,60 @@ typedef struct {
   double steepest;
   double on_the_way[MOST_STEPS + 1];  // see stretches_of
   int64_t on_the_way_of;              // which way; below 0: none
-  const double *allowed_m;  // of pairs, or NULL: as bones stretch the cluster
 } look;
 
-static inline double weight_of(const look *at, const double p[3]) {
-  const hfx_target *target = at->target;
-  if (target->is_flat) return hfx_contains(at->shape, p) ? 1.0 : 0.0;
-  double rise = 1.0 - hfx_share(at->shape, p);
+// Strength at a relative depth.
+static inline double strength_of(const hfx_target *target, double rise) {
   if (!(rise > 0.0)) return 0.0;
   double t = (rise < target->share ? rise : target->share) / target->share;
   return target->is_smooth ? t * t * (3.0 - 2.0 * t) : t;
+}
+
+// The same of a place that is inside a mesh.
+static double strength_in_mesh(look *at, const double p[3]) {
+  const hfx_mesh *mesh = at->shape.mesh;
+  if (at->target->is_flat) return 1.0;
+  if (!(mesh->depth > 0.0)) return 0.0;
+  return strength_of(at->target, hfx_smaller(hfx_mesh_distance(mesh, p, &at->search) / mesh->depth, 1.0));
+}
+
+static inline double weight_of(look *at, const double p[3]) {
+  if (at->shape.mesh) return hfx_mesh_holds(at->shape.mesh, p) ? strength_in_mesh(at, p) : 0.0;
+  if (at->target->is_flat) return hfx_contains(at->shape, p) ? 1.0 : 0.0;
+  return strength_of(at->target, 1.0 - hfx_share(at->shape, p));
+}
+
+// Weights of at most TOGETHER_AT_ONCE places.
+static inline void weigh(look *at, const double (*points)[3], int64_t count, double *weights) {
+  if (!at->shape.mesh) {
+    for (int64_t k = 0; k < count; k++) weights[k] = weight_of(at, points[k]);
+    return;
+  }
+  double planar[3 * TOGETHER_AT_ONCE];
+  uint8_t inside[TOGETHER_AT_ONCE];
+  for (int64_t k = 0; k < count; k++)
+    for (int i = 0; i < 3; i++) planar[i * count + k] = points[k][i];
+  hfx_mesh_inside(at->shape.mesh->grid, planar, count, inside);
+  for (int64_t k = 0; k < count; k++) weights[k] = inside[k] ? strength_in_mesh(at, points[k]) : 0.0;
+}
+
+// Clearance of a place from a volume; see Shape.clearance.
+static inline double clear_of(look *at, hfx_shape shape, const double p[3]) {
+  if (!shape.mesh) return hfx_share(shape, p) - 1.0;
+  double clear = hfx_mesh_clearance(shape.mesh, p, &at->search);
+  // The slope of the strength depends on the mesh: what is inside is sampled.
+  return at->target->is_flat ? clear : hfx_larger(clear, 0.0);
+}
+
+// Tells of a place that is inside, where details ask for it.
+static inline void tell_inside(look *at, const double p[3]) {
+  hfx_details *details = at->details;
+  if (!details || at->contact < 0) return;
+  if (details->count < details->room) {
+    for (int i = 0; i < 3; i++) details->samples[3 * details->count + i] = p[i];
+    details->contacts[details->count] = at->contact;
+  }
+  details->count++;
 }
 
 // Poses a place.
@@ -76,9 +137,12 @@ static inline void pose(look *at, side *pair, int64_t place) {
     if (!pair->has_matrices) hfx_find_matrices(at->cluster, at->bones, pair->row, pair->matrices);
     pair->has_matrices = 1;
     hfx_pose(at->cluster, pair->matrices, place, point);
+  } else {
+    const hfx_given *given = at->given;
+    int64_t from = given->at[pair->row] * given->place_count + at->first + place;
+    hfx_moved_by(at->target->body_to_shape + 16 * pair->row, given->places + 3 * from, point);
   }
-  hfx_shape shape = {at->target->kinds[pair->row], at->target->halves[pair->row]};
-  pair->clear[place] = hfx_share(shape, point) - 1.0;
+  pair->clear[place] = clear_of(at, hfx_shape_at(at->target, pair->row), point);
   pair->exact[place] = -1.0;
   if (place < at->table->unit_counts[at->number])
     pair->least[place] = pair->most[place] = pair->clear[place];
@@ -132,10 +196,12 @@ static inline double reach_of(look *at, side *pair, int64_t unit) {
   return gap_of(at, pair, unit) * at->table->reaches[at->first + unit];
 }
 
-// See narrow.vertex_sample_suffices: whether strength at the vertex of a unit is close enough. `cell`
+// Whether strength at the vertex of a unit is close enough: the mean over its skin differs by no more than
+// the steepest change of strength times the mean distance from the vertex, wherever it is; that of a cell
+// by the mean of its units. Rise changes by no more than the way in the space of a convex shape. `cell`
 // is what is known of its cell: below 0 nothing yet, else whether that is told as a whole.
 static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
-  if (at->target->is_flat || at->target->amplitude == 0.0) return 0;
+  if (at->target->is_flat || at->shape.mesh || at->target->amplitude == 0.0) return 0;
   const hfx_table *table = at->table;
   double mean = table->means[at->first + unit];
   if (pair->gaps[unit] * mean <= at->limit || gap_of(at, pair, unit) * mean <= at->limit)
@@ -156,7 +222,7 @@ static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int6
   return *cell;
 }
 
-// See Target._turns: a matrix turns cross products by its determinant times its inverse transposed.
+// A matrix turns cross products by its determinant times its inverse transposed.
 static inline void find_turns(look *at, int64_t row) {
   const double *a = at->target->to_shape + 16 * row, *b = at->target->to_world + 16 * row;
   double determinants[2];
@@ -178,7 +244,8 @@ static inline void find_turns(look *at, int64_t row) {
   at->has_turns = 1;
 }
 
-// See Target.outwards.
+// The normal of a triangle with edges `a` and `b`, as long in the world as the square root of twice its
+// area, all in shape space.
 static inline void outwards(look *at, int64_t row, const double a[3], const double b[3], double out[3]) {
   if (!at->has_turns) find_turns(at, row);
   double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
@@ -245,19 +312,23 @@ static inline double product_of(const double m[6], const double a[3], const doub
 }
 
 // The metric of a pair, and how far its skin may be from its samples; see
-// SkinnedModel.least_stretches.
+// hfx_table.
 static inline void find_metric(const look *at, side *pair) {
   pair->has_metric = 1;
   const double *m = at->target->matrices + 16 * pair->row;
   for (int i = 0, n = 0; i < 3; i++)
     for (int j = i; j < 3; j++, n++)
       pair->metric[n] = m[i] * m[j] + m[4 + i] * m[4 + j] + m[8 + i] * m[8 + j];
-  if (at->allowed_m) {
-    pair->allowed = at->allowed_m[pair->pair];
-    return;
-  }
   pair->allowed = at->table->distance_m;
   if (!isfinite(pair->allowed)) return;
+  if (!at->cluster) {  // how its surface stretches is not known, only how the body does
+    const double *m = at->target->to_world + 16 * pair->row;
+    double most = 0.0;
+    for (int j = 0; j < 3; j++)
+      most = hfx_larger(most, m[j] * m[j] + m[4 + j] * m[4 + j] + m[8 + j] * m[8 + j]);
+    pair->allowed *= sqrt(most);
+    return;
+  }
   if (!pair->has_matrices) hfx_find_matrices(at->cluster, at->bones, pair->row, pair->matrices);
   pair->has_matrices = 1;
   double least = INFINITY;
@@ -273,7 +344,8 @@ static inline void find_metric(const look *at, side *pair) {
   pair->allowed *= sqrt(least);
 }
 
-// See narrow.steps_of: samples of a quad both ways, as it is posed.
+// Samples of a quad both ways, as it is posed: as many as at rest, until a pose takes skin farther from its
+// samples than is accepted; and no more than the finest.
 static inline int64_t steps_of(const look *at, side *pair, int64_t quad, const triangle *t) {
   const hfx_table *table = at->table;
   int64_t steps = table->steps[quad], finest = table->finest[quad];

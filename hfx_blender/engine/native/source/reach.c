@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Broad phase: which clusters a volume can reach, at which rows, and between. See
-// engine/{placed,swept}.py, whose terms these are.
+// Broad phase: which clusters a volume can reach, at which rows, and between. 
 
 #include <math.h>
 #include <string.h>
@@ -13,10 +12,13 @@
 #include "skin_posing.h"
 
 #define LEAST_EDGE 1e-4
+#define MESH_WALL_M 0.001  // walls of meshes, whose thickness is not known, are taken to be no thinner
+#define SWEPT_PARTS 8.0    // of the way of a turning mesh, see PlacedTarget.find_swept
 
 // A body's clusters at the rows of a volume.
 typedef struct {
-  const hfx_outline *outline;
+  const hfx_outline *outline; // or NULL: places are given
+  int64_t clusters;
   const int64_t *row;         // (rows,) of the block, ascending
   const int64_t *all;         // (bounds,) the same of the boxes of the clusters
   const double *low, *high;   // (bounds, clusters, 3) world, of the clusters
@@ -26,6 +28,7 @@ typedef struct {
   const uint8_t *reported;       // (rows,) whether it is reported
   double edge_m;
   int64_t is_split;
+  int64_t is_always;          // what may pass is followed, however slowly
   // What is found out.
   int64_t *at;         // (rows,) which of the boxes' rows
   uint8_t *flags;      // (clusters, rows)
@@ -60,16 +63,17 @@ static void find_near(hfx_broad *broad, const hfx_target *target, double swing) 
       box[3 + i] = fmax(box[3 + i], target->boxes[6 * n + 3 + i] + swing);
     }
   broad->near_count = 0;
-  for (int64_t c = 0; c < broad->outline->clusters; c++) {
+  for (int64_t c = 0; c < broad->clusters; c++) {
     const double *whole = broad->of_clusters + 6 * c;
     if (overlap(whole, whole + 3, box)) broad->near[broad->near_count++] = c;
   }
 }
 
-// See placed._enclosed: whether all of a box is inside a volume.
+// Whether all of a box is inside a volume.
 static int encloses(const hfx_target *target, int64_t n, const double *low, const double *high) {
   const double *box = target->boxes + 6 * n, *to_shape = target->to_shape + 16 * n;
-  hfx_shape shape = {target->kinds[n], target->halves[n]};
+  hfx_shape shape = {target->kinds[n], target->halves[n], NULL};
+  if (shape.kind == HFX_MESH) return 0;
   for (int i = 0; i < 3; i++)
     if (!(low[i] >= box[i] && high[i] <= box[3 + i])) return 0;
   for (int k = 0; k < 8; k++) {
@@ -91,12 +95,13 @@ static double arm_of(const double *box, const double *matrix) {
   return squared;
 }
 
-// See Placed._swings: how far turning may take anything out of both ends' boxes, metres.
+// How far turning may take anything out of both ends' boxes, metres.
 static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t n) {
   double swing = 0.0;
   for (int k = 0; k < 2; k++) {
     double angle = target->turns[k * target->rows + n], arm = 0.0;
     if (angle == 0.0) continue;
+    if (target->swept && !k && target->kinds[n] == HFX_MESH) angle /= SWEPT_PARTS;
     for (int64_t row = n - 1; row <= n; row++)
       arm = hfx_larger(arm, k ? arm_of(broad->of_rows + 6 * broad->at[row], target->to_world + 16 * row)
                               : arm_of(target->boxes + 6 * row, target->matrices + 16 * row));
@@ -116,7 +121,7 @@ static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, in
 // Which clusters' boxes meet the volume's, at which rows. How many do at any, and which: `met` has
 // room for all.
 HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int64_t *met) {
-  int64_t count = 0, rows = target->rows, clusters = broad->outline->clusters;
+  int64_t count = 0, rows = target->rows, clusters = broad->clusters;
   double widest = 0.0;
   find_rows(broad->all, broad->row, rows, broad->at);
   memset(broad->flags, 0, (size_t)(rows * clusters));
@@ -136,9 +141,12 @@ HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int6
   return count;
 }
 
-// See swept.max_untracked_motion_m.
+// The largest motion of skin since the row before that needs no tracking, metres: half of the volume's least
+// width, so that nothing passes through it, and no more than can hide a contact of depth `edge`, or one
+// that falloff keeps weaker than the tolerance.
 static double unseen(const hfx_target *target, int64_t n, double edge, double steepest) {
   double most = 0.0;
+  if (target->kinds[n] == HFX_MESH) return hfx_smaller(MESH_WALL_M, 2.0 * edge);
   for (int i = 0; i < 3; i++) {
     const double *m = target->to_shape + 16 * n + 4 * i;
     most = hfx_larger(most, hfx_dot(m, m));
@@ -148,16 +156,37 @@ static double unseen(const hfx_target *target, int64_t n, double edge, double st
   return hfx_smaller(thin, 2.0 * hidden);
 }
 
-// See SkinnedModel.cluster_moves: how far anything in a cluster can have moved against the volume
-// since the row before, metres.
+// How far anything in a cluster whose places are given has moved against the volume since the row
+// before, metres.
+static double given_moved_m(const hfx_target *target, const hfx_given *given, int64_t n, int64_t c) {
+  double most = 0.0;
+  for (int64_t p = given->starts[c]; p < given->starts[c + 1]; p++) {
+    double ends[2][3], squared = 0.0;
+    for (int64_t k = 0; k < 2; k++) {
+      int64_t row = n - 1 + k, from = given->at[row] * given->place_count + p;
+      hfx_moved_by(target->body_to_shape + 16 * row, given->places + 3 * from, ends[k]);
+    }
+    for (int i = 0; i < 3; i++) ends[1][i] -= ends[0][i];
+    for (int i = 0; i < 3; i++) {
+      double way = hfx_dot(target->matrices + 16 * n + 4 * i, ends[1]);
+      squared += way * way;
+    }
+    most = hfx_larger(most, squared);
+  }
+  return sqrt(most);
+}
+
+// The same of any cluster; no less where bones move it.
 static double moved_m(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, int64_t n,
-                      int64_t c) {
+                      const hfx_given *given, int64_t c) {
   const hfx_outline *known = broad->outline;
+  if (given) return given_moved_m(target, given, n, c);
   return hfx_box_moves(bones, n - 1, n, target->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
                        known->pair_bones, known->centres, known->halves);
 }
 
-// See swept.steps_for.
+// Straight steps, a power of two, that follow a turning motion within `edge`: an arc of length s that turns
+// by an angle a leaves its chord by s a / 8, and n steps divide that by n squared.
 static int64_t steps_for(double angle, double moved, double edge) {
   double wanted = sqrt(0.5 * 3.14159265358979323846 * moved * angle / 8.0 / fmax(edge, LEAST_EDGE));
   if (!isfinite(wanted)) return MOST_STEPS;
@@ -169,22 +198,26 @@ static int64_t steps_for(double angle, double moved, double edge) {
 // Whether at a row vertices tell enough of a cluster that is met.
 static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
                      const hfx_groups *groups, double steepest, int64_t c, int64_t n) {
-  int64_t at = 3 * (broad->at[n] * broad->outline->clusters + c);
+  int64_t at = 3 * (broad->at[n] * broad->clusters + c);
   if (target->is_flat) return encloses(target, n, broad->low + at, broad->high + at);
   if (!broad->is_split) return 1;
-  return target->amplitude > 0.0 && hfx_is_even(bones, groups + c, n, steepest, target->amplitude);
+  if (!groups || !(target->amplitude > 0.0)) return 0;
+  const hfx_mesh *mesh = target->meshes[n];  // whose strength rises over its largest depth
+  if (mesh) steepest = mesh->depth > 0.0 ? steepest / mesh->depth : 0.0;
+  return hfx_is_even(bones, groups + c, n, steepest, target->amplitude);
 }
 
 // Which near clusters may meet the volume between a row and the one before it.
-static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, double steepest,
-                   int64_t n) {
-  int64_t rows = target->rows, clusters = broad->outline->clusters;
+static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
+                   const hfx_given *given, double steepest, int64_t n) {
+  int64_t rows = target->rows, clusters = broad->clusters;
   double swing = swing_of(broad, target, n), limit = unseen(target, n, broad->edge_m, steepest);
   const double *boxes = target->boxes + 6 * n;
   double box[6];
   for (int i = 0; i < 3; i++) {
-    box[i] = hfx_smaller(boxes[i], boxes[i - 6]) - swing;
-    box[3 + i] = hfx_larger(boxes[3 + i], boxes[i - 3]) + swing;
+    box[i] = (target->swept ? target->swept[6 * n + i] : hfx_smaller(boxes[i], boxes[i - 6])) - swing;
+    box[3 + i] =
+        (target->swept ? target->swept[6 * n + 3 + i] : hfx_larger(boxes[3 + i], boxes[i - 3])) + swing;
   }
   int64_t now = 3 * broad->at[n] * clusters, before = 3 * broad->at[n - 1] * clusters;
   for (int64_t k = 0; k < broad->near_count; k++) {
@@ -197,8 +230,8 @@ static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *
     if (!meets) continue;
     uint8_t *flag = broad->flags + c * rows + n;
     // From wholly inside nothing enters; to there it is felt anyway.
-    if (target->is_flat && ((flag[0] | flag[-1]) & SIMPLE)) continue;
-    if (!(moved_m(broad, target, bones, n, c) <= limit)) *flag |= FOLLOWED;
+    if (target->is_flat && ((flag[-1] | (broad->is_always ? 0 : flag[0])) & SIMPLE)) continue;
+    if (broad->is_always || !(moved_m(broad, target, bones, n, given, c) <= limit)) *flag |= FOLLOWED;
   }
 }
 
@@ -232,7 +265,7 @@ static void find_matrices(const hfx_broad *broad, const hfx_target *target, cons
 
 // Which of the near clusters are looked at, at which rows.
 static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                        const hfx_groups *groups) {
+                        const hfx_given *given, const hfx_groups *groups) {
   double steepest = hfx_steepest(target);
   int64_t rows = target->rows;
   for (int64_t k = 0; k < broad->near_count; k++) {
@@ -242,7 +275,7 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
       if (flags[n] && is_simple(broad, target, bones, groups, steepest, c, n)) flags[n] |= SIMPLE;
   }
   for (int64_t n = 1; n < rows && isfinite(broad->edge_m); n++)
-    if (broad->follows[n]) follow(broad, target, bones, steepest, n);
+    if (broad->follows[n]) follow(broad, target, bones, given, steepest, n);
   for (int64_t k = 0; k < broad->near_count; k++) {
     uint8_t *flags = broad->flags + broad->near[k] * rows;
     for (int64_t n = 0; n < rows; n++) {
@@ -259,12 +292,13 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
 // those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near
 // clusters thrice; `counts` are theirs, and the most steps of any pair.
 HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
-                          hfx_bones *bones, uint8_t *is_used, const hfx_groups *groups, hfx_pairs *pairs,
-                          int64_t *lists, int64_t counts[4]) {
+                          hfx_bones *bones, uint8_t *is_used, const hfx_given *given,
+                          const hfx_groups *groups, hfx_pairs *pairs, int64_t *lists,
+                          int64_t counts[4]) {
   int64_t rows = target->rows, p = 0;
   for (int i = 0; i < 4; i++) counts[i] = 0;
-  find_matrices(broad, target, pose, bones, is_used);
-  find_needed(broad, target, bones, groups);
+  if (!given) find_matrices(broad, target, pose, bones, is_used);
+  find_needed(broad, target, bones, given, groups);
   for (int64_t k = 0; k < broad->near_count; k++) {
     int64_t c = broad->near[k], is_in[3] = {0, 0, 0};
     for (int64_t n = 0; n < rows; n++) {
@@ -276,7 +310,7 @@ HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_
       pairs->clusters[p] = c, pairs->rows[p] = n, pairs->how[p] = how;
       pairs->steps[p] = is_followed;
       if (is_followed && angle > 0.0)
-        pairs->steps[p] = steps_for(angle, moved_m(broad, target, bones, n, c), broad->edge_m);
+        pairs->steps[p] = steps_for(angle, moved_m(broad, target, bones, n, given, c), broad->edge_m);
       if (pairs->steps[p] > counts[3]) counts[3] = pairs->steps[p];
       is_in[0] = 1, is_in[1] |= is_followed || how == HFX_COVERED, is_in[2] |= how == HFX_BY_VERTEX;
       p++;

@@ -19,19 +19,6 @@ HFX_EXPORT void hfx_bone_matrices(int64_t rows, int64_t count, int64_t all, cons
     }
 }
 
-// See SkinnedModel.cluster_moves: how far clusters can have moved from rows `before` to `after`,
-// (intervals, asked). `linear` (intervals, 3, 3) is from the space of the matrices to that of moves.
-HFX_EXPORT void hfx_cluster_moves(const hfx_bones *bones, int64_t intervals, const int64_t *before,
-                                  const int64_t *after, const double *linear, int64_t asked,
-                                  const int64_t *clusters, const int64_t *starts,
-                                  const int64_t *pair_bones, const double *centres,
-                                  const double *halves, double *moves) {
-  for (int64_t n = 0; n < intervals; n++, linear += 9)
-    for (int64_t k = 0; k < asked; k++)
-      *moves++ = hfx_box_moves(bones, before[n], after[n], linear, 3, starts[clusters[k]],
-                               starts[clusters[k] + 1], pair_bones, centres, halves);
-}
-
 // See CellSizes.means: no less than the mean distance of any cell's skin from its vertex, at some
 // rows of the matrices, (rows, asked).
 HFX_EXPORT void hfx_cell_means(const hfx_bones *bones, const hfx_groups *groups, int64_t rows,

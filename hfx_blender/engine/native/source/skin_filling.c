@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fills in where the skin of clusters is sampled. See skin_table.py and skin_quads.py of engine/skin.
+// Fills in where the skin of clusters is sampled. See engine/skin/skin_table.py.
 
 #include <math.h>
 
@@ -33,7 +33,7 @@ typedef struct {
 // What else is known of a quad.
 typedef struct {
   double total, reach, mean, size;
-  double squares[3];  // of edges, see skin_quads.squares_of
+  double squares[3];  // of edges, see hfx_diagonal
 } extent;
 
 static double dot(const double *a, const double *b) {

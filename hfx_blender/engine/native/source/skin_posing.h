@@ -112,7 +112,7 @@ typedef struct {
   double middle[3], radius;  // a ball that holds all of it
 } hfx_spread;
 
-// See SkinnedClusters.skin. A place x that bones M_b move with weights w_b is at the sum of all
+// A place x that bones M_b move with weights w_b is at the sum of all
 // w_b M_b x: of such a sum only how the M_b differ from their mean, and how that stretches, matters.
 static inline void hfx_find_spread(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
                                    hfx_spread *spread) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A quad of skin, and where its samples are; see skin_quads.py and skin_table.py of engine/skin.
+// A quad of skin, and where its samples are; see engine/skin/skin_table.py.
 
 #ifndef HFX_SKIN_QUAD_H
 #define HFX_SKIN_QUAD_H
@@ -34,7 +34,11 @@ static inline hfx_sample hfx_sample_at(const hfx_quad *quad, double s, double t)
   return at;
 }
 
-// See skin_quads.diagonals; squared. `squares` are those of skin_quads.squares_of.
+// The longest diagonal of any part of a quad divided so, times the steps, squared. `squares` are the squared
+// lengths of its triangle's edges and, between, their product. The place for (s, t) is linear in either, so
+// that the way from a part's sample to its corner is half a step times the sum, or the difference, of both
+// derivatives halfway there. Over the quad these are longest at its corners; halfway is a quarter of a step
+// inside.
 static inline double hfx_diagonal(const hfx_quad *quad, const double squares[3], double steps) {
   double most = 1.0 - 0.5 / steps, less = 1.0 - most, more = 1.0 + most;
   double edge = quad->edge, other = quad->other, inner = quad->inner, inner_2 = quad->inner_2;
@@ -51,7 +55,9 @@ static inline double hfx_diagonal(const hfx_quad *quad, const double squares[3],
   return longest;
 }
 
-// See skin_quads.steps_within; no more than MOST_DIVIDED.
+// Parts along each side of a quad, so that no place of a part is farther than the distance from the sample
+// in its middle; no more than MOST_DIVIDED. Parts are skewed where a pose stretches the triangle; it does so
+// by one matrix, so that the squares tell all.
 static inline double hfx_steps_within(const hfx_quad *quad, const double squares[3], double distance) {
   double steps = INFINITY;
   for (int k = 0; k < 2; k++) {

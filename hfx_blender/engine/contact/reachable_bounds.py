@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""World boxes of posed skin, and places of skin that no bones move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import F64, I64
+from ..kinematics.motion import largest_stretch
+from ..scene import PoseBlock
+from ..skin.cell_coverage import BodySkin
+from ..skin.skinned_model import SkinnedModel
+from ..skin.surface_posing import PointwiseModel
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableBounds:
+    """World boxes of a posed model's clusters over some rows of a block."""
+
+    rows: I64  # (n,) rows whose pose is known, ascending
+    low: F64  # (n, C, 3)
+    high: F64  # (n, C, 3)
+    of_rows: F64  # (n, 2, 3) around all clusters at a row
+    of_clusters: F64  # (C, 2, 3) around a cluster at all rows
+    places: F64 | None = None  # (n, P, 3) of the skin, the body's space, where no bones move it
+    own: F64 | None = None  # (n, cells, 3) the same of the cells' vertices where these are others
+
+    @property
+    def boxes(self) -> tuple[F64, F64, F64, F64]:
+        """Boxes without the rows."""
+        return self.low, self.high, self.of_rows, self.of_clusters
+
+    @classmethod
+    def around(
+        cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
+    ) -> ReachableBounds:
+        """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
+        of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
+        # If one row is not a number, the cluster's other rows still count.
+        lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
+        highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
+        of_clusters = np.stack([lowest, highest], axis=1)
+        return cls(rows, low, high, np.stack(of_rows, axis=1), of_clusters, places, own)
+
+
+def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
+    """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block."""
+    to_world = pose.to_world[rows]
+    surface, margins_m = skin.surface, skin.skin.margins_m
+    if isinstance(surface, SkinnedModel):
+        assert pose.bones is not None
+        found = surface.outline.bounds(pose.bones, rows, to_world, margins_m)
+        return ReachableBounds(rows, *found)
+    assert isinstance(surface, PointwiseModel)
+    places, own = surface.places(pose, rows), None
+    if skin.is_grouped:
+        assert isinstance(skin.vertices, PointwiseModel)
+        own = skin.vertices.places(pose, rows)
+    low, high = surface.bounds_around(places, to_world)
+    if margins_m is not None:
+        bulge = largest_stretch(to_world)[:, None, None] * margins_m[:, None]
+        low, high = low - bulge, high + bulge
+    return ReachableBounds.around(rows, low, high, places, own)
+
+
+def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
+    """World boxes (n, 3), lowest and highest corners, of all of a model's skin at ``rows``."""
+    to_world = pose.to_world[rows]
+    low, high = skin.surface.box(pose, rows, to_world)
+    if skin.skin.margins_m is not None:
+        bulge = largest_stretch(to_world)[:, None] * skin.skin.margins_m.max(initial=0.0)
+        low, high = low - bulge, high + bulge
+    return low, high
