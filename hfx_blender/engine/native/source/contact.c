@@ -234,6 +234,7 @@ static double inside(look *at, const hfx_cluster *own, int has_own, int64_t row,
                      int64_t from, int64_t to, int how, int may) {
   if (how == HFX_WHOLE) return 1.0;
   if (how == HFX_NOT || !((how == HFX_BY_VERTEX && has_own) || (may & INSIDE))) return 0.0;
+  if (how == HFX_BY_VERTEX && !has_own) return weight_of(at, place_of(at, now, cell));
   if (how == HFX_BY_VERTEX) {
     double vertex[3];
     find_vertex(at, own, now, row, cell, vertex);
@@ -273,7 +274,9 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_bones *bones, const hfx_given *given,
                                  const hfx_target *target, const hfx_drift *drift, hfx_found *found,
                                  hfx_details *details, double *room, event *events) {
+  hfx_search search = {.at = 0};
   look at = {.table = table, .target = target, .bones = bones, .given = given, .on_the_way_of = -1};
+  at.search = &search;
   at.steepest = hfx_steepest(target), at.details = details, at.contact = -1;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];

@@ -59,7 +59,7 @@ typedef struct {
   hfx_details *details;        // or NULL
   int64_t contact;             // that is looked at; below 0: its samples are not asked for
   double began, entry[3], way[3];  // how it was entered first
-  hfx_search search;           // of meshes
+  hfx_search *search;          // of meshes; not in here, so that the rest stays in registers
   double moved;                // no place has moved farther since the pair before
   int is_same;                 // the volume has the shape that it had then
   hfx_shape shape;
@@ -82,15 +82,16 @@ static inline double strength_of(const hfx_target *target, double rise) {
 }
 
 // The same of a place that is inside a mesh.
-static double strength_in_mesh(look *at, const double p[3]) {
-  const hfx_mesh *mesh = at->shape.mesh;
-  if (at->target->is_flat) return 1.0;
+static double strength_in_mesh(const hfx_target *target, const hfx_mesh *mesh, const double p[3],
+                               hfx_search *search) {
+  if (target->is_flat) return 1.0;
   if (!(mesh->depth > 0.0)) return 0.0;
-  return strength_of(at->target, hfx_smaller(hfx_mesh_distance(mesh, p, &at->search) / mesh->depth, 1.0));
+  return strength_of(target, hfx_smaller(hfx_mesh_distance(mesh, p, search) / mesh->depth, 1.0));
 }
 
 static inline double weight_of(look *at, const double p[3]) {
-  if (at->shape.mesh) return hfx_mesh_holds(at->shape.mesh, p) ? strength_in_mesh(at, p) : 0.0;
+  const hfx_mesh *mesh = at->shape.mesh;
+  if (mesh) return hfx_mesh_holds(mesh, p) ? strength_in_mesh(at->target, mesh, p, at->search) : 0.0;
   if (at->target->is_flat) return hfx_contains(at->shape, p) ? 1.0 : 0.0;
   return strength_of(at->target, 1.0 - hfx_share(at->shape, p));
 }
@@ -106,13 +107,15 @@ static inline void weigh(look *at, const double (*points)[3], int64_t count, dou
   for (int64_t k = 0; k < count; k++)
     for (int i = 0; i < 3; i++) planar[i * count + k] = points[k][i];
   hfx_mesh_inside(at->shape.mesh->grid, planar, count, inside);
-  for (int64_t k = 0; k < count; k++) weights[k] = inside[k] ? strength_in_mesh(at, points[k]) : 0.0;
+  for (int64_t k = 0; k < count; k++)
+    weights[k] =
+        inside[k] ? strength_in_mesh(at->target, at->shape.mesh, points[k], at->search) : 0.0;
 }
 
 // Clearance of a place from a volume; see Shape.clearance.
 static inline double clear_of(look *at, hfx_shape shape, const double p[3]) {
   if (!shape.mesh) return hfx_share(shape, p) - 1.0;
-  double clear = hfx_mesh_clearance(shape.mesh, p, &at->search);
+  double clear = hfx_mesh_clearance(shape.mesh, p, at->search);
   // The slope of the strength depends on the mesh: what is inside is sampled.
   return at->target->is_flat ? clear : hfx_larger(clear, 0.0);
 }
