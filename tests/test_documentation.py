@@ -18,9 +18,9 @@ PLACES = (ROOT, PACKAGE, PACKAGE / "devices" / "live", ROOT / "docs")
 
 def missing_names(text: str) -> list[str]:
     """Names that look like files or folders of ours and are none."""
-    found = re.findall(r"[\w.-]+/[\w./-]*|\b\w+\.py\b", text)
+    found = re.findall(r"[\w.-]+/[\w./-]*|\b\w+\.(?:py|c|h)\b", text)
     names = {name.strip(".,") for name in found}
-    known = {name for name in names if re.search(r"\.(py|json|md|h)$|/$", name)}
+    known = {name for name in names if re.search(r"\.(py|json|md|c|h)$|/$", name)}
     return sorted(name for name in known if not any((place / name).exists() for place in PLACES))
 
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    F64 = npt.NDArray[np.float64]
+    from ..engine.arrays import F64
+
 
 FILE: Final = "earlier-editions.npz"
 STEP_M: Final = 1e-4

@@ -15,13 +15,9 @@ from ..errors import InputError
 from . import effects
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from ..engine.arrays import F64, Bool
     from ..engine.body.model import PerceptualModel
 
-    F64 = npt.NDArray[np.float64]
-    Bool = npt.NDArray[np.bool_]
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"

@@ -20,13 +20,10 @@ from . import clips, effects
 from .skin_picking import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from ..engine.arrays import F64
     from ..engine.body.skin_path import SkinPaths
     from .path_file import PathRecipe
 
-    F64 = npt.NDArray[np.float64]
 
 PATH = "hfx_path"
 KNOTS = "hfx_path_knots"

@@ -12,13 +12,9 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from ..engine.arrays import F64, I64
     from ..engine.body.surface_locator import SurfaceLocator
 
-    F64 = npt.NDArray[np.float64]
-    I64 = npt.NDArray[np.int64]
 
 SKIN_MODEL = "hfx-pressure-1"
 """Model that samples all of the skin evenly."""

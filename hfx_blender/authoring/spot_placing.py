@@ -19,9 +19,8 @@ from ..errors import InputError
 from . import paths
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
+    from ..engine.arrays import F64
 
-    F64 = npt.NDArray[np.float64]
     Way = Callable[[F64, F64], F64]
     """Two places (3,) on the skin -> the places (n, 3) from the one to the other."""
 

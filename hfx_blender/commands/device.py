@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..console import Console
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from .info import describe_device
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 def _check(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configuration import check, load_device
 
+    refuse_no_file(options.file)
     faults = check(options.file)
     for fault in faults:
         console.warn(fault)

@@ -13,10 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+    from .arrays import F64
 
-    F64 = npt.NDArray[np.float64]
 
 AMBIENT_NEUTRAL_C: Final = 24.0
 """Air that neither warms nor cools a clothed person at rest: neutral for ambient effects."""

@@ -16,10 +16,8 @@ from . import path_overlay
 from .paths import PathOperator, active_spot
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+    from ..engine.arrays import F64
 
-    F64 = npt.NDArray[np.float64]
 
 _PRECISE = 0.1
 _NAVIGATION = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"}

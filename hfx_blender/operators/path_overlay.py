@@ -14,11 +14,8 @@ from ..errors import HfxError
 from ..scene_units import metres_of
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+    from ..engine.arrays import F32, F64
 
-    F32 = npt.NDArray[np.float32]
-    F64 = npt.NDArray[np.float64]
 
 _ABOVE_SKIN_M = 0.003
 _RING = 24

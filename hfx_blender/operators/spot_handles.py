@@ -19,10 +19,8 @@ from .paths import PathOperator, active_spot
 from .shared import KeyBindings
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+    from ..engine.arrays import F64
 
-    F64 = npt.NDArray[np.float64]
 
 _LEAST_RADIUS_M = 0.001
 

@@ -128,6 +128,6 @@ def test_the_schemes_of_a_scene_are_those_of_devices() -> None:
     from typing import get_args
 
     from hfx_blender.engine.rendering.device import SchemeName
-    from hfx_blender.properties import SCHEMES
+    from hfx_blender.scene_properties import SCHEMES
 
     assert [name for name, *_ in SCHEMES[1:]] == list(get_args(SchemeName))

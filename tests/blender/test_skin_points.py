@@ -217,7 +217,9 @@ def test_points_are_saved_with_effects(spot: Any, tmp_path: Path) -> None:
     (made,) = effect_exchange.place(bpy.context.scene, sensation, body=spot.hfx.body, frame=50.0)
     assert made.hfx.kind == "SPOT" and made.hfx.radius == pytest.approx(0.05)
     assert (made.hfx.falloff, made.hfx.falloff_share) == ("linear", 1.0)
-    assert paths.path_of(made) == pytest.approx(paths.path_of(spot), abs=1e-3)
+    # Traced anew: on a flat back a way a little beside is as short.
+    assert paths.path_of(made) == pytest.approx(paths.path_of(spot), abs=2e-3)
+    assert paths.length_m(made) == pytest.approx(paths.length_m(spot), rel=1e-3)
     assert [k.co[:] for k in paths.motion_of(made).keyframe_points] == [(50, 0), (75, 1)]
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body: perceptual models, their parts, their skinning, and how they are built."""
+"""Body: perceptual models, their parts, regions, files and rigs."""
