@@ -74,15 +74,15 @@ class Wish:
     unwanted: set[str] = field(default_factory=set)  # kinds
     understood: dict[str, str] = field(default_factory=dict)  # word to meaning
     unknown: list[str] = field(default_factory=list)
-    _told: dict[Quality, int] = field(default_factory=dict)
+    _counts: dict[Quality, int] = field(default_factory=dict)
 
     def add(self, quality: Quality, degree: float) -> None:
         """Multiply with a quality to some degree; a negative degree turns it round.
 
         Each repetition of it, or of a word that means the same, counts half of the one before.
         """
-        times = self._told.get(quality, 0)
-        self._told[quality] = times + 1
+        times = self._counts.get(quality, 0)
+        self._counts[quality] = times + 1
         degree = min(max(degree, -_MOST_DEGREE), _MOST_DEGREE) * 0.5**times
         self.scale *= quality.scale**degree
         self.depth *= quality.depth**degree
@@ -115,10 +115,10 @@ class Wish:
         mine = [each for each in self.materials if each.meaning.kind == kind]
         tints = [each.word for each in self.materials if each.word in COLOURS and each not in mine]
         self.colour = self.colour or (tints[0] if tints else None)  # silk, gold
-        told = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
+        strongest = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
         finishes = [each.meaning for each in mine if each.meaning.weight == 1]
-        shape = finishes[-1] if finishes and kind in _FINISHED else told.meaning
-        return shape, told
+        shape = finishes[-1] if finishes and kind in _FINISHED else strongest.meaning
+        return shape, strongest
 
 
 def read_words(text: str, negative: str = "") -> Wish:

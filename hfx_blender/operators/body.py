@@ -81,7 +81,7 @@ class HFX_OT_add_avatar(HfxOperator):
             else context.scene.cursor.location
         )
         framing.frame(context, [armature])
-        return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
+        return f"'{armature.name}' is a haptic body{_adopt_effects(context, armature)}"
 
 
 class _FittingOperator(StepwiseOperator):
@@ -122,7 +122,7 @@ those that cover its skin"""
             body.hfx.felt_layer = before
             raise
         framing.frame(context, [body, *meshes])
-        return message + _take_over(context, body)
+        return message + _adopt_effects(context, body)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -133,7 +133,7 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     return selected[0] if len(selected) == 1 else active_armature(context)
 
 
-def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
+def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
     """Have the only body of a scene feel the effects of those that were deleted."""
     if effects.bodies_of(context.scene) != [body]:
         return ""

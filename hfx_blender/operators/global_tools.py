@@ -141,7 +141,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain

@@ -98,7 +98,7 @@ class HFX_OT_add_from_library(HfxOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange

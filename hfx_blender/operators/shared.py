@@ -57,7 +57,7 @@ class HfxOperator(bpy.types.Operator):
                 f"'{sys.executable} -m pip install {package}'.",
             )
             return {"CANCELLED"}
-        preview.look_soon()
+        preview.check_soon()
         if message:
             self.report({"INFO"}, printable(message))
         return {"FINISHED"}

@@ -127,7 +127,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         if signal is None:
             return
         self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
-        self._sound.rub(pad.now.speed_m_s / pad.target_m_s / 2.0)
+        self._sound.set_friction(pad.now.speed_m_s / pad.target_m_s / 2.0)
         live.send_vibration(
             float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]), pad.drive
         )
@@ -135,7 +135,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def _keep(self, take: Take | None) -> None:
         global last_take
         last_take = take or last_take
-        self._sound.rub(0.0)
+        self._sound.set_friction(0.0)
         live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
 
     def _key(self, key: str) -> None:

@@ -137,8 +137,8 @@ class Sources:
         self._shapes = shapes
         self._faults = {} if faults is None else faults
         every = sources_of(found.scene)
-        sound, bad = soundness.sorted_out(every.values(), soundness.warnings_of)
-        told = (text for each in sound.values() for text in each)
+        sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
+        warned = (text for each in sound.values() for text in each)
         every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
         silenced = effects.silenced({**scene, **every}.values())
@@ -151,7 +151,7 @@ class Sources:
             for source in every.values()
             if source in silenced
         )
-        self.warnings = (*told, *soundness.left_out(bad), *muted)
+        self.warnings = (*warned, *soundness.left_out(bad), *muted)
         frames = None if time is None else dormant.frames_read(found.scene, time)
         asleep = {
             name: "" if frames is None else dormant.why_dormant(every[name], state, frames)
@@ -374,10 +374,10 @@ def _may_be_brief(scene: bpy.types.Scene) -> bool:
     time, particles live for less than a frame, or a handler of others does what it likes.
     """
     reached = data_reached_from(filter(is_instancer, scene.objects))
-    return stepping.foreign_handler() is not None or any(map(_makes_brief, reached))
+    return stepping.foreign_handler() is not None or any(map(_may_be_short, reached))
 
 
-def _makes_brief(data: bpy.types.ID) -> bool:
+def _may_be_short(data: bpy.types.ID) -> bool:
     if isinstance(data, bpy.types.Object):
         paths = soundness.animated_paths(data)
         return any(each == visibility.PATH or each.startswith("modifiers[") for each in paths)

@@ -87,7 +87,7 @@ def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
 
 
-def goes_on_by_itself(scene: bpy.types.Scene) -> bool:
+def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
     """Test for simulations in a scene, felt or not."""
     return simulated(scene.objects) is not None or moves_particles(scene)
 

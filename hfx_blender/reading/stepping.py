@@ -94,7 +94,7 @@ def own_scene(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, simulation: Simulation | None = None
 ) -> Iterator[Stepper]:
     """Context that steps the user's scene, after its simulation; its frame is restored."""
-    with _told():
+    with _marked_as_stepping():
         before = scene.frame_current, scene.frame_subframe
         try:
             if simulation is not None:
@@ -105,7 +105,7 @@ def own_scene(
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _marked_as_stepping() -> Iterator[None]:
     """Context in which :func:`is_stepping` is true."""
     global _is_stepping
     was_stepping, _is_stepping = _is_stepping, True
@@ -137,7 +137,7 @@ def scratch_scene(
     NotModelledError
         Something in it follows a presampled rig.
     """
-    with _told(), _scratch(scene, objects, presampled) as stepper:
+    with _marked_as_stepping(), _scratch(scene, objects, presampled) as stepper:
         yield stepper
 
 

@@ -89,14 +89,14 @@ class PlaySpace:
         return np.einsum("nij,nj->ni", inverse[:, :3, :3], points) + inverse[:, :3, 3]
 
 
-def stands(actuator: Actuator) -> bool:
+def has_place(actuator: Actuator) -> bool:
     """Test for an actuator with a place in the room, which may be out of reach."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
 def needs_positions(devices: Sequence[DeviceConfig]) -> bool:
     """Test for devices that need the positions of samples."""
-    return any(stands(actuator) for device in devices for actuator in device.actuators)
+    return any(has_place(actuator) for device in devices for actuator in device.actuators)
 
 
 def reaches(place: RoomPlace, points: F64) -> Bool:
