@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device thread on a clock that only the test moves: no threads, no waiting, the same each time."""
+"""A device thread on a clock that only the test moves: no waiting, the same each time."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device thread in time, on a clock of the test's: offsets, pauses, late answers, and nothing new."""
+"""A device thread on a clock of the test: offsets, pauses, late answers, and nothing new."""
 
 from __future__ import annotations
 
