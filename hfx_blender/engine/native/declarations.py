@@ -49,7 +49,7 @@ class ArrayOf:
         self._is_written = is_written
 
     def from_param(self, array: Any) -> Any:
-        """Array as an argument, as ctypes asks for it; see :meth:`fitting`."""
+        """Array as an argument, as ctypes asks for it; see :meth:`address`."""
         if array is None:
             return None
         if array.dtype is not self._first:
@@ -63,8 +63,8 @@ class ArrayOf:
             return ctypes.c_void_p(array.ctypes.data)
         return _by_reference(_start(fitting))
 
-    def fitting(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The array, or what it is converted to.
+    def address(self, array: npt.NDArray[Any], kept: list[Any]) -> int:
+        """Address of an array; what it is converted to is added to what is kept.
 
         Raises
         ------
@@ -72,7 +72,14 @@ class ArrayOf:
             It holds another kind of number, or is to be written and of another type or not
             contiguous.
         """
-        return self._contiguous(self._of_type(array))
+        if array.dtype is self._first:
+            try:
+                return _address(_start(array))
+            except (TypeError, ValueError):
+                pass  # see from_param
+        fitting = self._contiguous(self._of_type(array))
+        kept.append(fitting)
+        return fitting.ctypes.data
 
     def _of_type(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if not self._types or array.dtype in self._types:
@@ -88,49 +95,41 @@ class ArrayOf:
 
 
 _by_reference: Final = ctypes.byref
+_address: Final = ctypes.addressof
 _start: Final[Callable[[Any], ctypes.c_char]] = ctypes.c_char.from_buffer
 
 
 class Structure(ctypes.Structure):
-    """Structure of the library; see :func:`structure`."""
+    """Structure of the library, made of its fields in their order; those that are missing are 0.
+
+    A field is a number, an array, a list of arrays, a structure or None. ``kept`` has all of them.
+    """
 
     _kinds: dict[str, Any]
 
-    def __init__(self, *values: Any, **named: Any) -> None:
-        super().__init__()
-        self.kept: dict[str, Any] = {}
-        for name, value in (*zip(self._kinds, values, strict=False), *named.items()):
-            self.put(name, value)
+    def __init__(self, *fields: Any) -> None:
+        self.kept: list[Any] = [*fields]
+        pairs = zip(self._kinds.values(), fields, strict=False)
+        super().__init__(*[_stored(kind, value, self.kept) for kind, value in pairs])
 
     def put(self, name: str, value: Any) -> None:
-        """Set a field to a number, an array, a list of arrays, a structure or None; keep it."""
-        kind, stored = self._kinds[name], value
-        if isinstance(value, list):
-            value = [each if each is None else kind.fitting(each) for each in value]
-            stored = (ctypes.c_void_p * len(value))(*map(_address, value))
-        elif isinstance(value, np.ndarray):
-            value = kind.fitting(value)
-            stored = _address(value)
-        elif isinstance(value, Structure):
-            stored = ctypes.pointer(value)
-        self.kept[name] = value
-        setattr(self, name, stored)
+        """Set a field."""
+        self.kept.append(value)
+        setattr(self, name, _stored(self._kinds[name], value, self.kept))
 
 
-def _address(array: npt.NDArray[Any] | None) -> int | None:
-    if array is None:
-        return None
-    try:  # see ArrayOf.from_param
-        return ctypes.addressof(_start(array))
-    except (TypeError, ValueError):
-        found: int = array.ctypes.data
-        return found
+def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
+    """A field as C has it."""
+    if value.__class__ is np.ndarray:
+        return kind.address(value, kept)
+    if value.__class__ is list:
+        return (ctypes.c_void_p * len(value))(*[_stored(kind, each, kept) for each in value])
+    return ctypes.pointer(value) if isinstance(value, Structure) else value
 
 
 @cache
 def structure(name: str) -> Any:
-    """Class of a structure. It is made of its fields, in their order or by name, what is missing is
-    0 or None; and keeps them, in ``kept``."""
+    """Class of a structure, a :class:`Structure`."""
     fields, kinds = [], {}
     for field, kind, count in _variables(_structures()[name].rstrip().rstrip(";").split(";")):
         stored = ctypes.c_void_p if isinstance(kind, ArrayOf) else kind

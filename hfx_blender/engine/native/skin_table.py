@@ -35,8 +35,10 @@ def table_of(table: Table) -> Any:
     samples = table.samples
     if table not in _TABLES or _TABLES[table][1] is not samples:
         kind = structure("hfx_table")
-        own = {name: getattr(table, name) for name, _ in kind._fields_ if name != "room"}
-        made = kind(**own, room=samples.shape[1])
+        names = (name for name, _ in kind._fields_)
+        made = kind(
+            *(samples.shape[1] if each == "room" else getattr(table, each) for each in names)
+        )
         made.most_room = int(_rooms(table).max(initial=0))
         _TABLES[table] = made, samples
     return _TABLES[table][0]

@@ -66,28 +66,29 @@ def test_what_is_only_read_is_converted_and_lives_as_long_as_the_argument(array)
     ],
 )
 def test_other_arrays_are_refused(kind: ArrayOf, array: np.ndarray, message: str) -> None:
-    for ask in (kind.from_param, kind.fitting):
+    for ask in (kind.from_param, lambda each: kind.address(each, [])):
         with pytest.raises(TypeError, match=message):
             ask(array)
 
 
 def test_a_structure_keeps_what_it_was_made_of() -> None:
     array = np.arange(6, dtype=np.int32)[::2]  # is converted
-    tree = structure("hfx_tree")(boxes=np.arange(3.0), corners=array, size=3)
-    boxes = weakref.ref(tree.kept["boxes"])
-    mesh = structure("hfx_mesh")(None, tree, depth=0.5)
+    boxes = np.arange(3.0)
+    tree = structure("hfx_tree")(boxes, None, array, None, 3)
+    alive = weakref.ref(boxes)
+    mesh = structure("hfx_mesh")(None, tree, None, 0.5)
     assert tree.order is None and not mesh.grid
-    del tree
+    del tree, boxes, array
     gc.collect()
     assert _read(mesh.tree.contents.boxes, 3) == [0.0, 1.0, 2.0]
     assert _read(mesh.tree.contents.corners, 3) == [0.0, 2.0, 4.0]
-    assert (mesh.tree.contents.size, mesh.slack, mesh.depth) == (3, 0.0, 0.5)
+    assert (mesh.tree.contents.size, mesh.slack, mesh.depth) == (3, 0.5, 0.0)
     del mesh
     gc.collect()
-    assert boxes() is None
+    assert alive() is None
     with pytest.raises(TypeError, match="expected an array of int64, got one of float64"):
         structure("hfx_pairs")(1, np.zeros(1))
-    drift = structure("hfx_drift")([None, np.ones(2)] + 5 * [None], intervals=4)
+    drift = structure("hfx_drift")([None, np.ones(2)] + 5 * [None], 7 * [None], 4)
     assert drift.before[0] is None and _read(drift.before[1], 2) == [1.0, 1.0]
     assert list(drift.after) == 7 * [None] and drift.intervals == 4
 
