@@ -174,19 +174,31 @@ typedef struct hfx_impact {
 typedef struct hfx_felt { /* an effect on a body */
   double level, response, speeds[16];
   float matrix[12], before[12], parameters[4];
-  uint32_t model, first_weight; /* HFX_NONE: not felt by this body */
-  uint32_t from, to;            /* vertices outside of these have no weight */
+  uint32_t model, first_chunk, first_weight; /* HFX_NONE: not felt by this body */
+  uint32_t from, to;                         /* chunks outside of these have no weight */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
 
+#define HFX_CHUNK 32 /* neighbouring vertices of a model that share a box */
+
+typedef struct hfx_chunk { /* places of its vertices, the last of a model repeated to fill it */
+  float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
+} hfx_chunk;
+
+typedef struct hfx_box {
+  float low[4], high[4]; /* x, y, z, and a number that means nothing */
+} hfx_box;
+
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
   const hfx_clip *clip;
-  uint32_t body, first_vertex, vertex_count;
+  uint32_t body;
   int is_posed, was_posed;
   double time_s;
   hfx_felt *felt;
-  float *matrices, *places, *before, *boxes, *weights, *scratch;
+  hfx_chunk *places, *before;
+  hfx_box *boxes;
+  float *matrices, *weights, *scratch; /* matrices: 4 columns of 4, the last number of each 0 */
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */

@@ -19,10 +19,10 @@ typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
   hfx_felt *felt;
   const unsigned char *effect;
   hfx_volume volume;
-  const float *places, *before, *boxes; /* of the body */
-  float *weights;                       /* of the model */
-  uint32_t first, count;                /* vertices of the model among the body's */
-  uint32_t from, to;                    /* those of them that were looked at */
+  const hfx_chunk *places, *before; /* of the model, as all that follows */
+  const hfx_box *boxes;
+  float *weights;
+  uint32_t vertices, count, from, to; /* chunks: how many, and those that have weights */
 } hfx_touch;
 
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
@@ -38,58 +38,73 @@ static inline int hfx_is_in_space(const unsigned char *filter) {
   return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
 }
 
-/* First vertex from `i` on whose chunk may be within reach. */
-static inline uint32_t hfx_next(const hfx_touch *touch, uint32_t i, float reach) {
-  while (i < touch->count) {
-    const uint32_t chunk = (touch->first + i) / HFX_CHUNK;
-    if ((touch->first + i) % HFX_CHUNK && i) return i; /* this chunk was looked at */
-    if (hfx_is_near(&touch->volume, touch->boxes + 6 * (size_t)chunk, reach)) return i;
-    i = (chunk + 1) * HFX_CHUNK - touch->first;
-  }
-  return touch->count;
+/* First chunk from `k` on that may be within reach. */
+static inline uint32_t hfx_next(const hfx_touch *touch, uint32_t k, float reach) {
+  while (k < touch->count && !hfx_is_near(&touch->volume, touch->boxes + k, reach)) k++;
+  return k;
 }
 
-/* Widens the range that was looked at to a vertex; the chunk's others get no weight. */
-static inline void hfx_look_at(hfx_touch *touch, uint32_t i) {
-  if (i < touch->from) touch->from = i;
-  if (i >= touch->to) touch->to = i + 1;
+/* Widens the range of chunks that have weights. */
+static inline void hfx_look_at(hfx_touch *touch, uint32_t k) {
+  if (k < touch->from) touch->from = k;
+  if (k >= touch->to) touch->to = k + 1;
+}
+
+/* Next chunk from `k` on that has weights. */
+static inline uint32_t hfx_next_felt(const hfx_touch *touch, uint32_t k) {
+  for (; k < touch->to; k++) {
+    const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+    int i, is_any = 0;
+    for (i = 0; i < HFX_CHUNK; i++) is_any |= weights[i] > 0.0f;
+    if (is_any) break;
+  }
+  return k;
+}
+
+/* Takes weights from what fills the last chunk. */
+static inline void hfx_trim(const hfx_touch *touch) {
+  uint32_t i;
+  for (i = touch->vertices; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
 }
 
 /* Weights of what is inside; whether anything is. The weights are 0 before. */
 static inline int hfx_inside(hfx_touch *touch) {
-  int is_touched = 0;
-  uint32_t i;
-  for (i = hfx_next(touch, 0, 0.0f); i < touch->count; i = hfx_next(touch, i + 1, 0.0f)) {
-    float p[3];
-    hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
-    touch->weights[i] = hfx_weight(&touch->volume, hfx_gauge(&touch->volume, p));
-    if (!(touch->weights[i] > 0.0f)) continue;
-    hfx_look_at(touch, i);
-    is_touched = 1;
+  uint32_t k;
+  for (k = hfx_next(touch, 0, 0.0f); k < touch->count; k = hfx_next(touch, k + 1, 0.0f)) {
+    hfx_chunk p;
+    float gauge[HFX_CHUNK];
+    hfx_moved(touch->volume.to_shape, touch->places + k, &p);
+    hfx_gauge(&touch->volume, &p, gauge);
+    if (hfx_weigh(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k)) hfx_look_at(touch, k);
   }
-  return is_touched;
+  hfx_trim(touch);
+  return hfx_next_felt(touch, touch->from) < touch->to;
 }
 
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
 static inline double hfx_speed(const hfx_touch *touch, double seconds) {
   float then[12];
   double sum = 0.0, weights = 0.0;
-  uint32_t i;
+  uint32_t k;
   if (!touch->before || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
   if (!hfx_inverse(touch->felt->before, then)) return 0.0;
-  for (i = touch->from; i < touch->to; i++) {
-    const size_t at = 3 * (size_t)(touch->first + i);
-    float p[3], q[3], way[3] = {0.0f, 0.0f, 0.0f};
-    int c;
-    if (!(touch->weights[i] > 0.0f)) continue;
-    hfx_moved(touch->volume.to_shape, touch->places + at, p);
-    hfx_moved(then, touch->before + at, q);
-    for (c = 0; c < 3; c++) {
-      const float *row = touch->volume.to_world + 4 * c;
-      way[c] = row[0] * (p[0] - q[0]) + row[1] * (p[1] - q[1]) + row[2] * (p[2] - q[2]);
+  for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
+    const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
+    hfx_chunk p, q;
+    int i, c;
+    hfx_moved(touch->volume.to_shape, touch->places + k, &p);
+    hfx_moved(then, touch->before + k, &q);
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
+      float way[3];
+      if (!(weight[i] > 0.0f)) continue;
+      for (c = 0; c < 3; c++) {
+        const float *row = touch->volume.to_world + 4 * c;
+        way[c] = row[0] * x + row[1] * y + row[2] * z;
+      }
+      sum += weight[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+      weights += weight[i];
     }
-    sum += touch->weights[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
-    weights += touch->weights[i];
   }
   return weights > 0.0 ? sum / weights / seconds : 0.0;
 }
@@ -101,21 +116,27 @@ static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int
   int pass;
   if (!(hfx_control(filter, 0) > 0.0)) return peak;
   for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
-    uint32_t i = hfx_next(touch, 0, (float)range_m);
-    for (; i < touch->count; i = hfx_next(touch, i + 1, (float)range_m)) {
-      float p[3];
-      double away_m, near;
-      hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
-      away_m = hfx_gauge(&touch->volume, p) <= 1.0f ? 0.0 : hfx_distance(&touch->volume, p);
-      if (!(away_m < range_m)) continue;
-      near = pow(1.0 - away_m / range_m, exponent);
-      if (pass == 0 && near > peak) peak = near;
-      if (pass == 0 || !(near / peak > touch->weights[i])) continue;
-      touch->weights[i] = (float)(near / peak);
-      hfx_look_at(touch, i);
+    uint32_t k = hfx_next(touch, 0, (float)range_m);
+    for (; k < touch->count; k = hfx_next(touch, k + 1, (float)range_m)) {
+      float *weights = touch->weights + HFX_CHUNK * (size_t)k, gauge[HFX_CHUNK];
+      hfx_chunk p;
+      int i;
+      hfx_moved(touch->volume.to_shape, touch->places + k, &p);
+      hfx_gauge(&touch->volume, &p, gauge);
+      for (i = 0; i < HFX_CHUNK; i++) {
+        const double away_m = gauge[i] <= 1.0f ? 0.0 : hfx_distance(&touch->volume, &p, i);
+        double near;
+        if (!(away_m < range_m)) continue;
+        near = pow(1.0 - away_m / range_m, exponent);
+        if (pass == 0 && near > peak) peak = near;
+        if (pass == 0 || !(near / peak > weights[i])) continue;
+        weights[i] = (float)(near / peak);
+        hfx_look_at(touch, k);
+      }
     }
     if (!(peak > 0.0)) break;
   }
+  hfx_trim(touch);
   return peak;
 }
 
@@ -129,29 +150,30 @@ static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *fi
   const double influence = hfx_control(filter, 0), near = hfx_control(filter, 1);
   const double far = hfx_control(filter, 2);
   double axis[3] = {0.0, 0.0, 0.0}, length = 0.0;
-  int is_left = 0, c;
-  uint32_t i;
+  int is_left = 0, c, i;
+  uint32_t k;
   for (c = 0; c < 3; c++) length += (double)matrix[4 * c + 2] * matrix[4 * c + 2];
   if (hfx_u32(filter + 8) == 1 && length > 0.0)
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrt(length);
-  for (i = touch->from; i < touch->to; i++) {
-    const float *place = touch->places + 3 * (size_t)(touch->first + i);
-    double along = 0.0, away_m = 0.0, value;
-    if (!(touch->weights[i] > 0.0f)) continue;
-    for (c = 0; c < 3; c++) along += axis[c] * (place[c] - matrix[4 * c + 3]);
-    for (c = 0; c < 3; c++) {
-      const double off = place[c] - matrix[4 * c + 3] - along * axis[c];
-      away_m += off * off;
+  for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
+    const hfx_chunk *of = touch->places + k;
+    float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float off[3] = {of->x[i] - matrix[3], of->y[i] - matrix[7], of->z[i] - matrix[11]};
+      double along = 0.0, away_m = 0.0, value;
+      if (!(weights[i] > 0.0f)) continue;
+      for (c = 0; c < 3; c++) along += axis[c] * off[c];
+      for (c = 0; c < 3; c++) away_m += (off[c] - along * axis[c]) * (off[c] - along * axis[c]);
+      away_m = sqrt(away_m);
+      if (hfx_u32(filter) == HFX_DISTANCE) {
+        const double share = hfx_clamped((away_m - near) / (far - near > 1e-9 ? far - near : 1e-9), 0, 1);
+        value = hfx_control(filter, 3) + (hfx_control(filter, 4) - hfx_control(filter, 3)) * share;
+      } else {
+        value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
+      }
+      weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
+      is_left |= weights[i] > 0.0f;
     }
-    away_m = sqrt(away_m);
-    if (hfx_u32(filter) == HFX_DISTANCE) {
-      const double share = hfx_clamped((away_m - near) / (far - near > 1e-9 ? far - near : 1e-9), 0, 1);
-      value = hfx_control(filter, 3) + (hfx_control(filter, 4) - hfx_control(filter, 3)) * share;
-    } else {
-      value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
-    }
-    touch->weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
-    is_left |= touch->weights[i] > 0.0f;
   }
   return is_left;
 }
@@ -207,7 +229,9 @@ static inline void hfx_forget_ended(hfx_felt *felt, double time_s) {
 }
 
 static inline void hfx_clear(hfx_felt *felt, float *weights) {
-  for (; felt->from < felt->to; felt->from++) weights[felt->from] = 0.0f;
+  size_t i = HFX_CHUNK * (size_t)felt->from;
+  for (; i < HFX_CHUNK * (size_t)felt->to; i++) weights[i] = 0.0f;
+  felt->from = felt->to;
 }
 
 /* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
@@ -238,7 +262,7 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
   touch->from = touch->count;
   touch->to = 0;
   if (felt->impact_count) { /* what rings is felt where it was touched last */
-    for (i = 0; i < touch->count; i++) touch->weights[i] = 0.0f;
+    for (i = 0; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
   } else {
     hfx_clear(felt, weights);
     touch->weights = weights;
@@ -265,7 +289,7 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
   rings = felt->impact_count > 0;
   if (is_any && touch->weights != weights) {
     hfx_clear(felt, weights);
-    for (i = touch->from; i < touch->to; i++) weights[i] = touch->weights[i];
+    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++) weights[i] = touch->weights[i];
   }
   if (is_any || touch->weights == weights) felt->from = touch->from, felt->to = touch->to;
   result = is_touched || (rings && multiplies) ? 1.0 : 0.0;

@@ -10,20 +10,14 @@ extern "C" {
 #endif
 
 #define HFX_FARTHEST 3.4e38f
-#define HFX_CHUNK 32u /* vertices that share a box */
 
 typedef struct hfx_volume { /* a volume at one moment */
-  float to_shape[12], box[6]; /* box: lowest and highest corner, world space */
+  float to_shape[12];
+  hfx_box box; /* world space */
   const float *to_world;
   uint32_t shape, falloff;
   float half, share;
 } hfx_volume;
-
-static inline void hfx_moved(const float *matrix, const float *point, float *found) {
-  int i;
-  for (i = 0; i < 3; i++, matrix += 4)
-    found[i] = matrix[0] * point[0] + matrix[1] * point[1] + matrix[2] * point[2] + matrix[3];
-}
 
 /* Inverse of an affine matrix; 0: it has none, or holds what is no number. */
 static inline int hfx_inverse(const float *matrix, float *found) {
@@ -50,71 +44,125 @@ static inline int hfx_inverse(const float *matrix, float *found) {
   return 1;
 }
 
-/* Poses one vertex. */
+/* Poses one vertex; the fourth number of its place means nothing. */
 static inline void hfx_pose_vertex(const hfx_body *self, const unsigned char *at, float *place) {
   const unsigned char *weight = hfx_record(self->clip, HFX_WGHT, hfx_u32(at + 16));
   const unsigned char *end = weight + 4 * (size_t)hfx_u32(at + 20);
   const float x = hfx_f32(at), y = hfx_f32(at + 4), z = hfx_f32(at + 8);
-  float px = 0.0f, py = 0.0f, pz = 0.0f;
+  float sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+  int c;
   place[0] = x, place[1] = y, place[2] = z;
   if (weight == end) return;
   for (; weight < end; weight += 4) {
-    const float *m = self->matrices + 12 * (size_t)hfx_u16(weight);
+    const float *m = self->matrices + 16 * (size_t)hfx_u16(weight);
     const float share = (float)hfx_u16(weight + 2);
-    px += share * (m[0] * x + m[1] * y + m[2] * z + m[3]);
-    py += share * (m[4] * x + m[5] * y + m[6] * z + m[7]);
-    pz += share * (m[8] * x + m[9] * y + m[10] * z + m[11]);
+    for (c = 0; c < 4; c++) sum[c] += share * (m[c] * x + m[4 + c] * y + m[8 + c] * z + m[12 + c]);
   }
-  place[0] = px * (1.0f / 65535.0f);
-  place[1] = py * (1.0f / 65535.0f);
-  place[2] = pz * (1.0f / 65535.0f);
+  for (c = 0; c < 4; c++) place[c] = sum[c] * (1.0f / 65535.0f);
 }
 
-/* Poses all vertices of a body, and boxes round each chunk of them. */
-static inline void hfx_pose(hfx_body *self) {
-  const uint32_t count = self->vertex_count;
-  const unsigned char *at = hfx_record(self->clip, HFX_VERT, self->first_vertex);
-  float *place = self->places, *box = self->boxes;
-  uint32_t i = 0;
-  while (i < count) {
-    const uint32_t end = count - i > HFX_CHUNK ? i + HFX_CHUNK : count;
-    float x0 = HFX_FARTHEST, y0 = HFX_FARTHEST, z0 = HFX_FARTHEST;
-    float x1 = -HFX_FARTHEST, y1 = -HFX_FARTHEST, z1 = -HFX_FARTHEST;
-    for (; i < end; i++, at += 24, place += 3) {
-      float x, y, z;
-      hfx_pose_vertex(self, at, place);
-      x = place[0], y = place[1], z = place[2];
-      x0 = x < x0 ? x : x0, y0 = y < y0 ? y : y0, z0 = z < z0 ? z : z0;
-      x1 = x > x1 ? x : x1, y1 = y > y1 ? y : y1, z1 = z > z1 ? z : z1;
+/* Poses `count` vertices from the record `at` on, or as many as a chunk has. */
+static inline void hfx_pose_chunk(const hfx_body *self, const unsigned char *at, uint32_t count,
+                                  hfx_chunk *chunk, hfx_box *box) {
+  float low[4], high[4], place[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+  uint32_t i;
+  int c;
+  for (c = 0; c < 4; c++) low[c] = HFX_FARTHEST, high[c] = -HFX_FARTHEST;
+  for (i = 0; i < HFX_CHUNK; i++, at += 24) {
+    if (i < count) hfx_pose_vertex(self, at, place);
+    for (c = 0; c < 4; c++) {
+      low[c] = place[c] < low[c] ? place[c] : low[c];
+      high[c] = place[c] > high[c] ? place[c] : high[c];
     }
-    box[0] = x0, box[1] = y0, box[2] = z0, box[3] = x1, box[4] = y1, box[5] = z1;
-    box += 6;
+    chunk->x[i] = place[0], chunk->y[i] = place[1], chunk->z[i] = place[2];
+  }
+  for (c = 0; c < 4; c++) box->low[c] = low[c], box->high[c] = high[c];
+}
+
+static inline uint32_t hfx_chunks(uint32_t vertices) {
+  return vertices / HFX_CHUNK + (vertices % HFX_CHUNK > 0);
+}
+
+/* Poses all vertices of a body. */
+static inline void hfx_pose(hfx_body *self) {
+  const unsigned char *body = hfx_record(self->clip, HFX_BODY, self->body);
+  hfx_chunk *chunk = self->places;
+  hfx_box *box = self->boxes;
+  uint32_t k, i;
+  for (k = 0; k < hfx_u32(body + 16); k++) {
+    const unsigned char *model = hfx_record(self->clip, HFX_MODL, hfx_u32(body + 12) + k);
+    const uint32_t first = hfx_u32(model + 12), count = hfx_u32(model + 16);
+    for (i = 0; i < count; i += HFX_CHUNK)
+      hfx_pose_chunk(self, hfx_record(self->clip, HFX_VERT, first + i), count - i, chunk++, box++);
   }
 }
 
-/* Square of the gauge of a shape: up to 1 inside, docs/formats/clip.md. */
-static inline float hfx_gauge(const hfx_volume *volume, const float *p) {
-  const float x = p[0] * p[0], y = p[1] * p[1], z = p[2] * p[2];
-  if (volume->shape == 0) return x > y ? (x > z ? x : z) : (y > z ? y : z);
-  if (volume->shape == 1) return x + y + z;
-  if (volume->shape == 2) return x + y > z ? x + y : z;
-  {
-    const float past = fabsf(p[2]) - volume->half;
-    return x + y + (past > 0.0f ? past * past : 0.0f);
+/* Takes a chunk to another space. Like all loops over a chunk, which have a fixed length and no
+ * branches, this becomes vector instructions. */
+static inline void hfx_moved(const float *m, const hfx_chunk *of, hfx_chunk *found) {
+  int i;
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float x = of->x[i], y = of->y[i], z = of->z[i];
+    found->x[i] = m[0] * x + m[1] * y + m[2] * z + m[3];
+    found->y[i] = m[4] * x + m[5] * y + m[6] * z + m[7];
+    found->z[i] = m[8] * x + m[9] * y + m[10] * z + m[11];
   }
 }
 
-static inline float hfx_weight(const hfx_volume *volume, float gauge) {
-  float rise;
-  if (!(gauge <= 1.0f)) return 0.0f;
-  if (volume->falloff == 0 || volume->share <= 0.0f) return 1.0f;
-  rise = (1.0f - sqrtf(gauge)) / volume->share;
-  if (rise >= 1.0f) return 1.0f;
-  return volume->falloff == 1 ? rise : rise * rise * (3.0f - 2.0f * rise);
+/* Squares of the gauge of a shape, docs/formats/clip.md, at places in its space. */
+static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p, float *found) {
+  const float half = volume->half;
+  float across[HFX_CHUNK];
+  int i;
+  if (volume->shape == 0) {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = p->x[i] * p->x[i], y = p->y[i] * p->y[i], z = p->z[i] * p->z[i];
+      const float most = x > y ? x : y;
+      found[i] = most > z ? most : z;
+    }
+    return;
+  }
+  for (i = 0; i < HFX_CHUNK; i++) across[i] = p->x[i] * p->x[i] + p->y[i] * p->y[i];
+  if (volume->shape == 1) {
+    for (i = 0; i < HFX_CHUNK; i++) found[i] = across[i] + p->z[i] * p->z[i];
+  } else if (volume->shape == 2) {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float z = p->z[i] * p->z[i];
+      found[i] = across[i] > z ? across[i] : z;
+    }
+  } else {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float past = fabsf(p->z[i]) - half, over = past > 0.0f ? past : 0.0f;
+      found[i] = across[i] + over * over;
+    }
+  }
+}
+
+/* Weights of the vertices of a chunk from squares of their gauge; whether any is inside. */
+static inline int hfx_weigh(const hfx_volume *volume, const float *gauge, float *weights) {
+  float rise[HFX_CHUNK];
+  int i, is_any = 0;
+  for (i = 0; i < HFX_CHUNK; i++) is_any |= gauge[i] <= 1.0f;
+  if (!is_any) return 0;
+  if (volume->falloff == 0 || volume->share <= 0.0f) {
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = gauge[i] <= 1.0f ? 1.0f : 0.0f;
+    return 1;
+  }
+  for (i = 0; i < HFX_CHUNK; i++) rise[i] = sqrtf(gauge[i] < 1.0f ? gauge[i] : 1.0f);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    rise[i] = (1.0f - rise[i]) / volume->share;
+    rise[i] = rise[i] < 1.0f ? rise[i] : 1.0f;
+  }
+  if (volume->falloff == 1)
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = rise[i];
+  else
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = rise[i] * rise[i] * (3.0f - 2.0f * rise[i]);
+  return 1;
 }
 
 /* Way in the world from the nearest place of a volume, as before stretching, to a point outside. */
-static inline double hfx_distance(const hfx_volume *volume, const float *p) {
+static inline double hfx_distance(const hfx_volume *volume, const hfx_chunk *of, int i) {
+  const float p[3] = {of->x[i], of->y[i], of->z[i]};
   float off[3] = {0.0f, 0.0f, 0.0f};
   const float half = volume->shape == 3 ? volume->half : 0.0f;
   double sum = 0.0;
@@ -150,17 +198,18 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
     float reach = 0.0f;
     for (k = 0; k < 3; k++)
       reach += fabsf(matrix[4 * c + k]) * (k == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f);
-    volume->box[c] = matrix[4 * c + 3] - reach;
-    volume->box[3 + c] = matrix[4 * c + 3] + reach;
+    volume->box.low[c] = matrix[4 * c + 3] - reach;
+    volume->box.high[c] = matrix[4 * c + 3] + reach;
   }
   return hfx_inverse(matrix, volume->to_shape);
 }
 
 /* Whether a chunk of vertices may be within `reach` metres of a volume. */
-static inline int hfx_is_near(const hfx_volume *volume, const float *box, float reach) {
+static inline int hfx_is_near(const hfx_volume *volume, const hfx_box *box, float reach) {
   int c;
   for (c = 0; c < 3; c++)
-    if (!(box[c] <= volume->box[3 + c] + reach && box[3 + c] >= volume->box[c] - reach)) return 0;
+    if (!(box->low[c] <= volume->box.high[c] + reach && box->high[c] >= volume->box.low[c] - reach))
+      return 0;
   return 1;
 }
 
