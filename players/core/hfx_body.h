@@ -50,8 +50,8 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_
     weights += hfx_chunks_of(clip, hfx_model_of(clip, body, hfx_record(clip, HFX_EFCT, k)));
   parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
   parts[1] = parts[2] = sizeof(hfx_chunk) * chunks;
-  parts[3] = sizeof(hfx_box) * chunks;
-  parts[4] = 64 * (uint64_t)hfx_u32(at + 8);
+  parts[3] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
+  parts[4] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
   parts[5] = 4 * HFX_CHUNK * weights;
   parts[6] = 4 * (HFX_CHUNK * largest + 2 * ((uint64_t)hfx_clip_effects(clip) + clip->parts[HFX_REAC].count));
   for (k = 0; k < 7; k++) sum += parts[k];
@@ -79,11 +79,14 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   at += parts[0];
   self->places = (hfx_chunk *)(void *)at;
   self->before = (hfx_chunk *)(void *)(at += parts[1]);
-  self->boxes = (hfx_box *)(void *)(at += parts[2]);
-  self->matrices = (float *)(void *)(at += parts[3]);
+  self->boxes = (hfx_boxes *)(void *)(at += parts[2]);
+  self->bones = (hfx_bone_pose *)(void *)(at += parts[3]);
   self->weights = (float *)(void *)(at += parts[4]);
   self->scratch = (float *)(void *)(at += parts[5]);
   self->body = body;
+  self->frame = 0;
+  self->chunks = (uint32_t)(parts[1] / sizeof(hfx_chunk));
+  hfx_find_rest(self);
   self->is_posed = self->was_posed = 0;
   self->time_s = 0.0;
   for (k = 0; k < hfx_clip_effects(clip); k++) {
@@ -111,7 +114,7 @@ HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
   uint32_t i;
   int c;
   for (i = 0; i < count; i++, matrices += 12)
-    for (c = 0; c < 12; c++) self->matrices[16 * (size_t)i + 4 * (c % 4) + c / 4] = matrices[c];
+    for (c = 0; c < 12; c++) self->bones[i].now[4 * (c % 4) + c / 4] = matrices[c];
   self->is_posed = count > 0;
 }
 
@@ -153,10 +156,10 @@ static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
     hfx_touch touch;
     touch.felt = felt;
     touch.effect = effect;
-    touch.places = self->places + felt->first_chunk;
-    touch.before = self->was_posed ? self->before + felt->first_chunk : NULL;
-    touch.boxes = self->boxes + felt->first_chunk;
+    touch.body = self;
+    touch.model = hfx_record(self->clip, HFX_MODL, felt->model);
     touch.weights = self->scratch;
+    touch.first = felt->first_chunk;
     touch.vertices = hfx_vertices_of(self->clip, felt->model);
     touch.count = hfx_chunks_of(self->clip, felt->model);
     if (hfx_place(&touch.volume, effect, felt->matrix))
@@ -190,20 +193,23 @@ static inline double hfx_together(float *strengths, float *hertz, uint32_t count
   return sqrt(power + group * group);
 }
 
-/* Gain of an actuator for an effect: weights of the vertices that it reaches. */
+/* Gain of an actuator for an effect: weights of the vertices that it reaches, times factors. */
 static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const unsigned char *reaction) {
   const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
+  const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
+  const float *weights = self->weights + felt->first_weight;
+  const int is_mean = hfx_u32(reaction + 12) == 1;
   double strongest = 0.0, sum = 0.0;
-  uint32_t i;
-  if (!count || hfx_u32(hfx_record(self->clip, HFX_RCHV, first)) / HFX_CHUNK >= felt->to) return 0.0;
-  if (hfx_u32(hfx_record(self->clip, HFX_RCHV, first + count - 1)) / HFX_CHUNK < felt->from) return 0.0;
-  for (i = 0; i < count; i++) {
-    const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first + i);
-    const double value = self->weights[felt->first_weight + hfx_u32(at)] * hfx_f32(at + 4);
-    if (value > strongest) strongest = value;
-    sum += value;
+  if (!count || hfx_u32(at) / HFX_CHUNK >= felt->to) return 0.0;
+  if (hfx_u32(end - 8) / HFX_CHUNK < felt->from) return 0.0;
+  for (; at < end; at += 8) {
+    const double weight = weights[hfx_u32(at)];
+    if (!(weight > strongest)) continue; /* of the strongest, too: no factor is above 1 */
+    if (is_mean) sum += weight * hfx_f32(at + 4);
+    else if (weight * hfx_f32(at + 4) > strongest) strongest = weight * hfx_f32(at + 4);
+    if (strongest >= 1.0) break;
   }
-  return hfx_u32(reaction + 12) ? sum / count : strongest;
+  return is_mean ? sum / count : strongest;
 }
 
 /* What a reaction does at its actuator, and for vibrations at which frequency. */
@@ -271,18 +277,16 @@ static inline void hfx_drive(hfx_body *self, float *out) {
 }
 
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
-  hfx_chunk *spare = self->before;
   uint32_t k;
+  int c;
   hfx_neutral(self->clip, out);
   if (self->body >= hfx_clip_bodies(self->clip)) return;
   seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
-  if (self->is_posed) {
-    self->before = self->places;
-    self->places = spare;
-    hfx_pose(self);
-  }
+  if (self->is_posed) hfx_pose(self);
   for (k = 0; k < hfx_clip_effects(self->clip); k++) hfx_feel(self, k, seconds);
+  for (k = 0; k < hfx_clip_bones(self->clip, self->body); k++)
+    for (c = 0; c < 16; c++) self->bones[k].before[c] = self->bones[k].now[c];
   self->was_posed = self->is_posed;
   hfx_drive(self, out);
 }

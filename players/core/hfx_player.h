@@ -184,21 +184,29 @@ typedef struct hfx_felt { /* an effect on a body */
 
 typedef struct hfx_chunk { /* places of its vertices, the last of a model repeated to fill it */
   float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
+  uint32_t frame; /* in which it was posed */
 } hfx_chunk;
 
-typedef struct hfx_box {
-  float low[4], high[4]; /* x, y, z, and a number that means nothing */
-} hfx_box;
+typedef struct hfx_boxes { /* of as many chunks */
+  hfx_chunk centre, half;
+  float slack[HFX_CHUNK]; /* how far their vertices may have moved since they were posed, metres */
+} hfx_boxes;
+
+typedef struct hfx_bone_pose { /* columns of 4, for vector instructions; the last number means nothing */
+  float now[16], before[16]; /* matrices */
+  float low[4], high[4];     /* box in rest space round the vertices that follow the bone */
+} hfx_bone_pose;
 
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
   const hfx_clip *clip;
-  uint32_t body;
+  uint32_t body, frame, chunks;
   int is_posed, was_posed;
   double time_s;
   hfx_felt *felt;
+  hfx_bone_pose *bones;
   hfx_chunk *places, *before;
-  hfx_box *boxes;
-  float *matrices, *weights, *scratch; /* matrices: 4 columns of 4, the last number of each 0 */
+  hfx_boxes *boxes;
+  float *weights, *scratch;
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */

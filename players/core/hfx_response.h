@@ -19,10 +19,12 @@ typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
   hfx_felt *felt;
   const unsigned char *effect;
   hfx_volume volume;
-  const hfx_chunk *places, *before; /* of the model, as all that follows */
-  const hfx_box *boxes;
-  float *weights;
-  uint32_t vertices, count, from, to; /* chunks: how many, and those that have weights */
+  hfx_body *body;
+  const unsigned char *model;
+  float *weights;                     /* of the model */
+  uint32_t vertices, first, count;    /* first: its first chunk among the body's */
+  uint32_t from, to;                  /* chunks that have weights */
+  float bounds[HFX_CHUNK];            /* of the chunks that hfx_next is at */
 } hfx_touch;
 
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
@@ -38,10 +40,54 @@ static inline int hfx_is_in_space(const unsigned char *filter) {
   return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
 }
 
-/* First chunk from `k` on that may be within reach. */
-static inline uint32_t hfx_next(const hfx_touch *touch, uint32_t k, float reach) {
-  while (k < touch->count && !hfx_is_near(&touch->volume, touch->boxes + k, reach)) k++;
+/* First chunk from `k` on that may be within reach; begins at 0. */
+static inline uint32_t hfx_next(hfx_touch *touch, uint32_t k, float reach) {
+  for (; k < touch->count; k++) {
+    const uint32_t at = touch->first + k;
+    if (k == 0 || at % HFX_CHUNK == 0)
+      hfx_bound(&touch->volume, touch->body->boxes + at / HFX_CHUNK, reach, touch->bounds);
+    if (touch->bounds[at % HFX_CHUNK] <= 1.0f + HFX_ROUNDING) break;
+  }
   return k;
+}
+
+static inline void hfx_pose_of(const hfx_touch *touch, const float *matrices, uint32_t k, hfx_chunk *chunk,
+                               float *box) {
+  const uint32_t i = HFX_CHUNK * k;
+  const unsigned char *at = hfx_record(touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
+  hfx_pose_chunk(touch->body->clip, matrices, at, touch->vertices - i, chunk, box);
+}
+
+/* A chunk of the model in this frame, posed when it is first needed. */
+static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
+  hfx_body *self = touch->body;
+  const uint32_t at = touch->first + k, i = at % HFX_CHUNK;
+  hfx_boxes *boxes = self->boxes + at / HFX_CHUNK;
+  hfx_chunk *chunk = self->places + at;
+  float box[8], middle[4], half[4];
+  int c;
+  if (chunk->frame == self->frame) return chunk;
+  hfx_pose_of(touch, self->bones->now, k, chunk, box);
+  for (c = 0; c < 4; c++) {
+    middle[c] = 0.5f * box[c] + 0.5f * box[4 + c];
+    half[c] = 0.5f * box[4 + c] - 0.5f * box[c];
+    half[c] += HFX_ROUNDING * (fabsf(middle[c]) + half[c]);
+  }
+  boxes->centre.x[i] = middle[0], boxes->centre.y[i] = middle[1], boxes->centre.z[i] = middle[2];
+  boxes->half.x[i] = half[0], boxes->half.y[i] = half[1], boxes->half.z[i] = half[2];
+  boxes->slack[i] = 0.0f;
+  chunk->frame = self->frame;
+  return chunk;
+}
+
+/* The same in the frame before. */
+static inline const hfx_chunk *hfx_posed_before(hfx_touch *touch, uint32_t k) {
+  hfx_body *self = touch->body;
+  hfx_chunk *chunk = self->before + touch->first + k;
+  float box[8];
+  if (chunk->frame != self->frame - 1) hfx_pose_of(touch, self->bones->before, k, chunk, box);
+  chunk->frame = self->frame - 1;
+  return chunk;
 }
 
 /* Widens the range of chunks that have weights. */
@@ -73,7 +119,7 @@ static inline int hfx_inside(hfx_touch *touch) {
   for (k = hfx_next(touch, 0, 0.0f); k < touch->count; k = hfx_next(touch, k + 1, 0.0f)) {
     hfx_chunk p;
     float gauge[HFX_CHUNK];
-    hfx_moved(touch->volume.to_shape, touch->places + k, &p);
+    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_gauge(&touch->volume, &p, gauge);
     if (hfx_weigh(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k)) hfx_look_at(touch, k);
   }
@@ -82,18 +128,18 @@ static inline int hfx_inside(hfx_touch *touch) {
 }
 
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
-static inline double hfx_speed(const hfx_touch *touch, double seconds) {
+static inline double hfx_speed(hfx_touch *touch, double seconds) {
   float then[12];
   double sum = 0.0, weights = 0.0;
   uint32_t k;
-  if (!touch->before || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
+  if (!touch->body->was_posed || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
   if (!hfx_inverse(touch->felt->before, then)) return 0.0;
   for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
     hfx_chunk p, q;
     int i, c;
-    hfx_moved(touch->volume.to_shape, touch->places + k, &p);
-    hfx_moved(then, touch->before + k, &q);
+    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
+    hfx_moved(then, hfx_posed_before(touch, k), &q);
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
       float way[3];
@@ -121,7 +167,7 @@ static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int
       float *weights = touch->weights + HFX_CHUNK * (size_t)k, gauge[HFX_CHUNK];
       hfx_chunk p;
       int i;
-      hfx_moved(touch->volume.to_shape, touch->places + k, &p);
+      hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
       hfx_gauge(&touch->volume, &p, gauge);
       for (i = 0; i < HFX_CHUNK; i++) {
         const double away_m = gauge[i] <= 1.0f ? 0.0 : hfx_distance(&touch->volume, &p, i);
@@ -145,7 +191,7 @@ static inline double hfx_wave(double turns, double depth, double phase) {
 }
 
 /* Weights times a filter that has a value for each vertex; whether anything is left. */
-static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *filter) {
+static inline int hfx_over_space(hfx_touch *touch, const unsigned char *filter) {
   const float *matrix = touch->volume.to_world;
   const double influence = hfx_control(filter, 0), near = hfx_control(filter, 1);
   const double far = hfx_control(filter, 2);
@@ -156,7 +202,7 @@ static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *fi
   if (hfx_u32(filter + 8) == 1 && length > 0.0)
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrt(length);
   for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
-    const hfx_chunk *of = touch->places + k;
+    const hfx_chunk *of = hfx_posed(touch, k);
     float *weights = touch->weights + HFX_CHUNK * (size_t)k;
     for (i = 0; i < HFX_CHUNK; i++) {
       const float off[3] = {of->x[i] - matrix[3], of->y[i] - matrix[7], of->z[i] - matrix[11]};
@@ -235,7 +281,7 @@ static inline void hfx_clear(hfx_felt *felt, float *weights) {
 }
 
 /* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
-static inline int hfx_is_far(const hfx_body *self, const hfx_touch *touch, float *weights) {
+static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights) {
   float reach = 0.0f;
   uint32_t i;
   for (i = 0; i < hfx_u32(touch->effect + 64); i++) {

@@ -10,10 +10,19 @@ extern "C" {
 #endif
 
 #define HFX_FARTHEST 3.4e38f
+#define HFX_ANYWHERE 1e30f   /* slack of a chunk whose place is not known */
+#define HFX_ROUNDING 4e-6f   /* of places in the world, far more than a sum of products has */
+
+/* A loop that gcc makes one vector instruction of, if it does not unroll it before. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define HFX_KEEP_LOOP _Pragma("GCC unroll 1")
+#else
+#define HFX_KEEP_LOOP
+#endif
 
 typedef struct hfx_volume { /* a volume at one moment */
-  float to_shape[12];
-  hfx_box box; /* world space */
+  float to_shape[12], to_shape_sizes[12]; /* sizes: their absolute values, without translation */
+  float low[3], high[3];                  /* its box in the world */
   const float *to_world;
   uint32_t shape, falloff;
   float half, share;
@@ -45,8 +54,9 @@ static inline int hfx_inverse(const float *matrix, float *found) {
 }
 
 /* Poses one vertex; the fourth number of its place means nothing. */
-static inline void hfx_pose_vertex(const hfx_body *self, const unsigned char *at, float *place) {
-  const unsigned char *weight = hfx_record(self->clip, HFX_WGHT, hfx_u32(at + 16));
+static inline void hfx_pose_vertex(const hfx_clip *clip, const float *matrices, const unsigned char *at,
+                                   float *place) {
+  const unsigned char *weight = hfx_record(clip, HFX_WGHT, hfx_u32(at + 16));
   const unsigned char *end = weight + 4 * (size_t)hfx_u32(at + 20);
   const float x = hfx_f32(at), y = hfx_f32(at + 4), z = hfx_f32(at + 8);
   float sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
@@ -54,47 +64,103 @@ static inline void hfx_pose_vertex(const hfx_body *self, const unsigned char *at
   place[0] = x, place[1] = y, place[2] = z;
   if (weight == end) return;
   for (; weight < end; weight += 4) {
-    const float *m = self->matrices + 16 * (size_t)hfx_u16(weight);
+    const float *m = matrices + sizeof(hfx_bone_pose) / sizeof(float) * hfx_u16(weight);
     const float share = (float)hfx_u16(weight + 2);
+    HFX_KEEP_LOOP
     for (c = 0; c < 4; c++) sum[c] += share * (m[c] * x + m[4 + c] * y + m[8 + c] * z + m[12 + c]);
   }
   for (c = 0; c < 4; c++) place[c] = sum[c] * (1.0f / 65535.0f);
 }
 
-/* Poses `count` vertices from the record `at` on, or as many as a chunk has. */
-static inline void hfx_pose_chunk(const hfx_body *self, const unsigned char *at, uint32_t count,
-                                  hfx_chunk *chunk, hfx_box *box) {
+/* Poses a chunk of `count` or more vertices from the record `at` on; `box`: its lowest and highest
+ * corner. */
+static inline void hfx_pose_chunk(const hfx_clip *clip, const float *matrices, const unsigned char *at,
+                                  uint32_t count, hfx_chunk *chunk, float *box) {
   float low[4], high[4], place[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   uint32_t i;
   int c;
   for (c = 0; c < 4; c++) low[c] = HFX_FARTHEST, high[c] = -HFX_FARTHEST;
   for (i = 0; i < HFX_CHUNK; i++, at += 24) {
-    if (i < count) hfx_pose_vertex(self, at, place);
+    if (i < count) hfx_pose_vertex(clip, matrices, at, place);
     for (c = 0; c < 4; c++) {
       low[c] = place[c] < low[c] ? place[c] : low[c];
       high[c] = place[c] > high[c] ? place[c] : high[c];
     }
     chunk->x[i] = place[0], chunk->y[i] = place[1], chunk->z[i] = place[2];
   }
-  for (c = 0; c < 4; c++) box->low[c] = low[c], box->high[c] = high[c];
+  for (c = 0; c < 4; c++) box[c] = low[c], box[4 + c] = high[c];
 }
 
 static inline uint32_t hfx_chunks(uint32_t vertices) {
   return vertices / HFX_CHUNK + (vertices % HFX_CHUNK > 0);
 }
 
-/* Poses all vertices of a body. */
-static inline void hfx_pose(hfx_body *self) {
-  const unsigned char *body = hfx_record(self->clip, HFX_BODY, self->body);
-  hfx_chunk *chunk = self->places;
-  hfx_box *box = self->boxes;
-  uint32_t k, i;
-  for (k = 0; k < hfx_u32(body + 16); k++) {
-    const unsigned char *model = hfx_record(self->clip, HFX_MODL, hfx_u32(body + 12) + k);
-    const uint32_t first = hfx_u32(model + 12), count = hfx_u32(model + 16);
-    for (i = 0; i < count; i += HFX_CHUNK)
-      hfx_pose_chunk(self, hfx_record(self->clip, HFX_VERT, first + i), count - i, chunk++, box++);
+/* Sets up what is known of a body before it is posed. */
+static inline void hfx_find_rest(hfx_body *self) {
+  const hfx_clip *clip = self->clip;
+  const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
+  uint32_t i, k, m;
+  int c;
+  for (i = 0; i < hfx_u32(body + 8); i++)
+    for (c = 0; c < 4; c++)
+      self->bones[i].low[c] = HFX_FARTHEST, self->bones[i].high[c] = -HFX_FARTHEST;
+  for (m = 0; m < hfx_u32(body + 16); m++) {
+    const unsigned char *model = hfx_record(clip, HFX_MODL, hfx_u32(body + 12) + m);
+    for (i = 0; i < hfx_u32(model + 16); i++) {
+      const unsigned char *at = hfx_record(clip, HFX_VERT, hfx_u32(model + 12) + i);
+      for (k = 0; k < hfx_u32(at + 20); k++) {
+        hfx_bone_pose *bone =
+            self->bones + hfx_u16(hfx_record(clip, HFX_WGHT, hfx_u32(at + 16) + k));
+        for (c = 0; c < 3; c++) {
+          const float place = hfx_f32(at + 4 * c);
+          if (place < bone->low[c]) bone->low[c] = place;
+          if (place > bone->high[c]) bone->high[c] = place;
+        }
+      }
+    }
   }
+}
+
+/* The longest way along an axis that a vertex may have moved since the frame before, metres. */
+static inline float hfx_motion(const hfx_body *self, uint32_t bones) {
+  float most[4] = {0.0f, 0.0f, 0.0f, 0.0f}, longest;
+  uint32_t i;
+  int c;
+  for (i = 0; i < bones; i++) {
+    const hfx_bone_pose *bone = self->bones + i;
+    float middle[3], half[3];
+    if (bone->low[0] > bone->high[0]) continue; /* nothing follows it */
+    for (c = 0; c < 3; c++) {
+      middle[c] = 0.5f * bone->low[c] + 0.5f * bone->high[c];
+      half[c] = 0.5f * bone->high[c] - 0.5f * bone->low[c];
+    }
+    for (c = 0; c < 4; c++) {
+      const float x = bone->now[c] - bone->before[c], y = bone->now[4 + c] - bone->before[4 + c];
+      const float z = bone->now[8 + c] - bone->before[8 + c], t = bone->now[12 + c] - bone->before[12 + c];
+      const float way = fabsf(x * middle[0] + y * middle[1] + z * middle[2] + t) +
+                        fabsf(x) * half[0] + fabsf(y) * half[1] + fabsf(z) * half[2];
+      most[c] = way <= most[c] ? most[c] : way; /* NaN, too */
+    }
+  }
+  longest = most[0] <= most[1] ? most[1] : most[0];
+  longest = longest <= most[2] ? most[2] : longest;
+  return longest < HFX_ANYWHERE ? longest : HFX_ANYWHERE;
+}
+
+/* Begins a frame: all chunks may have moved, and none is posed. */
+static inline void hfx_pose(hfx_body *self) {
+  const float way = self->was_posed ? hfx_motion(self, hfx_clip_bones(self->clip, self->body)) : HFX_ANYWHERE;
+  hfx_chunk *spare = self->before;
+  uint32_t k;
+  int i;
+  self->before = self->places;
+  self->places = spare;
+  self->frame++;
+  for (k = 0; k < hfx_chunks(self->chunks); k++)
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float slack = self->boxes[k].slack[i] + way;
+      self->boxes[k].slack[i] = slack < HFX_ANYWHERE ? slack : HFX_ANYWHERE;
+    }
 }
 
 /* Takes a chunk to another space. Like all loops over a chunk, which have a fixed length and no
@@ -198,19 +264,33 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
     float reach = 0.0f;
     for (k = 0; k < 3; k++)
       reach += fabsf(matrix[4 * c + k]) * (k == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f);
-    volume->box.low[c] = matrix[4 * c + 3] - reach;
-    volume->box.high[c] = matrix[4 * c + 3] + reach;
+    volume->low[c] = matrix[4 * c + 3] - reach;
+    volume->high[c] = matrix[4 * c + 3] + reach;
   }
-  return hfx_inverse(matrix, volume->to_shape);
+  if (!hfx_inverse(matrix, volume->to_shape)) return 0;
+  for (k = 0; k < 12; k++) volume->to_shape_sizes[k] = k % 4 == 3 ? 0.0f : fabsf(volume->to_shape[k]);
+  return 1;
 }
 
-/* Whether a chunk of vertices may be within `reach` metres of a volume. */
-static inline int hfx_is_near(const hfx_volume *volume, const hfx_box *box, float reach) {
-  int c;
-  for (c = 0; c < 3; c++)
-    if (!(box->low[c] <= volume->box.high[c] + reach && box->high[c] >= volume->box.low[c] - reach))
-      return 0;
-  return 1;
+/* Squares of the least gauge that anything within `reach` metres of boxes may have. */
+static inline void hfx_bound(const hfx_volume *volume, const hfx_boxes *boxes, float reach, float *found) {
+  hfx_chunk centre, half, nearest;
+  int i;
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float more = boxes->slack[i] + reach;
+    const float x = boxes->half.x[i] + more, y = boxes->half.y[i] + more, z = boxes->half.z[i] + more;
+    nearest.x[i] = x, nearest.y[i] = y, nearest.z[i] = z;
+  }
+  hfx_moved(volume->to_shape, &boxes->centre, &centre);
+  hfx_moved(volume->to_shape_sizes, &nearest, &half);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float x = fabsf(centre.x[i]) - half.x[i], y = fabsf(centre.y[i]) - half.y[i];
+    const float z = fabsf(centre.z[i]) - half.z[i];
+    nearest.x[i] = x > 0.0f ? x : 0.0f;
+    nearest.y[i] = y > 0.0f ? y : 0.0f;
+    nearest.z[i] = z > 0.0f ? z : 0.0f;
+  }
+  hfx_gauge(volume, &nearest, found);
 }
 
 #ifdef __cplusplus
