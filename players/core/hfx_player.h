@@ -111,7 +111,7 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size);
 /* One sentence about an error, in English. */
 HFX_API const char *hfx_error_text(int error);
 HFX_API double hfx_clip_seconds(const hfx_clip *clip);
-/* How many there are of each. */
+/* Numbers of each. */
 HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip);
@@ -189,11 +189,11 @@ typedef struct hfx_chunk { /* places of its vertices, the last of a model repeat
 
 typedef struct hfx_boxes { /* of as many chunks */
   hfx_chunk centre, half;
-  float slack[HFX_CHUNK]; /* how far their vertices may have moved since they were posed, metres */
+  float slack[HFX_CHUNK]; /* metres that vertices may have moved since they were posed */
 } hfx_boxes;
 
-typedef struct hfx_bone_pose { /* columns of 4, for vector instructions; the last number means nothing */
-  float now[16], before[16]; /* matrices */
+typedef struct hfx_bone_pose {
+  float now[16], before[16]; /* matrices: 4 columns of 3 numbers and a 0 */
   float low[4], high[4];     /* box in rest space round the vertices that follow the bone */
 } hfx_bone_pose;
 
@@ -224,7 +224,7 @@ HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t par
                                    double value);
 /* Turns an effect on at a level of 0 (off) to 1; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level);
-/* What the body feels now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
+/* Evaluates the body now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
  * the devices that this body wears, neutral ones for the others. */
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out);
 /* Weights 0 to 1 of the last evaluation at the vertices of the effect's model on this body. */
@@ -239,7 +239,9 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #include "hfx_clip.h"
 #include "hfx_facts.h"
 #include "hfx_play.h"
+#include "hfx_volume.h"
 #include "hfx_skin.h"
+#include "hfx_touch.h"
 #include "hfx_response.h"
 #include "hfx_body.h"
 

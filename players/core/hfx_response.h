@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * How an effect is felt by a body: what it touches, and its response to the touch. Included by
- * hfx_player.h. */
+ * Response of an effect to its touch. Included by hfx_player.h. */
 #ifndef HFX_RESPONSE_H
 #define HFX_RESPONSE_H
 
@@ -14,18 +13,6 @@ enum { HFX_DISTANCE, HFX_SPEED, HFX_IMPACT, HFX_PROXIMITY, HFX_SINE };
 #define HFX_TAU 6.283185307179586
 #define HFX_WEAKEST 1e-4 /* a weaker response is silence */
 #define HFX_FADED 1e-3   /* of its peak: an impact has ended */
-
-typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
-  hfx_felt *felt;
-  const unsigned char *effect;
-  hfx_volume volume;
-  hfx_body *body;
-  const unsigned char *model;
-  float *weights;                     /* of the model */
-  uint32_t vertices, first, count;    /* first: its first chunk among the body's */
-  uint32_t from, to;                  /* chunks that have weights */
-  float bounds[HFX_CHUNK];            /* of the chunks that hfx_next is at */
-} hfx_touch;
 
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
                                               uint32_t index) {
@@ -40,143 +27,49 @@ static inline int hfx_is_in_space(const unsigned char *filter) {
   return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
 }
 
-/* First chunk from `k` on that may be within reach; begins at 0. */
-static inline uint32_t hfx_next(hfx_touch *touch, uint32_t k, float reach) {
-  for (; k < touch->count; k++) {
-    const uint32_t at = touch->first + k;
-    if (k == 0 || at % HFX_CHUNK == 0)
-      hfx_bound(&touch->volume, touch->body->boxes + at / HFX_CHUNK, reach, touch->bounds);
-    if (touch->bounds[at % HFX_CHUNK] <= 1.0f + HFX_ROUNDING) break;
-  }
-  return k;
+/* Nearness of a vertex, 1 at the volume and inside, 0 at the range and beyond. */
+static inline double hfx_nearness(const unsigned char *filter, double away_m) {
+  return away_m > 0.0 ? pow(1.0 - away_m / hfx_control(filter, 1), hfx_control(filter, 2)) : 1.0;
 }
 
-static inline void hfx_pose_of(const hfx_touch *touch, const float *matrices, uint32_t k, hfx_chunk *chunk,
-                               float *box) {
-  const uint32_t i = HFX_CHUNK * k;
-  const unsigned char *at = hfx_record(touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
-  hfx_pose_chunk(touch->body->clip, matrices, at, touch->vertices - i, chunk, box);
+/* Ways in metres from a volume to the vertices of a chunk; beyond the range some number above it. */
+static inline void hfx_ways(const hfx_volume *volume, const hfx_chunk *chunk, float range_m,
+                            double *found) {
+  const float *m = volume->to_shape;
+  float most[3], gauge[HFX_CHUNK];
+  hfx_chunk p;
+  int i, is_far[HFX_CHUNK];
+  hfx_moved(m, chunk, &p);
+  hfx_gauge(volume, &p, gauge);
+  for (i = 0; i < 3; i++, m += 4)
+    most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
+              range_m * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
+  for (i = 0; i < HFX_CHUNK; i++)
+    is_far[i] = (fabsf(p.x[i]) > most[0]) | (fabsf(p.y[i]) > most[1]) | (fabsf(p.z[i]) > most[2]);
+  for (i = 0; i < HFX_CHUNK; i++)
+    found[i] = is_far[i] ? HFX_HUGE_F64 : gauge[i] <= 1.0f ? 0.0 : hfx_distance(volume, &p, i);
 }
 
-/* A chunk of the model in this frame, posed when it is first needed. */
-static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
-  hfx_body *self = touch->body;
-  const uint32_t at = touch->first + k, i = at % HFX_CHUNK;
-  hfx_boxes *boxes = self->boxes + at / HFX_CHUNK;
-  hfx_chunk *chunk = self->places + at;
-  float box[8], middle[4], half[4];
-  int c;
-  if (chunk->frame == self->frame) return chunk;
-  hfx_pose_of(touch, self->bones->now, k, chunk, box);
-  for (c = 0; c < 4; c++) {
-    middle[c] = 0.5f * box[c] + 0.5f * box[4 + c];
-    half[c] = 0.5f * box[4 + c] - 0.5f * box[c];
-    half[c] += HFX_ROUNDING * (fabsf(middle[c]) + half[c]);
-  }
-  boxes->centre.x[i] = middle[0], boxes->centre.y[i] = middle[1], boxes->centre.z[i] = middle[2];
-  boxes->half.x[i] = half[0], boxes->half.y[i] = half[1], boxes->half.z[i] = half[2];
-  boxes->slack[i] = 0.0f;
-  chunk->frame = self->frame;
-  return chunk;
-}
-
-/* The same in the frame before. */
-static inline const hfx_chunk *hfx_posed_before(hfx_touch *touch, uint32_t k) {
-  hfx_body *self = touch->body;
-  hfx_chunk *chunk = self->before + touch->first + k;
-  float box[8];
-  if (chunk->frame != self->frame - 1) hfx_pose_of(touch, self->bones->before, k, chunk, box);
-  chunk->frame = self->frame - 1;
-  return chunk;
-}
-
-/* Widens the range of chunks that have weights. */
-static inline void hfx_look_at(hfx_touch *touch, uint32_t k) {
-  if (k < touch->from) touch->from = k;
-  if (k >= touch->to) touch->to = k + 1;
-}
-
-/* Next chunk from `k` on that has weights. */
-static inline uint32_t hfx_next_felt(const hfx_touch *touch, uint32_t k) {
-  for (; k < touch->to; k++) {
-    const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
-    int i, is_any = 0;
-    for (i = 0; i < HFX_CHUNK; i++) is_any |= weights[i] > 0.0f;
-    if (is_any) break;
-  }
-  return k;
-}
-
-/* Takes weights from what fills the last chunk. */
-static inline void hfx_trim(const hfx_touch *touch) {
-  uint32_t i;
-  for (i = touch->vertices; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
-}
-
-/* Weights of what is inside; whether anything is. The weights are 0 before. */
-static inline int hfx_inside(hfx_touch *touch) {
-  uint32_t k;
-  for (k = hfx_next(touch, 0, 0.0f); k < touch->count; k = hfx_next(touch, k + 1, 0.0f)) {
-    hfx_chunk p;
-    float gauge[HFX_CHUNK];
-    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
-    hfx_gauge(&touch->volume, &p, gauge);
-    if (hfx_weigh(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k)) hfx_look_at(touch, k);
-  }
-  hfx_trim(touch);
-  return hfx_next_felt(touch, touch->from) < touch->to;
-}
-
-/* Mean speed of touched skin against the volume since the moment before, m/s. */
-static inline double hfx_speed(hfx_touch *touch, double seconds) {
-  float then[12];
-  double sum = 0.0, weights = 0.0;
-  uint32_t k;
-  if (!touch->body->was_posed || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
-  if (!hfx_inverse(touch->felt->before, then)) return 0.0;
-  for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
-    const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
-    hfx_chunk p, q;
-    int i, c;
-    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
-    hfx_moved(then, hfx_posed_before(touch, k), &q);
-    for (i = 0; i < HFX_CHUNK; i++) {
-      const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
-      float way[3];
-      if (!(weight[i] > 0.0f)) continue;
-      for (c = 0; c < 3; c++) {
-        const float *row = touch->volume.to_world + 4 * c;
-        way[c] = row[0] * x + row[1] * y + row[2] * z;
-      }
-      sum += weight[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
-      weights += weight[i];
-    }
-  }
-  return weights > 0.0 ? sum / weights / seconds : 0.0;
-}
-
-/* How near untouched skin is, 0 to 1 at the boundary, added to the weights where it is felt. */
+/* Nearness of untouched skin, 0 to 1 at the boundary, added to the weights where it is felt. */
 static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int is_touched) {
-  const double range_m = hfx_control(filter, 1), exponent = hfx_control(filter, 2);
-  double peak = is_touched ? 1.0 : 0.0;
+  const double range_m = hfx_control(filter, 1), rises = hfx_control(filter, 2) > 0.0;
+  double peak = is_touched ? 1.0 : 0.0, least_m = HFX_HUGE_F64;
   int pass;
   if (!(hfx_control(filter, 0) > 0.0)) return peak;
   for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
     uint32_t k = hfx_next(touch, 0, (float)range_m);
     for (; k < touch->count; k = hfx_next(touch, k + 1, (float)range_m)) {
-      float *weights = touch->weights + HFX_CHUNK * (size_t)k, gauge[HFX_CHUNK];
-      hfx_chunk p;
+      float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+      double ways[HFX_CHUNK], nearness;
       int i;
-      hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
-      hfx_gauge(&touch->volume, &p, gauge);
+      hfx_ways(&touch->volume, hfx_posed(touch, k), (float)range_m, ways);
       for (i = 0; i < HFX_CHUNK; i++) {
-        const double away_m = gauge[i] <= 1.0f ? 0.0 : hfx_distance(&touch->volume, &p, i);
-        double near;
-        if (!(away_m < range_m)) continue;
-        near = pow(1.0 - away_m / range_m, exponent);
-        if (pass == 0 && near > peak) peak = near;
-        if (pass == 0 || !(near / peak > weights[i])) continue;
-        weights[i] = (float)(near / peak);
+        if (!(ways[i] < range_m) || (pass == 0 && rises && ways[i] >= least_m)) continue;
+        nearness = hfx_nearness(filter, ways[i]);
+        least_m = ways[i];
+        if (pass == 0 && nearness > peak) peak = nearness;
+        if (pass == 0 || !(nearness / peak > weights[i])) continue;
+        weights[i] = (float)(nearness / peak);
         hfx_look_at(touch, k);
       }
     }
@@ -193,8 +86,12 @@ static inline double hfx_wave(double turns, double depth, double phase) {
 /* Weights times a filter that has a value for each vertex; whether anything is left. */
 static inline int hfx_over_space(hfx_touch *touch, const unsigned char *filter) {
   const float *matrix = touch->volume.to_world;
-  const double influence = hfx_control(filter, 0), near = hfx_control(filter, 1);
-  const double far = hfx_control(filter, 2);
+  const int is_wave = hfx_u32(filter) == HFX_SINE;
+  const double influence = hfx_control(filter, 0), first = hfx_control(filter, 1);
+  const double second = hfx_control(filter, 2), third = hfx_control(filter, 3);
+  const double rise = hfx_control(filter, 4) - third;
+  const double way_m = is_wave ? first : second - first, least_m = is_wave ? 1e-6 : 1e-9;
+  const double length_m = way_m > least_m ? way_m : least_m;
   double axis[3] = {0.0, 0.0, 0.0}, length = 0.0;
   int is_left = 0, c, i;
   uint32_t k;
@@ -211,12 +108,8 @@ static inline int hfx_over_space(hfx_touch *touch, const unsigned char *filter) 
       for (c = 0; c < 3; c++) along += axis[c] * off[c];
       for (c = 0; c < 3; c++) away_m += (off[c] - along * axis[c]) * (off[c] - along * axis[c]);
       away_m = sqrt(away_m);
-      if (hfx_u32(filter) == HFX_DISTANCE) {
-        const double share = hfx_clamped((away_m - near) / (far - near > 1e-9 ? far - near : 1e-9), 0, 1);
-        value = hfx_control(filter, 3) + (hfx_control(filter, 4) - hfx_control(filter, 3)) * share;
-      } else {
-        value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
-      }
+      if (is_wave) value = hfx_wave(away_m / length_m, second, third);
+      else value = third + rise * hfx_clamped((away_m - first) / length_m, 0.0, 1.0);
       weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
       is_left |= weights[i] > 0.0f;
     }
@@ -280,7 +173,7 @@ static inline void hfx_clear(hfx_felt *felt, float *weights) {
   felt->from = felt->to;
 }
 
-/* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
+/* Tells whether no skin is near enough for a volume to be felt; then its weights are 0. */
 static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights) {
   float reach = 0.0f;
   uint32_t i;
