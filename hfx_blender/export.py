@@ -66,7 +66,13 @@ _THREADS: Final = 2
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """Settings of an export."""
+    """Settings of an export. A format or a device that is given twice counts once.
+
+    Raises
+    ------
+    UsageError
+        No scene could be exported with these formats and devices.
+    """
 
     formats: tuple[str, ...] = ("track",)
     devices: tuple[DeviceConfig, ...] = ()
@@ -83,6 +89,9 @@ class ExportSettings:
 
     def __post_init__(self) -> None:
         registry.check(self.formats, self.devices)
+        devices = {device.id: device for device in self.devices}
+        object.__setattr__(self, "devices", tuple(devices.values()))
+        object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> ExportSettings:
         """The same, but some devices play nothing.
