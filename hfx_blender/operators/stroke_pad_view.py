@@ -55,8 +55,12 @@ class PadPlace:
         return points_m / pad.metres_per_pixel + (self.left, self.bottom)
 
 
-def draw(pad: StrokePad, image: bpy.types.Image | None, place: PadPlace) -> None:
-    """Draw the pad into the region that is drawn now."""
+def draw(
+    pad: StrokePad, image: bpy.types.Image | None, place: PadPlace, region: bpy.types.Region
+) -> None:
+    """Draw the pad, when its region is drawn; other viewports of the screen are asked, too."""
+    if bpy.context.region != region:
+        return
     gpu.state.blend_set("ALPHA")
     left, bottom, side = place.left, place.bottom, place.side
     width = side + _PLOT_PX[0] + 40
