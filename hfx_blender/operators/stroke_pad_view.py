@@ -13,6 +13,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..engine.arrays import F64
+from ..surface_properties import RENDERERS
 
 if TYPE_CHECKING:
     from ..playback.stroke_pad import StrokePad
@@ -80,7 +81,8 @@ def draw(
 def _texts(pad: StrokePad, place: PadPlace) -> None:
     target, now = pad.target_m_s, pad.now
     top = place.bottom + place.side
-    renderer = pad.texture.renderer.value
+    kind = pad.texture.renderer.name
+    renderer = next(label for name, label, _ in RENDERERS if name == kind)
     _text(place.left, top + 34, f"{pad.name}   ({renderer})", 15)
     _text(
         place.left,
@@ -111,7 +113,7 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
     wave = pad.waveform_m_s2
     now = pad.now
     curves: list[tuple[str, F64, F64]] = [
-        (f"height, {reach * 2:.0f} um", times, 0.5 + 0.5 * (heights - middle) / reach),
+        (f"height, {reach * 2:.0f} µm", times, 0.5 + 0.5 * (heights - middle) / reach),
         (
             f"amplitude {now.amplitude_m_s2:.2f} m/s² of {full:.1f}",
             times,
