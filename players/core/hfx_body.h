@@ -196,7 +196,7 @@ static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const 
   return hfx_u32(reaction + 12) ? sum / count : strongest;
 }
 
-/* What a reaction does at its actuator, and for vibrations at which frequency. */
+/* Effect of a reaction at its actuator, and the frequency of vibrations. */
 static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target, float *strengths,
                                   float *hertz, double *found_hz) {
   const uint32_t modality = hfx_u32(at + 8), effects = hfx_clip_effects(self->clip);

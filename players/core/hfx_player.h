@@ -111,7 +111,7 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size);
 /* One sentence about an error, in English. */
 HFX_API const char *hfx_error_text(int error);
 HFX_API double hfx_clip_seconds(const hfx_clip *clip);
-/* How many there are of each. */
+/* Number of each. */
 HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip);
@@ -204,7 +204,7 @@ HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t par
                                    double value);
 /* Turns an effect on at a level of 0 (off) to 1; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level);
-/* What the body feels now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
+/* Values that the body feels now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
  * the devices that this body wears, neutral ones for the others. */
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out);
 /* Weights 0 to 1 of the last evaluation at the vertices of the effect's model on this body. */

@@ -94,7 +94,7 @@ static inline double hfx_speed(const hfx_touch *touch, double seconds) {
   return weights > 0.0 ? sum / weights / seconds : 0.0;
 }
 
-/* How near untouched skin is, 0 to 1 at the boundary, added to the weights where it is felt. */
+/* Nearness of untouched skin, 0 to 1 at the boundary, added to the weights where it is felt. */
 static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int is_touched) {
   const double range_m = hfx_control(filter, 1), exponent = hfx_control(filter, 2);
   double peak = is_touched ? 1.0 : 0.0;
@@ -210,7 +210,7 @@ static inline void hfx_clear(hfx_felt *felt, float *weights) {
   for (; felt->from < felt->to; felt->from++) weights[felt->from] = 0.0f;
 }
 
-/* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
+/* True if no skin is near enough for a volume to be felt; then its weights are 0. */
 static inline int hfx_is_far(const hfx_body *self, const hfx_touch *touch, float *weights) {
   float reach = 0.0f;
   uint32_t i;

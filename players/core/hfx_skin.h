@@ -156,7 +156,7 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
   return hfx_inverse(matrix, volume->to_shape);
 }
 
-/* Whether a chunk of vertices may be within `reach` metres of a volume. */
+/* True if a chunk of vertices may be within `reach` metres of a volume. */
 static inline int hfx_is_near(const hfx_volume *volume, const float *box, float reach) {
   int c;
   for (c = 0; c < 3; c++)

@@ -31,7 +31,7 @@ static inline hfx_shape hfx_shape_at(const hfx_target *target, int64_t row) {
   return (hfx_shape){target->kinds[row], target->halves[row], target->meshes[row]};
 }
 
-// Where a body has no bones: places of its skin in its own space, at some rows.
+// Places of the skin of a body without bones, in its own space, at some rows.
 typedef struct {
   const double *places;  // (bounds, places, 3)
   const double *own;     // (bounds, cells, 3) of the cells' vertices, or NULL: they are places
@@ -51,7 +51,7 @@ static inline double hfx_steepest(const hfx_target *target) {
 
 #define MOST_STEPS 64  // straight ones between two rows
 
-// How the cells of a pair are looked at.
+// Kinds of test for the cells of a pair.
 enum { HFX_NOT, HFX_COVERED, HFX_BY_VERTEX, HFX_WHOLE };
 
 // Pairs of a cluster, ascending, and a row, ascending within it.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How points that rest in a body's frame move in a volume's space from one row to the next. See
+// Motion of points that rest in a body's frame, in a volume's space from one row to the next. See
 // drift_of in engine/contact/continuous_collision.py.
 
 #ifndef HFX_DRIFT_H
@@ -8,8 +8,8 @@
 #include "analytic.h"
 #include "broad.h"
 
-// Where a point is after each of some steps of an interval, (steps + 1, 3): at both ends, and from place
-// `low` to `high`. `from_before` and `from_after` are (steps + 1, intervals, 4, 4); a straight way, of
+// Positions of a point after each of some steps of an interval, (steps + 1, 3): at both ends, and
+// from place `low` to `high`. `from_before` and `from_after` are (steps + 1, intervals, 4, 4); a straight way, of
 // one step, asks for none.
 static inline void hfx_path(const double *from_before, const double *from_after, int64_t intervals,
                             int64_t interval, int64_t steps, int64_t low, int64_t high,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How a mesh's triangles and the tree of boxes over them lie in memory.
+// Memory layout of a mesh's triangles and of the tree of boxes over them.
 
 #ifndef HFX_MESH_TREE_H
 #define HFX_MESH_TREE_H

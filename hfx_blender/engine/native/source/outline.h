@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What of a model bones move, cluster by cluster, as it is known before anything is posed.
+// Boxes of the parts of a model that bones move, cluster by cluster, before anything is posed.
 
 #ifndef HFX_OUTLINE_H
 #define HFX_OUTLINE_H

@@ -28,7 +28,7 @@ typedef struct {
   double spacing_share, distance_m;  // how far skin may be from its samples; see engine/tolerance.py
 } hfx_table;
 
-// What bones do to a cluster, and what its units' neighbours are like at rest.
+// Bones and weights of a cluster, and distances of its units to their neighbours at rest.
 typedef struct {
   const int64_t *entry_bones;  // (E,) which of the cluster's bones
   const double *weights;       // (E,)
@@ -41,7 +41,7 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
-// What is known of groups of a cluster's cells at rest; see engine/skin/cell_sizes.py.
+// Groups of a cluster's cells, at rest; see engine/skin/cell_sizes.py.
 typedef struct {
   const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
   const double *distances;                 // (groups,)
