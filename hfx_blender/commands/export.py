@@ -45,6 +45,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "-f",
         "--formats",
+        action="extend",
         type=_names,
         metavar="F,...",
         help="track, hjif, jsonl, jsonl-compact, glb; for devices clip, csv, npz, wav, wav24, "
@@ -74,8 +75,9 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         "--record",
+        action="extend",
         type=_names,
-        default=(),
+        default=[],
         metavar="WHAT,...",
         help="also record positions, velocities, depth of each vertex",
     )
@@ -210,13 +212,13 @@ def _workers(options: argparse.Namespace) -> Workers:
 
 def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
     asked = ExportOptions(
-        formats=options.formats,
+        formats=None if options.formats is None else tuple(options.formats),
         devices=None if options.device is None else tuple(options.device),
         frames=options.frames,
         rate=None if options.rate is None else str(options.rate),
         tolerance=None if options.tolerance is None else options.tolerance.name,
         full_precision=options.full_precision,
-        record=tuple(options.record),
+        record=tuple(dict.fromkeys(options.record)),
         strict=options.strict,
         scene=options.scene,
         per_clip=options.per_clip,
@@ -379,9 +381,9 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"several scenes are named '{same[0]}': their results would collide")
 
 
-def _names(text: str) -> tuple[str, ...]:
-    """Names with commas between them, each once."""
-    return tuple(dict.fromkeys(text.split(",")))
+def _names(text: str) -> list[str]:
+    """Names with commas between them."""
+    return text.split(",")
 
 
 def _frames(text: str) -> tuple[int, int]:
@@ -427,5 +429,5 @@ def _rate(text: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         rate = Fraction(0)
     if not 0 < rate <= 10000:
-        raise argparse.ArgumentTypeError(f"expected 0 to 10000 Hz, found '{text}'")
+        raise argparse.ArgumentTypeError(f"expected more than 0, at most 10000 Hz, found '{text}'")
     return rate

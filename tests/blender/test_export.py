@@ -232,6 +232,14 @@ def test_settings_that_make_no_sense_are_wrong_usage() -> None:
             ExportSettings(**settings)
 
 
+def test_what_is_named_twice_is_written_once(small: Any, tmp_path: Path) -> None:
+    pads = (load_device("back_pad"), load_device("back_pad"))
+    report = export(small, tmp_path, formats=("csv", "csv"), devices=pads, frames=(1, 2))
+    assert [path.name for path in report.files] == ["x.back_pad.csv", "x.report.json"]
+    options = cli.build_parser().parse_args("export x.blend -f csv -f wav,csv".split())
+    assert options.formats == ["csv", "wav", "csv"]
+
+
 def test_another_scene_of_the_file(small: Any, tmp_path: Path) -> None:
     attic = bpy.data.scenes.new("Attic")
     assert scene_named(None) == small and scene_named("Attic") == attic

@@ -106,9 +106,9 @@ def _load(path: Path) -> ctypes.CDLL:
         raise OSError("the file is cut off")
     found = ctypes.CDLL(str(path))
     found.hfx_build.argtypes, found.hfx_build.restype = (), ctypes.c_char_p
-    told = found.hfx_build().decode(errors="replace").split()
+    build = found.hfx_build().decode(errors="replace").split()
     own = sources.digest()
-    if told and own and told[1:2] != [own]:
+    if build and own and build[1:2] != [own]:
         raise ValueError("was built of other sources; install the package again")
     declare(found)
     return found
