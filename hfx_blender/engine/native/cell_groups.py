@@ -13,8 +13,7 @@ from ..indexing import lacking
 from .declarations import structure
 from .library import loaded
 from .skin_binding import Clusters
-from .skin_mesh import Mesh, mesh_of
-from .skin_table import Table, table_of
+from .skin_table import Mesh, Table, mesh_of, table_of
 
 
 class CellGroups:

@@ -20,8 +20,8 @@ from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import ramp, sorted_by
+from ..native import clusters as native
 from ..native import library
-from ..native import skin_outline as native
 from ..native.bounds import Outline
 from ..native.skin import UsedBones
 from ..scene import SkinBinding, SurfaceBinding

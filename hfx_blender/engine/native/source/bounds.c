@@ -3,8 +3,8 @@
 
 #include <math.h>
 
+#include "broad.h"
 #include "hfx_native.h"
-#include "outline.h"
 #include "skin_posing.h"
 
 #define COLUMNS 11     // of a bone, 2 doubles each

@@ -7,7 +7,6 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin.h"
-#include "skin_mesh.h"
 
 #define PI 3.141592653589793
 #define DISC (2.0 / 3.0)
@@ -31,12 +30,6 @@ typedef struct {
   double *places;     // (count, 3)
   double *distances;  // (count,)
 } cells;
-
-static double *take(double **room, int64_t count) {
-  double *taken = *room;
-  *room += count;
-  return taken;
-}
 
 static double distance(const double *a, const double *b) {
   double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];

@@ -159,13 +159,6 @@ static int is_apart(const look *at, const side *before, const side *now, const w
   return floor > reach * SLACK * SLACK;
 }
 
-// Room in a double array: the next `count`, and where what follows begins.
-static double *take(double **room, int64_t count) {
-  double *taken = *room;
-  *room += count;
-  return taken;
-}
-
 // Resets the state of a cluster's pairs.
 static void make_sides(const look *at, double *room, side sides[2], widest *most) {
   const hfx_table *table = at->table;

@@ -3,7 +3,7 @@
 
 #include "hfx_native.h"
 #include "mesh.h"
-#include "mesh_numbers.h"
+#include "numbers.h"
 
 // Memory that will be read soon.
 #if defined(__GNUC__)

@@ -5,7 +5,6 @@
 #ifndef HFX_PASSING_H
 #define HFX_PASSING_H
 
-#include "drift.h"
 #include "posed_pair.h"
 
 #define STEP_KINDS 7  // powers of two up to MOST_STEPS
@@ -25,16 +24,23 @@ typedef struct {
 
 #define EVERY_STEP (~(uint64_t)0)
 
-// Positions of a point on the way, (steps + 1, 3): from the first to the last of the `open` steps, which
-// has a bit for each.
+// Positions of a point after each of some steps of an interval, (steps + 1, 3): at both ends, and around
+// the first to the last of the `open` steps, which has a bit for each. One step asks for no drift.
 static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int64_t interval,
                            uint64_t open, const double before[3], const double after[3],
                            double path[][3]) {
   int64_t low = 0, high = steps - 1;
   while (low < high && !(open >> low & 1)) low++;
   while (low < high && !(open >> high & 1)) high--;
-  hfx_path(drift->before[kind], drift->after[kind], drift->intervals, interval, steps, low, high + 1,
-           before, after, path);
+  for (int i = 0; i < 3; i++) path[0][i] = before[i], path[steps][i] = after[i];
+  for (int64_t k = low > 1 ? low : 1; k < steps && k <= high + 1; k++) {
+    double share = (double)k / (double)steps;
+    const double *one = drift->before[kind] + 16 * (k * drift->intervals + interval);
+    const double *other = drift->after[kind] + 16 * (k * drift->intervals + interval);
+    for (int i = 0; i < 3; i++)
+      path[k][i] = (1.0 - share) * (hfx_dot(one + 4 * i, before) + one[4 * i + 3]) +
+                   share * (hfx_dot(other + 4 * i, after) + other[4 * i + 3]);
+  }
 }
 
 // The step of a way at a share of its time.

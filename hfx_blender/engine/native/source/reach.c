@@ -7,7 +7,6 @@
 #include "analytic.h"
 #include "broad.h"
 #include "hfx_native.h"
-#include "outline.h"
 #include "skin.h"
 #include "skin_posing.h"
 

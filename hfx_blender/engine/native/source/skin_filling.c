@@ -6,7 +6,6 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin.h"
-#include "skin_mesh.h"
 
 #define FLAT_ENOUGH 0.1
 #define BULGE_LIMIT 0.25

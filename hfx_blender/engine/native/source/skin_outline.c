@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "hfx_native.h"
-#include "skin_mesh.h"
+#include "skin.h"
 
 static float larger(float a, float b) { return (a >= b || a != a) ? a : b; }
 
