@@ -72,7 +72,7 @@ static inline void hfx_neutral(const hfx_clip *clip, float *out) {
     out[i] = (float)hfx_f64(hfx_record(clip, HFX_COLM, i) + 32);
 }
 
-/* Of each actuator the strongest row of one or two spans of rows, both ends included. */
+/* Strongest row of each actuator of one or two spans of rows, both ends included. */
 static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], float *out) {
   const hfx_clip *clip = player->clip;
   uint32_t i, k;

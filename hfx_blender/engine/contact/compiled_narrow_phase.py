@@ -74,7 +74,8 @@ def narrow_phase(
         Waits until all is computed, which without threads it is by now; gives the number of
         places posed.
     """
-    shared = posing, target, _drift_of(drifts, target.count - 1), weights, column_of
+    drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
+    shared = posing, target, drift, weights, column_of
     if details is not None:
         count = _with_details(_NarrowPhaseCall(pairs, table, *shared), weights, details, target)
         return lambda: count
