@@ -20,7 +20,8 @@ from bpy_extras import view3d_utils
 from ..authoring import paths, skin_picking
 from ..errors import HfxError, InputError
 from . import path_overlay
-from .paths import active_spot
+from .held_spot import view_region
+from .paths import ON_SPOT, active_spot
 from .shared import HfxOperator
 
 if TYPE_CHECKING:
@@ -79,9 +80,7 @@ class HFX_OT_draw_path(HfxOperator):
         name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_spot(context), "Select a point on the skin")
+    requires = (ON_SPOT,)
 
     def draw(self, _context: bpy.types.Context) -> None:
         if self.mode in ("STRAIGHT", "CURVE"):
@@ -183,7 +182,7 @@ class HFX_OT_draw_path(HfxOperator):
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Test that the mouse is over the view, and not over a panel that lies on it."""
         others = [each for each in context.area.regions if each.type != "WINDOW"]
-        return _holds(_view_region(context), event) and not any(
+        return _holds(view_region(context), event) and not any(
             _holds(each, event) for each in others
         )
 
@@ -192,7 +191,7 @@ class HFX_OT_draw_path(HfxOperator):
         import numpy as np
 
         # The operator may have been started from a button, in a panel's region.
-        region, view = _view_region(context), context.space_data.region_3d
+        region, view = view_region(context), context.space_data.region_3d
         at = (event.mouse_x - region.x, event.mouse_y - region.y)
         origin = view3d_utils.region_2d_to_origin_3d(region, view, at)
         place = self._picker.hit(origin, view3d_utils.region_2d_to_vector_3d(region, view, at))
@@ -242,10 +241,6 @@ class HFX_OT_draw_path(HfxOperator):
         context.window.cursor_modal_restore()
         if context.area is not None:
             context.area.tag_redraw()
-
-
-def _view_region(context: bpy.types.Context) -> bpy.types.Region:
-    return next(each for each in context.area.regions if each.type == "WINDOW")
 
 
 def _holds(region: bpy.types.Region, event: bpy.types.Event) -> bool:
