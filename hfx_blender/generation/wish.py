@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ..engine.texture.procedural import KINDS
@@ -34,6 +34,9 @@ _PICTURE_WORDS: Final = re.compile(
 )
 _FINISHED: Final = ("metal", "gravel")
 """Kinds whose finish decides which variant is nearest."""
+
+_GUESSED: Final = 0.6
+"""Weight of a word that is only spelt nearly like a material: less than of any that is one."""
 
 _ON_TOP: Final = 6.0
 _BESIDE: Final = 1.5  # less, of what a thing has or lies on
@@ -329,7 +332,9 @@ class _Reader:
             if near is not None and " " not in near:
                 self._wish.understood[word] = f"read as '{near}'"
                 if known is WORDS:
-                    self._material(near, WORDS[near], place)
+                    known_word = WORDS[near]
+                    guess = replace(known_word, weight=_GUESSED * known_word.weight)
+                    self._material(near, guess, place)
                 else:
                     self._wish.add(QUALITIES[near], self._degree)
                 return

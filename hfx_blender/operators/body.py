@@ -73,7 +73,8 @@ class HFX_OT_add_avatar(HfxOperator):
         from ..avatars import bodies
         from ..engine.body.model import AVATAR_ID
 
-        armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
+        armature, skin = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
+        framing.show_locally(context, (armature, skin))
         armature.location = (
             bodies.free_place(context, armature)
             if self.stands_free
@@ -262,6 +263,7 @@ it again"""
         if model_id in removed:
             return f"The {self.model} model of '{body.name}' is removed"
         obj = model_mesh.show(context, body, model_id)
+        framing.show_locally(context, [obj])
         return f"'{obj.name}' shows {len(obj.data.vertices)} vertices"
 
 

@@ -155,9 +155,7 @@ class HFX_OT_add_rain(OnBodyOperator):
             strength_m_s2=self.strength,
             seed=self.seed,
         )
-        select_only(context, made[0])
-        for effect in made[1:]:
-            effect.select_set(True)
+        select_only(context, *made)
         return f"{round(self.drops_per_second * self.duration)} drops"
 
 

@@ -45,9 +45,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
         origin=_origin(context, body),
     )
     seen = [obj for effect in made for obj in swarms.shown_by(context.scene, effect)]
-    select_only(context, seen[0])
-    for obj in seen[1:]:
-        obj.select_set(True)
+    select_only(context, *seen)
     return made
 
 

@@ -14,6 +14,7 @@ from .. import file_suffixes
 from ..authoring import surfaces
 from ..errors import HfxError, InputError
 from ..playback.live import live
+from . import framing
 from .shared import FileOperator, HfxOperator
 from .surfaces import ON_SURFACE
 
@@ -56,7 +57,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             return {"CANCELLED"}
         settings = obj.hfx.surface
         self._screen = context.window.screen
-        self._region = next(region for region in area.regions if region.type == "WINDOW")
+        self._region = framing.views(area)[-1]
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
@@ -65,7 +66,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
         self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)
-        arguments = (self._pad, settings.intensity_image, place)
+        arguments = (self._pad, settings.intensity_image, place, self._region)
         self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
         self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)

@@ -312,6 +312,8 @@ def _draw_chart() -> None:
     if not bpy.context.window_manager.hfx_show_values or not space.overlay.show_overlays:
         return
     region = bpy.context.region
+    if region.data != space.region_3d:
+        return  # one chart is enough in quad view
     left, right = drawing.free_part(bpy.context.area, region)
     if right - left < 120.0:
         return

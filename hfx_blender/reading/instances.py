@@ -35,7 +35,7 @@ from . import (
     visibility,
 )
 from .animation_time import animation_frames
-from .reached import data_reached_from, is_instancer, reached_from
+from .reached import data_reached_from, data_reaching, is_instancer, reached_from
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
@@ -296,7 +296,7 @@ class Instances:
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
         frames = {Fraction(frame) for frame in range(self._first, last + 1)}
-        if _may_be_brief(scene):
+        if _may_be_brief(self._sources.objects.values()):
             first = -int((time.frame_first - self._first) * time.rate_hz / time.fps)
             count = int((last - time.frame_first) * time.rate_hz / time.fps)
             frames.update(map(time.frame, range(first, count + 1)))
@@ -324,8 +324,7 @@ class Instances:
 
     def stepper(self) -> stepping.Stepping:
         """The user's own scene, to be set to the times at which instances are read."""
-        found = self._found
-        return stepping.own_scene(found.scene, found.layer, found.simulation)
+        return stepping.own_scene(self._found)
 
     def may_be_on(self, frames: F64) -> Bool:
         """Test that any instance can be felt at each played frame, (n,)."""
@@ -367,13 +366,13 @@ class Instances:
         return self._last[index]
 
 
-def _may_be_brief(scene: bpy.types.Scene) -> bool:
-    """Test that an instance may be there between two frames only.
+def _may_be_brief(sources: Iterable[bpy.types.Object]) -> bool:
+    """Test that an instance of these volumes may be there between two frames only.
 
     So it may be where visibility or what geometry nodes take is animated, where nodes read the
     time, particles live for less than a frame, or a handler of others does what it likes.
     """
-    reached = data_reached_from(filter(is_instancer, scene.objects))
+    reached = data_reached_from(filter(is_instancer, data_reaching(sources)))
     return stepping.foreign_handler() is not None or any(map(_may_be_short, reached))
 
 

@@ -106,9 +106,7 @@ class Pass:
         self._near: list[Volume] = []
         self._whole = self._light = None
         if plan.in_own_scene:
-            self._whole = self._light = stack.enter_context(
-                stepping.own_scene(found.scene, found.layer, found.simulation)
-            )
+            self._whole = self._light = stack.enter_context(stepping.own_scene(found))
         elif self._effects or self._bodies:
             stepped = [found.effects[k] for k in self._effects]
             needed = objects_of(found, scene, self._effects, self._bodies)

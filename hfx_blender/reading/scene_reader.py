@@ -384,7 +384,7 @@ class SceneReader:
         """Effects and bodies as Blender evaluates them."""
         found, bodies = self._found, range(len(self._found.bodies))
         if in_own_scene:
-            stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
+            stepped = stepping.own_scene(found)
         else:
             objects = objects_of(found, self._described, found.active, bodies)
             stepped = stepping.scratch_scene(found.scene, objects)

@@ -306,7 +306,7 @@ static inline int hfx_find_sections(hfx_clip *clip, const unsigned char *bytes, 
   return 1;
 }
 
-/* Whether bytes are UTF-8: no longer forms, no surrogates, nothing above 10FFFF. */
+/* Tells whether bytes are UTF-8: no longer forms, no surrogates, nothing above 10FFFF. */
 static inline int hfx_is_utf8(const unsigned char *at, uint32_t size) {
   uint32_t i = 0;
   while (i < size) {
