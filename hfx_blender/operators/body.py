@@ -17,6 +17,7 @@ from ..properties import FELT_LAYERS
 from ..stepwise import within
 from . import framing
 from .shared import (
+    IN_OBJECT_MODE,
     EnumItems,
     HfxOperator,
     OnBodyOperator,
@@ -60,9 +61,7 @@ class HFX_OT_add_avatar(HfxOperator):
         default=False,
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
+    requires = (IN_OBJECT_MODE,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("stands_free"):
@@ -103,9 +102,12 @@ those that cover its skin"""
         name="Layer", description="What is felt where clothes lie over skin", items=FELT_LAYERS
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
+    requires = (
+        (
+            lambda context: _armature_for(context),  # defined below
+            "Select an armature, or a mesh that has one",
+        ),
+    )
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
@@ -249,12 +251,7 @@ it again"""
         ],
         default="pressure",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not cls.needs(context.mode == "OBJECT", "Go to Object Mode first"):
-            return False
-        return cls.needs(active_body(context), "Select a haptic body")
+    requires = (IN_OBJECT_MODE, (active_body, "Select a haptic body"))
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import model_mesh
@@ -290,12 +287,12 @@ class HFX_OT_add_walk(HfxOperator):
     frame_start: IntProperty(name="Start", description="Frame at which the walk starts", default=1)
     frame_end: IntProperty(name="End", description="Frame at which the walk ends", default=250)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            context.object is not None and context.object.hfx.role == "BODY",
+    requires = (
+        (
+            lambda context: context.object is not None and context.object.hfx.role == "BODY",
             "Select a haptic body",
-        )
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
