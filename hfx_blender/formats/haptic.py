@@ -203,7 +203,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = _parsed(content, name)
-    told = refuse_but(
+    notes = refuse_but(
         _findings(found),
         name,
         lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
@@ -234,7 +234,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             frequencies.hertz([p["frequency"] for p in shares]),
         ),
         tuple(transients),
-        notes=told,
+        notes=notes,
     )
     return [signal], frequencies
 

@@ -116,7 +116,7 @@ def write(
         )
     written = chosen.write(raster, device, stem, tolerance)
     if not chosen.holds_waves:
-        written += Written(notes=losses.one_frequency(raster))
+        written += Written(notes=losses.several_frequencies(raster))
     written = written.of(f"{chosen.title} of device '{device.id}'")
     if lost:
         missing = f"{chosen.title} cannot hold the {' and '.join(lost)} of device '{device.id}'"
@@ -144,8 +144,8 @@ def _simplified(
 
 
 def _within(documented: FrequencyRange) -> Callable[[FrequencyRange], FrequencyRange]:
-    """Range in a format with a documented one, see :meth:`FrequencyRange.or_documented`."""
-    return lambda frequencies: frequencies.or_documented(documented)
+    """Range in a format with a documented one, see :meth:`FrequencyRange.or_default`."""
+    return lambda frequencies: frequencies.or_default(documented)
 
 
 def _write_ahap_sqrt(

@@ -74,14 +74,15 @@ class HFX_OT_add_avatar(HfxOperator):
         from ..avatars import bodies
         from ..engine.body.model import AVATAR_ID
 
-        armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
+        armature, skin = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
+        framing.show_locally(context, (armature, skin))
         armature.location = (
             bodies.free_place(context, armature)
             if self.stands_free
             else context.scene.cursor.location
         )
         framing.frame(context, [armature])
-        return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
+        return f"'{armature.name}' is a haptic body{_adopt_effects(context, armature)}"
 
 
 class _FittingOperator(StepwiseOperator):
@@ -122,7 +123,7 @@ those that cover its skin"""
             body.hfx.felt_layer = before
             raise
         framing.frame(context, [body, *meshes])
-        return message + _take_over(context, body)
+        return message + _adopt_effects(context, body)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -133,7 +134,7 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     return selected[0] if len(selected) == 1 else active_armature(context)
 
 
-def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
+def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
     """Have the only body of a scene feel the effects of those that were deleted."""
     if effects.bodies_of(context.scene) != [body]:
         return ""
@@ -265,6 +266,7 @@ it again"""
         if model_id in removed:
             return f"The {self.model} model of '{body.name}' is removed"
         obj = model_mesh.show(context, body, model_id)
+        framing.show_locally(context, [obj])
         return f"'{obj.name}' shows {len(obj.data.vertices)} vertices"
 
 

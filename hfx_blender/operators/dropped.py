@@ -37,9 +37,7 @@ class HFX_OT_place_dropped(HfxOperator):
             # Not as an error: the dropped object is gone, which has to be an undo step.
             self.report({"WARNING"}, printable("; ".join(faults)))
             return ""
-        select_only(context, made[0])
-        for effect in made[1:]:
-            effect.select_set(True)
+        select_only(context, *made)
         return f"Added {len(made)} effects: {', '.join(effect.name for effect in made)}"
 
 

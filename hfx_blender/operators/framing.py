@@ -32,12 +32,30 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
     return max(found, key=lambda each: each.width * each.height, default=None)
 
 
+def region_at(area: bpy.types.Area, x: float, y: float) -> bpy.types.Region:
+    """Region of a 3D viewport that shows a pixel of the window; its view is its ``data``.
+
+    Beside them it is the one that can be turned, Blender's last of quad view.
+    """
+    found = views(area)
+    return next((each for each in found if holds(each, x, y)), found[-1])
+
+
+def holds(region: bpy.types.Region, x: float, y: float) -> bool:
+    """Test a pixel of the window for being in a region."""
+    return 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
+
+
+def views(area: bpy.types.Area) -> list[bpy.types.Region]:
+    """Regions of an editor that show its content: four in quad view."""
+    return [each for each in area.regions if each.type == "WINDOW"]
+
+
 def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
     """Show objects as large as the viewport, from where it looks already."""
     area = None if bpy.app.background else viewport(context)
     if area is None:
         return
-    region = next(each for each in area.regions if each.type == "WINDOW")
     before = list(context.selected_objects)
     for obj in before:
         obj.select_set(False)
@@ -45,15 +63,23 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
     for obj in framed:
         obj.select_set(True)
     context.view_layer.update()
-    with context.temp_override(area=area, region=region):
-        bpy.ops.view3d.view_selected()
+    with context.temp_override(area=area, region=views(area)[-1]):
+        bpy.ops.view3d.view_selected(use_all_regions=True)
     for obj in framed:
         obj.select_set(False)
     for obj in before:
         obj.select_set(True)
 
 
-def done_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
+    """Let a local view in which the user works show objects, too."""
+    area = viewport(context)
+    if area is not None and area.spaces.active.local_view is not None:
+        for obj in objects:
+            obj.local_view_set(area.spaces.active, True)
+
+
+def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
     """Execute an operator that a person called, and make room for the clips that it adds."""
     done: set[str] = operator.execute(context)
     make_room_for_clips(context)
@@ -95,14 +121,14 @@ def _join(window: bpy.types.Window, x: int, y: int) -> None:
         bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))
 
 
-def state(area: bpy.types.Area) -> dict[str, object]:
-    """View of a 3D viewport, to be restored."""
-    view = area.spaces.active.region_3d
-    found = {name: getattr(view, name) for name in _VIEW}
-    return {name: v.copy() if hasattr(v, "copy") else v for name, v in found.items()}
+def state(area: bpy.types.Area) -> list[dict[str, object]]:
+    """Views of a 3D viewport, to be restored: several in quad view."""
+    found = [{name: getattr(each.data, name) for name in _VIEW} for each in views(area)]
+    return [{n: v.copy() if hasattr(v, "copy") else v for n, v in each.items()} for each in found]
 
 
-def restore(area: bpy.types.Area, before: dict[str, object]) -> None:
-    """Show the view that :func:`state` took."""
-    for name, value in before.items():
-        setattr(area.spaces.active.region_3d, name, value)
+def restore(area: bpy.types.Area, before: list[dict[str, object]]) -> None:
+    """Show the views that :func:`state` took, the last one if quad view was left meanwhile."""
+    for region, values in zip(reversed(views(area)), reversed(before), strict=False):
+        for name, value in values.items():
+            setattr(region.data, name, value)

@@ -141,7 +141,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain
@@ -157,9 +157,7 @@ class HFX_OT_add_rain(OnBodyOperator):
             strength_m_s2=self.strength,
             seed=self.seed,
         )
-        select_only(context, made[0])
-        for effect in made[1:]:
-            effect.select_set(True)
+        select_only(context, *made)
         return f"{round(self.drops_per_second * self.duration)} drops"
 
 

@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from ..authoring import skin_picking
 from ..errors import HfxError
-from . import path_overlay
+from . import framing, path_overlay
 from .paths import PathOperator, active_spot
 
 if TYPE_CHECKING:
@@ -29,10 +29,6 @@ def is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
     effect = active_spot(context)
     others = any(other != effect for other in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
-
-
-def view_region(context: bpy.types.Context) -> bpy.types.Region:
-    return next(each for each in context.area.regions if each.type == "WINDOW")
 
 
 def on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
@@ -60,6 +56,7 @@ class HeldSpotOperator(PathOperator):
             return {"PASS_THROUGH"}
         if context.area is None or context.area.type != "VIEW_3D":
             return self.execute(context)
+        self._region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
         try:
             self._at = Vector((event.mouse_x, event.mouse_y))
             self._seen = self._at.copy()
@@ -128,9 +125,9 @@ class HeldSpotOperator(PathOperator):
 
     def _window_place(self, context: bpy.types.Context, place: F64) -> Vector | None:
         """Place of a canonical point in the window's pixels; None if it is behind the viewer."""
-        region = view_region(context)
+        region = self._region
         world = on_body(context, active_spot(context), place)
-        seen = view3d_utils.location_3d_to_region_2d(region, context.space_data.region_3d, world)
+        seen = view3d_utils.location_3d_to_region_2d(region, region.data, world)
         return None if seen is None else seen + Vector((region.x, region.y))
 
     # What each does

@@ -43,6 +43,13 @@ class _OfDevice(_LiveOperator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
 
+def title_of(name: str) -> str:
+    """Name of a device as the panel shows it."""
+    from ..devices.device_facts import facts_of
+
+    return facts_of(name).title
+
+
 _names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
 
 
@@ -75,14 +82,12 @@ class HFX_OT_live_add(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
-        from ..devices.device_facts import facts_of
-
         devices = context.scene.hfx.devices
         if self.name in devices:
-            raise InputError(f"Device '{self.name}' is in this scene already.")
+            raise InputError(f"Device '{title_of(self.name)}' is in this scene already.")
         item = devices.add()
         item.name, item.is_expanded = self.name, True
-        return f"{facts_of(self.name).title} added"
+        return f"{title_of(self.name)} added"
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):
@@ -119,7 +124,7 @@ class HFX_OT_live_remove(HfxOperator):
         index = devices.find(self.name)
         if index >= 0:
             devices.remove(index)
-        return f"{self.name} removed"
+        return f"{title_of(self.name)} removed"
 
 
 class HFX_OT_live_connect(_OfDevice):
@@ -184,7 +189,7 @@ class HFX_OT_live_disconnect(_OfDevice):
 
     def work(self, _context: bpy.types.Context) -> str:
         live.disconnect(self.name)
-        return f"{self.name} disconnected"
+        return f"{title_of(self.name)} disconnected"
 
 
 class HFX_OT_live_play(_LiveOperator):
@@ -226,7 +231,9 @@ class HFX_OT_live_pulse(_OfDevice):
     def work(self, _context: bpy.types.Context) -> str:
         state = live.state(self.name)
         if state is None or not state.is_armed:
-            raise InputError(f"Device '{self.name}' is not playing; connect it and press Play.")
+            raise InputError(
+                f"Device '{title_of(self.name)}' is not playing; connect it and press Play."
+            )
         live.pulse(self.name, self.actuator)
         return ""
 
@@ -260,7 +267,7 @@ class HFX_OT_live_approve(_OfDevice):
 
         found = approval.script_of(self.name, resources.user_devices())
         if found is None:
-            raise InputError(f"Device '{self.name}' has no script.")
+            raise InputError(f"Device '{title_of(self.name)}' has no script.")
         return found
 
     def work(self, _context: bpy.types.Context) -> str:
@@ -299,8 +306,8 @@ class HFX_OT_live_revoke(_OfDevice):
         if running is not None and running in approval.approved():
             approval.revoke_fingerprint(running)
         if found is None and running is None:
-            raise InputError(f"Device '{self.name}' has no script.")
-        return f"{self.name}: approval withdrawn"
+            raise InputError(f"Device '{title_of(self.name)}' has no script.")
+        return f"{title_of(self.name)}: approval withdrawn"
 
 
 _classes, _unregister_classes = bpy.utils.register_classes_factory(

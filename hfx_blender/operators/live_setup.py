@@ -14,6 +14,7 @@ from ..devices.live import live_settings
 from ..errors import HfxError, InputError
 from ..playback.live import live
 from ..printable import printable
+from .live import title_of
 from .shared import HfxOperator
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class HFX_OT_live_find(HfxOperator):
             context.scene.hfx.devices.add().name = found.device
         live.connect(found.device, settings)
         live_settings.store(found.device, settings)
-        return f"{found.device}: {found.description}"
+        return f"{title_of(found.device)}: {found.description}"
 
 
 def _look() -> list[str]:
@@ -78,7 +79,7 @@ def _look() -> list[str]:
     ports = serial_ports()
     _found[:] = found_devices(devices, ports)
     _items[:] = [
-        (str(k), f"{each.device}  {each.port}".rstrip(), each.description)
+        (str(k), f"{title_of(each.device)}  {each.port}".rstrip(), each.description)
         for k, each in enumerate(_found)
     ]
     return [each.name for each in ports]
@@ -114,11 +115,11 @@ class HFX_OT_live_offset(HfxOperator):
 
     def work(self, _context: bpy.types.Context) -> str:
         if live.state(self.name) is None:
-            raise InputError(f"Device '{self.name}' is not connected.")
+            raise InputError(f"Device '{title_of(self.name)}' is not connected.")
         live.set_offset(self.name, self.offset_ms)
         known = live_settings.load().get(self.name, live_settings.LiveSettings())
         live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
-        return f"{self.name} is delayed by {self.offset_ms:g} ms"
+        return f"{title_of(self.name)} is delayed by {self.offset_ms:g} ms"
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_live_find, HFX_OT_live_offset))

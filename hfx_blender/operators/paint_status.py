@@ -15,7 +15,7 @@ from bpy_extras import view3d_utils
 from ..authoring import effects, painting
 from ..blender_events import add_handlers, call_soon, remove_handlers
 from ..engine.body.parts import CENTRE, SIDES
-from . import paint_view
+from . import framing, paint_view
 
 
 class HFX_OT_paint_status(bpy.types.Operator):
@@ -28,20 +28,23 @@ class HFX_OT_paint_status(bpy.types.Operator):
     _is_running: ClassVar = False
     _shown = ""
     _brush: paint_view.SceneBrush
+    _hidden: set[str]  # names of what is shown again if the mesh is deleted
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         canvas = painting.canvas_in(context)
         if canvas is None:
             return {"CANCELLED"}
         self._brush = paint_view.brush_for(canvas, canvas[painting.PAINTED_EFFECT])
-        self._brush.fit(context, canvas)
+        self._brush.fit(context, canvas, event)
+        self._hidden = paint_view.hidden_by(canvas)
         HFX_OT_paint_status._is_running = True
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         canvas = painting.canvas_in(context)
-        if canvas is None:  # finished, or undone
+        if canvas is None:  # finished, undone or deleted
+            paint_view.show(context, self._hidden)
             return self._ended(context)
         if canvas != context.object or canvas.mode == "OBJECT":  # left by Blender's own ways
             with suppress(RuntimeError):  # the mesh was edited: which Finish Painting tells
@@ -57,7 +60,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 self._shown = text
                 context.workspace.status_text_set(text or None)
         if canvas.mode == "WEIGHT_PAINT":
-            self._brush.fit(context, canvas)
+            self._brush.fit(context, canvas, event)
         return {"PASS_THROUGH"}
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
@@ -97,13 +100,12 @@ def _vertex_under(
     for area in context.screen.areas:
         if area.type != "VIEW_3D":
             continue
-        region = next(each for each in area.regions if each.type == "WINDOW")
-        x, y = mouse_x - region.x, mouse_y - region.y
-        if not (0 <= x < region.width and 0 <= y < region.height):
+        region = framing.region_at(area, mouse_x, mouse_y)
+        if not framing.holds(region, mouse_x, mouse_y):
             continue
-        view = area.spaces.active.region_3d
-        origin = view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
-        ray = view3d_utils.region_2d_to_vector_3d(region, view, (x, y))
+        at = mouse_x - region.x, mouse_y - region.y
+        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
         to_local = canvas.matrix_world.inverted_safe()
         evaluated = canvas.evaluated_get(context.evaluated_depsgraph_get())
         hit, _, _, face = evaluated.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)

@@ -12,7 +12,6 @@ from mathutils import Vector
 from .. import compat
 from ..authoring import painting
 from . import framing
-from .shared import is_in_view_layer
 
 _HIDDEN = "hfx_hidden_to_paint"
 """ID property of the mesh that is painted on: names of what is hidden meanwhile. Being in the file,
@@ -24,8 +23,8 @@ _OPACITY = 0.45
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 
-_before: dict[int, tuple[dict[str, object], float]] = {}
-"""View and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
+_before: dict[int, tuple[list[dict[str, object]], float]] = {}
+"""Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
 
 
 def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
@@ -36,17 +35,17 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     canvas[_HIDDEN] = [obj.name_full for obj in others]
 
 
-def hidden_by(canvas: bpy.types.Object) -> list[bpy.types.Object]:
-    """Objects that are hidden while a mesh is painted on."""
-    names = set(canvas.get(_HIDDEN, ()))
+def hidden_by(canvas: bpy.types.Object) -> set[str]:
+    """Full names of the objects that are hidden while a mesh is painted on."""
     # Earlier versions marked the avatar's meshes.
-    return [o for o in bpy.data.objects if o.name_full in names or o.get(_HIDDEN) is True]
+    marked = {obj.name_full for obj in bpy.data.objects if obj.get(_HIDDEN) is True}
+    return marked.union(canvas.get(_HIDDEN, ()))
 
 
-def show(context: bpy.types.Context, hidden: list[bpy.types.Object]) -> None:
-    """Show objects that were hidden to paint."""
-    for obj in hidden:
-        if is_in_view_layer(context, obj):
+def show(context: bpy.types.Context, hidden: set[str]) -> None:
+    """Show objects that were hidden to paint, by their full names."""
+    for obj in context.view_layer.objects:
+        if obj.name_full in hidden:
             obj.hide_set(False)
 
 
@@ -55,10 +54,7 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     area = framing.viewport(context)
     if area is None:
         return
-    space = area.spaces.active
-    overlay = space.overlay
-    if space.local_view is not None:
-        canvas.local_view_set(space, True)
+    overlay = area.spaces.active.overlay
     _before[area.as_pointer()] = framing.state(area), overlay.weight_paint_mode_opacity
     overlay.weight_paint_mode_opacity = _OPACITY
     framing.frame(context, [canvas])
@@ -98,9 +94,11 @@ class SceneBrush:
         self.radius, self.least = radius, least
         self._pixels = 0
 
-    def fit(self, context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-        """Set the brush's pixels for the present view."""
-        scale = _pixels_per_unit(context, canvas)
+    def fit(
+        self, context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
+    ) -> None:
+        """Set the brush's pixels for the present view under the mouse."""
+        scale = _pixels_per_unit(context, canvas, event)
         if scale is None:
             return
         pixels = compat.brush_radius(context)
@@ -119,13 +117,15 @@ def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
     return SceneBrush(painting.brush_radius(canvas, effect), spacing)
 
 
-def _pixels_per_unit(context: bpy.types.Context, canvas: bpy.types.Object) -> float | None:
+def _pixels_per_unit(
+    context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
+) -> float | None:
     """Pixels in the 3D viewport of one of Blender's units at the middle of a mesh."""
     area = framing.viewport(context)
     if area is None:
         return None
-    region = next(each for each in area.regions if each.type == "WINDOW")
-    view = area.spaces.active.region_3d
+    region = framing.region_at(area, event.mouse_x, event.mouse_y)
+    view = region.data
     corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
     middle = sum(corners, Vector()) / len(corners)
     if view.is_perspective:  # where the user looks, or a limb in close-up would have a thin brush

@@ -19,7 +19,7 @@ from bpy_extras import view3d_utils
 
 from ..authoring import paths, skin_picking
 from ..errors import HfxError, InputError
-from . import path_overlay
+from . import framing, path_overlay
 from .paths import active_spot
 from .shared import HfxOperator
 
@@ -183,19 +183,20 @@ class HFX_OT_draw_path(HfxOperator):
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Test that the mouse is over the view, and not over a panel that lies on it."""
         others = [each for each in context.area.regions if each.type != "WINDOW"]
-        return _holds(_view_region(context), event) and not any(
-            _holds(each, event) for each in others
-        )
+        at = event.mouse_x, event.mouse_y
+        region = framing.region_at(context.area, *at)
+        return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Add the place under the mouse; beside the body the last one stays."""
         import numpy as np
 
         # The operator may have been started from a button, in a panel's region.
-        region, view = _view_region(context), context.space_data.region_3d
+        region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
         at = (event.mouse_x - region.x, event.mouse_y - region.y)
-        origin = view3d_utils.region_2d_to_origin_3d(region, view, at)
-        place = self._picker.hit(origin, view3d_utils.region_2d_to_vector_3d(region, view, at))
+        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
+        place = self._picker.hit(origin, ray)
         if place is None and self.mode == "RECORD" and len(self.stroke):
             place = np.array(self.stroke[-1].place)
         if place is None:
@@ -242,15 +243,6 @@ class HFX_OT_draw_path(HfxOperator):
         context.window.cursor_modal_restore()
         if context.area is not None:
             context.area.tag_redraw()
-
-
-def _view_region(context: bpy.types.Context) -> bpy.types.Region:
-    return next(each for each in context.area.regions if each.type == "WINDOW")
-
-
-def _holds(region: bpy.types.Region, event: bpy.types.Event) -> bool:
-    x, y = event.mouse_x - region.x, event.mouse_y - region.y
-    return 0 <= x < region.width and 0 <= y < region.height
 
 
 register, unregister = bpy.utils.register_classes_factory((HfxPathPoint, HFX_OT_draw_path))

@@ -45,9 +45,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
         origin=_origin(context, body),
     )
     seen = [obj for effect in made for obj in swarms.shown_by(context.scene, effect)]
-    select_only(context, seen[0])
-    for obj in seen[1:]:
-        obj.select_set(True)
+    select_only(context, *seen)
     return made
 
 
@@ -98,7 +96,7 @@ class HFX_OT_add_from_library(HfxOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange

@@ -13,6 +13,7 @@ from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError, InputError
 from ..playback import preview
 from ..printable import printable
+from . import framing
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
 """Packages that the extension brings as wheels; its small zip brings none of them."""
@@ -57,7 +58,7 @@ class HfxOperator(bpy.types.Operator):
                 f"'{sys.executable} -m pip install {package}'.",
             )
             return {"CANCELLED"}
-        preview.look_soon()
+        preview.check_soon()
         if message:
             self.report({"INFO"}, printable(message))
         return {"FINISHED"}
@@ -128,13 +129,16 @@ def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], En
     return items
 
 
-def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the active and only selected one, if the view layer has it."""
+def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
+    """Select the objects that the view layer has and nothing else, the first as the active one."""
     for other in context.selected_objects:
         other.select_set(False)
-    if is_in_view_layer(context, obj):
+    found = [obj for obj in objects if is_in_view_layer(context, obj)]
+    framing.show_locally(context, found)
+    for obj in found:
         obj.select_set(True)
-        context.view_layer.objects.active = obj
+    if found and found[0] == objects[0]:
+        context.view_layer.objects.active = found[0]
 
 
 def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:

@@ -14,7 +14,7 @@ from ..authoring import paths, skin_picking
 from ..errors import InputError
 from ..scene_units import metres_of
 from . import path_overlay
-from .held_spot import HeldSpotOperator, is_for_blender, on_body, view_region
+from .held_spot import HeldSpotOperator, is_for_blender, on_body
 from .paths import PathOperator, active_spot
 from .shared import KeyBindings
 
@@ -95,10 +95,10 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         """The place on the skin under the mouse; beside the body, the nearest of its outline."""
         import numpy as np
 
-        region, view = view_region(context), context.space_data.region_3d
+        region = self._region
         at = self._at - Vector((region.x, region.y))
-        origin = view3d_utils.region_2d_to_origin_3d(region, view, at)
-        ray = view3d_utils.region_2d_to_vector_3d(region, view, at)
+        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
         place = self._picker.hit(origin, ray)
         if place is not None:
             return place

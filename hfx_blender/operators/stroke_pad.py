@@ -15,6 +15,7 @@ from .. import file_suffixes
 from ..authoring import surfaces
 from ..errors import HfxError, InputError
 from ..playback.live import live
+from . import framing
 from .shared import HfxOperator
 from .surfaces import active_surface
 
@@ -60,7 +61,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             return {"CANCELLED"}
         settings = obj.hfx.surface
         self._screen = context.window.screen
-        self._region = next(region for region in area.regions if region.type == "WINDOW")
+        self._region = framing.views(area)[-1]
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
@@ -69,7 +70,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
         self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)
-        arguments = (self._pad, settings.intensity_image, place)
+        arguments = (self._pad, settings.intensity_image, place, self._region)
         self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
         self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
@@ -127,7 +128,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         if signal is None:
             return
         self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
-        self._sound.rub(pad.now.speed_m_s / pad.target_m_s / 2.0)
+        self._sound.set_friction(pad.now.speed_m_s / pad.target_m_s / 2.0)
         live.send_vibration(
             float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]), pad.drive
         )
@@ -135,7 +136,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def _keep(self, take: Take | None) -> None:
         global last_take
         last_take = take or last_take
-        self._sound.rub(0.0)
+        self._sound.set_friction(0.0)
         live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
 
     def _key(self, key: str) -> None:

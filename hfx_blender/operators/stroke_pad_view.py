@@ -13,6 +13,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..engine.arrays import F64
+from ..surface_properties import RENDERERS
 
 if TYPE_CHECKING:
     from ..playback.stroke_pad import StrokePad
@@ -55,8 +56,12 @@ class PadPlace:
         return points_m / pad.metres_per_pixel + (self.left, self.bottom)
 
 
-def draw(pad: StrokePad, image: bpy.types.Image | None, place: PadPlace) -> None:
-    """Draw the pad into the region that is drawn now."""
+def draw(
+    pad: StrokePad, image: bpy.types.Image | None, place: PadPlace, region: bpy.types.Region
+) -> None:
+    """Draw the pad, when its region is drawn; other viewports of the screen are asked, too."""
+    if bpy.context.region != region:
+        return
     gpu.state.blend_set("ALPHA")
     left, bottom, side = place.left, place.bottom, place.side
     width = side + _PLOT_PX[0] + 40
@@ -76,7 +81,8 @@ def draw(pad: StrokePad, image: bpy.types.Image | None, place: PadPlace) -> None
 def _texts(pad: StrokePad, place: PadPlace) -> None:
     target, now = pad.target_m_s, pad.now
     top = place.bottom + place.side
-    renderer = pad.texture.renderer.value
+    kind = pad.texture.renderer.name
+    renderer = next(label for name, label, _ in RENDERERS if name == kind)
     _text(place.left, top + 34, f"{pad.name}   ({renderer})", 15)
     _text(
         place.left,
@@ -107,7 +113,7 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
     wave = pad.waveform_m_s2
     now = pad.now
     curves: list[tuple[str, F64, F64]] = [
-        (f"height, {reach * 2:.0f} um", times, 0.5 + 0.5 * (heights - middle) / reach),
+        (f"height, {reach * 2:.0f} µm", times, 0.5 + 0.5 * (heights - middle) / reach),
         (
             f"amplitude {now.amplitude_m_s2:.2f} m/s² of {full:.1f}",
             times,

@@ -82,10 +82,10 @@ def _load_empty_file() -> None:
     with bpy.context.temp_override(window=manager.windows[0]):
         bpy.ops.wm.read_homefile(app_template="", use_empty=False)
     # In the middle of loading a file, whose end would take the timer away.
-    call_soon(_furnish, _AGAIN_S, outlives_load=True)
+    call_soon(_replace_cube_by_avatar, _AGAIN_S, outlives_load=True)
 
 
-def _furnish() -> None:
+def _replace_cube_by_avatar() -> None:
     """Put the avatar in place of the cube of the file that Blender starts with."""
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window):

@@ -77,7 +77,7 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     def set_all(row: HfxEffectRow, value: bool) -> None:
         for effect in _effects_of_row(row):
             setattr(effect.hfx, name, value)
-        preview.look_soon()
+        preview.check_soon()
         push_undo_soon()
 
     return set_all
@@ -185,11 +185,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
     if 0 <= index < len(manager.hfx_rows):
         found = _effects_of_row(manager.hfx_rows[index])
         shown = [obj for effect in found for obj in swarms.shown_by(context.scene, effect)]
-        for obj in shown[:1]:
-            select_only(context, obj)
-        for obj in shown[1:]:
-            if obj.name in context.view_layer.objects:
-                obj.select_set(True)
+        select_only(context, *shown)
         push_undo_soon()
 
 

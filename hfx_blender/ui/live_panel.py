@@ -58,11 +58,11 @@ def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
         )
         column.operator("hfx.record_track", text="Play a Recorded Track Instead", icon="REC")
     column.operator("hfx.hide_meshes", icon="HIDE_ON")
-    if context.window_manager.hfx_preview:
-        text = "Stop Showing What Is Felt"
-        column.prop(
-            context.window_manager, "hfx_preview", text=text, invert_checkbox=True, toggle=1
-        )
+    manager = context.window_manager
+    for name, what in (("hfx_preview", "What Is Felt"), ("hfx_show_actuators", "Actuators")):
+        if getattr(manager, name):
+            text = f"Stop Showing {what}"
+            column.prop(manager, name, text=text, invert_checkbox=True, toggle=1)
     draw_text(context, box, "Then press Play: devices begin from silence")
 
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import bpy
 from mathutils import Matrix, Vector
 
+from ..authoring import spot_placing
 from ..operators.shared import active_effect
 
 _AXES: dict[str, dict[int, tuple[str, int, float]]] = {
@@ -32,7 +33,7 @@ def offset(effect: bpy.types.Object, axis: int) -> float:
 
 
 def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
-    """Move the boundary to a distance from the middle."""
+    """Move the boundary to a distance from the middle, and key that if Auto Keying is on."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     length = max(distance, 0.0) / (share * _scale(effect, axis))
     if component < 0:
@@ -41,6 +42,9 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
         values = list(getattr(effect.hfx, name))
         values[component] = length
         setattr(effect.hfx, name, values)
+    path = f"hfx.{name}"
+    if spot_placing.is_auto_keyed(bpy.context, effect, path):  # Blender keys its own handles only
+        effect.keyframe_insert(path, index=component)
 
 
 def _scale(effect: bpy.types.Object, axis: int) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -17,6 +18,7 @@ from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.operators import framing
 from hfx_blender.reading.activation import ActivationSource, activation_of
 
 FPS = 60
@@ -580,3 +582,16 @@ def test_an_avatar_and_volumes_are_as_large_as_people_in_any_unit(
     assert [edge * unit_m for edge in bpy.context.object.hfx.size] == pytest.approx([1.0] * 3)
     bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", radius=3.0)
     assert bpy.context.object.hfx.radius == 3.0, "a script's numbers are Blender units"
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "view"), [(10, 10, "front"), (10, 70, "top"), (70, 10, "right"), (300, 10, "turned")]
+)
+def test_a_place_in_quad_view_is_of_the_view_that_shows_it(x: int, y: int, view: str) -> None:
+    corners = {"front": (0, 0), "top": (0, 60), "right": (60, 0), "turned": (60, 60)}
+    regions = [SimpleNamespace(type="UI", x=0, y=0, width=999, height=999, data="sidebar")]
+    for name, (left, bottom) in corners.items():
+        place = {"x": left, "y": bottom, "width": 60, "height": 60}
+        regions.append(SimpleNamespace(type="WINDOW", data=name, **place))
+
+    assert framing.region_at(SimpleNamespace(regions=regions), x, y).data == view

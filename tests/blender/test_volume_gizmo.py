@@ -49,6 +49,20 @@ def test_scaled_and_turned_volumes_are_sized_in_world_units(scene: Any) -> None:
     assert tuple(matrix.to_scale()) == pytest.approx((1, 1, 1), abs=1e-5)
 
 
+def test_auto_keying_keys_what_a_handle_changes(scene: Any) -> None:
+    bpy.ops.hfx.add_volume(shape="CUBOID")
+    effect = bpy.context.object
+    effect.keyframe_insert("hfx.size", frame=1)
+    scene.frame_set(11)
+    bpy.context.tool_settings.use_keyframe_insert_auto = True
+    volume_gizmo.set_offset(effect, 2, 2.0)
+    bpy.context.tool_settings.use_keyframe_insert_auto = False
+    volume_gizmo.set_offset(effect, 0, 3.0)
+    for frame, size in ((1, (1, 1, 1)), (11, (1, 1, 4))):  # what was not keyed is as before
+        scene.frame_set(frame)
+        assert tuple(effect.hfx.size) == pytest.approx(size)
+
+
 def test_a_handle_cannot_turn_a_volume_inside_out(scene: Any) -> None:
     bpy.ops.hfx.add_volume(shape="SPHERE")
     effect = bpy.context.object

@@ -32,6 +32,8 @@ def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> It
     yield from h.key("shift+a")
     yield 0.4
     rows = yield from h.menu()
+    yield from h.move(*rows[0])  # the entry chosen last is highlighted, in another colour
+    rows = yield from h.menu()
     entries = yield from h.submenu(rows[-1])  # Haptic is the last
     chosen = entries[row]
     if entry is not None:

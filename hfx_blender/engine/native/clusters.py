@@ -3,26 +3,12 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-
 import numpy as np
 
 from ..arrays import F32, I32, I64
-from .library import INTEGER, INTS, LONGS, SINGLES, i64, loaded
+from .library import loaded
 
 _DEPTH = 64  # no more halvings follow each other
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_split.argtypes = [
-        *(INTEGER, LONGS, INTS, SINGLES, LONGS),
-        *(INTEGER, LONGS, LONGS),
-    ]
-    found.hfx_split.restype = INTEGER
-    return found
 
 
 def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) -> list[I32]:
@@ -41,18 +27,13 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
     list of (n,) int32
         Ascending vertex ids, in the order of the pieces.
     """
-    calls = _calls()
     if not pieces:
         return []
     ids = np.concatenate(pieces)
     todo = np.zeros(len(pieces) + _DEPTH, np.int64)
     todo[: len(pieces)] = np.cumsum([len(some) for some in pieces])[::-1]
-    vertices, load = np.ascontiguousarray(vertices, np.float32), None if load is None else i64(load)
     ends, room = np.empty(len(ids), np.int64), np.empty((2, len(ids)), np.uint64)
-    found = calls.hfx_split(
-        *(len(pieces), todo, ids, vertices, load),
-        *(leaf_size, ends, room),
-    )
+    found = loaded().hfx_split(len(pieces), todo, ids, vertices, load, leaf_size, ends, room)
     return cut(ids, ends[:found])
 
 

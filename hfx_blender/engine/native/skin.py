@@ -3,35 +3,16 @@
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
+from .declarations import structure
+from .library import loaded
 from .skin_binding import Clusters as Clusters
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_bone_matrices.argtypes = [
-        *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
-        *(DOUBLES, DOUBLES, DOUBLES),
-    ]
-    found.hfx_cell_means.argtypes = [
-        *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
-    ]
-    for name in ("bone_matrices", "cell_means"):
-        getattr(found, f"hfx_{name}").restype = None
-    return found
-
-
-_Bones = structure("hfx_bones", matrices=DOUBLES, stretches=DOUBLES, slots=LONGS, count=INTEGER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,15 +62,14 @@ class PosedBones:
     """
 
     def __init__(self, posed: F64, rows: I64, to_target: F64 | None, bones: UsedBones) -> None:
-        calls = _calls()
         count, used, given = len(rows), bones.ids, posed.shape[1]
         self.matrices = np.empty((count, len(used), 3, 4))
         self.stretches = np.empty((count, len(used)))
         found = self.matrices, self.stretches
-        self.pointers = _Bones(*found, bones.slots(given), len(used))
+        self.pointers = structure("hfx_bones")(*found, bones.slots(given), len(used))
         if to_target is not None:
-            arrays = f64(posed), i64(rows), i64(used), f64(to_target)
-            calls.hfx_bone_matrices(count, len(used), given, *arrays, *found)
+            arrays = posed, rows, used, to_target
+            loaded().hfx_bone_matrices(count, len(used), given, *arrays, *found)
 
     def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
         """Upper bounds of the mean distance of cells' skin from their vertex, target space (m, k);
@@ -98,11 +78,8 @@ class PosedBones:
         ``groups`` are ``hfx_groups`` of all clusters, filled in for these; ``rows`` (m,) are some
         of these rows.
         """
-        calls = _calls()
-        rows, clusters = i64(rows), i64(clusters)
         means = np.empty((len(rows), len(clusters)))
-        calls.hfx_cell_means(
-            ctypes.byref(self.pointers),
-            *(groups, len(rows), rows, len(clusters), clusters, means),
+        loaded().hfx_cell_means(
+            *(self.pointers, groups, len(rows), rows, len(clusters), clusters, means)
         )
         return means

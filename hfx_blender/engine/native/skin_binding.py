@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,34 +11,9 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from ..indexing import lacking
-from .library import BYTES, DOUBLES, INTEGER, INTS, LONGS, POINTER, f64, i64, loaded, structure
+from .declarations import structure
+from .library import i64, loaded
 from .skin_table import Table, table_of
-
-_Bound = structure(
-    "hfx_bound",
-    **{"offsets": LONGS, "bones": LONGS, "values": DOUBLES, "rest": DOUBLES},
-    **{"starts": LONGS, "members": INTS, "count": INTEGER, "bone_count": INTEGER},
-)
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_bone_boxes.argtypes = [
-        *(POINTER, BYTES, DOUBLES, LONGS, LONGS, DOUBLES, DOUBLES),
-    ]
-    found.hfx_bone_boxes.restype = INTEGER
-    found.hfx_bind.argtypes = [
-        *(POINTER, LONGS, LONGS, INTEGER, LONGS, LONGS),
-        *(LONGS, DOUBLES, LONGS, DOUBLES, DOUBLES),
-    ]
-    found.hfx_find_links.argtypes = [
-        *(POINTER, POINTER, INTEGER, LONGS, LONGS),
-        *(DOUBLES, DOUBLES, DOUBLES),
-    ]
-    found.hfx_bind.restype = found.hfx_find_links.restype = None
-    return found
 
 
 class BoundClusters:
@@ -74,8 +48,8 @@ class BoundClusters:
         np.cumsum(self.place_counts, out=starts[1:])
         self._members = np.concatenate([np.zeros(0, np.int32), *clusters])
         self._offsets, self._starts = i64(offsets), starts
-        arrays = self._offsets, i64(bones), f64(values), f64(rest), starts, self._members
-        self.structure = _Bound(*arrays, len(clusters), bone_count)
+        arrays = self._offsets, bones, values, rest, starts, self._members
+        self.pointers = structure("hfx_bound")(*arrays, len(clusters), bone_count)
 
     @cached_property
     def weight_counts(self) -> I64:
@@ -100,32 +74,9 @@ class BoundClusters:
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
         low, high = np.empty((2, most, 3))
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
-        found = _calls().hfx_bone_boxes(
-            ctypes.byref(self.structure),
-            *(is_there, room, starts, bones, low, high),
-        )
+        arrays = is_there, room, starts, bones, low, high
+        found = loaded().hfx_bone_boxes(self.pointers, *arrays)
         return starts, bones[:found].copy(), low[:found].copy(), high[:found].copy()
-
-
-class ClusterPointers(ctypes.Structure):
-    """``hfx_cluster``."""
-
-    _fields_ = [
-        *(
-            (name, POINTER)
-            for name in (
-                "entry_bones",
-                "weights",
-                "firsts",
-                "rest",
-                "bones",
-                "moved",
-                "distances",
-                "differences",
-            )
-        ),
-        ("bone_count", INTEGER),
-    ]
 
 
 class Clusters:
@@ -140,7 +91,7 @@ class Clusters:
 
     Attributes
     ----------
-    table : array of ClusterPointers
+    table : array of ``hfx_cluster``
         Of all clusters; only those are filled in that :meth:`add` was given.
     most_bones : int
         Of any cluster.
@@ -148,7 +99,7 @@ class Clusters:
 
     def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
         count = len(bound.place_counts)
-        self.table: Any = (ClusterPointers * count)()
+        self.table: Any = (structure("hfx_cluster") * count)()
         self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
         self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
         self._bone_counts = np.diff(self._starts)
@@ -159,7 +110,7 @@ class Clusters:
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """Arrays filled in for a cluster, in the order of ClusterPointers."""
+        """Arrays filled in for a cluster, in the order of ``hfx_cluster``."""
         return tuple(self._kept[cluster])
 
     def add(self, clusters: I64, table: Table | None) -> None:
@@ -183,9 +134,8 @@ class Clusters:
             np.empty(first_at[-1], np.int64),
             np.empty(self._bound.bone_count, np.int64),
         )
-        _calls().hfx_bind(
-            ctypes.byref(self._bound.structure),
-            *(self._starts, self._bones, len(clusters)),
+        loaded().hfx_bind(
+            *(self._bound.pointers, self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
         some = self._starts[clusters]
@@ -211,10 +161,8 @@ class Clusters:
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
         arrays = distances, differences = [np.empty(last) for last in at[:, -1]]
         room = np.empty(2 * self.most_bones)
-        _calls().hfx_find_links(
-            ctypes.byref(table_of(table)),
-            self.table,
-            len(clusters),
+        loaded().hfx_find_links(
+            *(table_of(table), self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
         for field, array, first in zip((6, 7), arrays, at, strict=True):

@@ -3,19 +3,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import INTS, LONGS, SINGLES, structure
-
-_ARRAYS: Final = {
-    **dict.fromkeys(("vertices", "normals", "areas_m2"), SINGLES),
-    **{"triangles": INTS, "corners": LONGS, "starts": LONGS},
-}
-_Mesh = structure("hfx_skin_mesh", **_ARRAYS)
+from .declarations import structure
 
 
 class Mesh(Protocol):
@@ -33,5 +27,6 @@ _MESHES: WeakKeyDictionary[Mesh, Any] = WeakKeyDictionary()
 def mesh_of(mesh: Mesh) -> Any:
     """``hfx_skin_mesh``; the arrays live as long as the mesh."""
     if mesh not in _MESHES:
-        _MESHES[mesh] = _Mesh(*(getattr(mesh, name) for name in _ARRAYS))
+        kind = structure("hfx_skin_mesh")
+        _MESHES[mesh] = kind(*(getattr(mesh, name) for name, _ in kind._fields_))
     return _MESHES[mesh]

@@ -3,28 +3,12 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-
 import numpy as np
 
 from ..arrays import F64, I32, I64
 from .clusters import cut
-from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, loaded
+from .library import loaded
 from .skin_mesh import Mesh, mesh_of
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_margins.argtypes = [POINTER, INTEGER, LONGS, DOUBLES]
-    found.hfx_outlines.argtypes = [
-        *(POINTER, INTEGER, LONGS, INTS, LONGS),
-        *(INTEGER, LONGS, INTS, LONGS),
-    ]
-    found.hfx_margins.restype = found.hfx_outlines.restype = None
-    return found
 
 
 def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list[I32], F64]:
@@ -46,17 +30,12 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
     margins : (C,) float64
         Metres.
     """
-    calls = _calls()
-    clusters, surface = len(starts) - 1, ctypes.byref(mesh_of(mesh))
+    clusters, surface = len(starts) - 1, mesh_of(mesh)
     margins = np.zeros(clusters)
-    calls.hfx_margins(surface, len(mesh.triangles), cluster_of, margins)
+    loaded().hfx_margins(surface, len(mesh.triangles), cluster_of, margins)
     outlines = np.empty(len(units) + 2 * mesh.triangles.size, np.int32)
     seen, ends = np.empty(len(units), np.int64), np.zeros(clusters, np.int64)
-    calls.hfx_outlines(
-        surface,
-        clusters,
-        *(starts, units, cluster_of),
-        len(units),
-        *(seen, outlines, ends),
+    loaded().hfx_outlines(
+        *(surface, clusters, starts, units, cluster_of, len(units), seen, outlines, ends)
     )
     return cut(outlines[: ends[-1]].copy(), ends), margins

@@ -38,7 +38,7 @@ typedef struct {
   const int64_t *at;     // (rows,) which of these rows
   const int64_t *starts; // (clusters + 1,) each cluster's first place
   int64_t place_count, cell_count;
-} hfx_given;
+} hfx_surface_places;
 
 static inline void hfx_moved_by(const double *matrix, const double *from, double to[3]) {
   for (int i = 0; i < 3; i++) to[i] = hfx_dot(matrix + 4 * i, from) + matrix[4 * i + 3];

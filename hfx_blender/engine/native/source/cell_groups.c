@@ -78,7 +78,7 @@ static double look_around(const hfx_skin_mesh *mesh, const int32_t *ids, const i
     }
   }
   double grown = gaps / hfx_larger(before, LEAST_M);
-  double radius = sqrt((double)mesh->areas[ids[unit]] / PI) * grown;
+  double radius = sqrt((double)mesh->areas_m2[ids[unit]] / PI) * grown;
   for (int64_t b = 0; b < bones; b++) changes[b] *= DISC * radius;
   return radius;
 }
@@ -175,17 +175,16 @@ static int64_t unite(const hfx_cluster *one, const hfx_cluster *other, int64_t *
 // are others, else null. `place` holds a zero for each vertex of the mesh; `counts` and `room` have
 // room for what a cluster needs.
 HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mesh,
-                                const int32_t *vertices, const hfx_cluster *surface,
-                                const hfx_cluster *own, int64_t asked, const int64_t *clusters,
-                                int64_t *place, int64_t *counts, double *room,
-                                const hfx_found_groups *found) {
+                                const hfx_cluster *surface, const hfx_cluster *own, int64_t asked,
+                                const int64_t *clusters, int64_t *place, int64_t *counts,
+                                double *room, const hfx_found_groups *found) {
   found->first_groups[0] = found->first_pairs[0] = 0;
   for (int64_t k = 0; k < asked; k++) {
     int64_t c = clusters[k], start = table->starts[c], units = table->unit_counts[c];
     int64_t places = table->place_counts[c], first = table->cell_starts[c];
     int64_t count = table->cell_starts[c + 1] - first;
     const hfx_cluster *skin = surface + c;
-    const int32_t *ids = vertices + start;
+    const int32_t *ids = table->vertices + start;
     double *left = room, *weights = take(&left, places * skin->bone_count);
     double *rest = take(&left, 3 * places), *changes = take(&left, units * skin->bone_count);
     double *radii = take(&left, units);
@@ -222,10 +221,10 @@ HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mes
         all.weights[i * bones + of_model[b]] = own_weights[i * model->bone_count + b];
     }
     for (int64_t u = 0; u < units; u++)
-      sums[table->cell_of[start + u] - first] += (double)mesh->areas[ids[u]];
+      sums[table->cell_of[start + u] - first] += (double)mesh->areas_m2[ids[u]];
     for (int64_t u = 0; u < units; u++) {
       int64_t owner = table->cell_of[start + u] - first;
-      double share = (double)mesh->areas[ids[u]] / sums[owner];
+      double share = (double)mesh->areas_m2[ids[u]] / sums[owner];
       double way = distance(rest + 3 * u, all.places + 3 * owner);
       // A mean is no more than the root of the mean square: half a disc's squared radius.
       all.distances[owner] += share * sqrt(way * way + 0.5 * (radii[u] * radii[u]));

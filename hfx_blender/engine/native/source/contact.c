@@ -217,7 +217,7 @@ static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, 
 // Where the vertex of a cell of a pair is. `own` poses it where it is no unit, else that is NULL.
 static void find_vertex(look *at, const hfx_cluster *own, side *now, int64_t row, int64_t cell,
                         double vertex[3]) {
-  const hfx_given *given = at->given;
+  const hfx_surface_places *given = at->given;
   if (own) {
     hfx_pose_one(own, at->bones, row, cell, vertex);
     at->posed++;
@@ -269,9 +269,9 @@ static void end_details(const look *at, int64_t contact) {
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
 // `room` has space for 27 bones + 2 (6 places + 3 units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell.
-HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
+HFX_EXPORT void hfx_narrow_phase(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
-                                 const hfx_bones *bones, const hfx_given *given,
+                                 const hfx_bones *bones, const hfx_surface_places *given,
                                  const hfx_target *target, const hfx_drift *drift, hfx_found *found,
                                  hfx_details *details, double *room, event *events) {
   hfx_search search = {.at = 0};

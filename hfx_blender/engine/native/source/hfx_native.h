@@ -12,7 +12,4 @@
 #define HFX_EXPORT __attribute__((visibility("default")))
 #endif
 
-// Raised with every change of a function's arguments: the package loads no other.
-#define HFX_INTERFACE 8
-
 #endif

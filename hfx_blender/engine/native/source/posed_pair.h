@@ -55,7 +55,7 @@ typedef struct {
   const hfx_target *target;
   const hfx_bones *bones;
   const hfx_cluster *cluster;  // NULL where places are given
-  const hfx_given *given;
+  const hfx_surface_places *given;
   hfx_details *details;        // or NULL
   int64_t contact;             // that is looked at; below 0: its samples are not asked for
   double began, entry[3], way[3];  // how it was entered first
@@ -141,7 +141,7 @@ static inline void pose(look *at, side *pair, int64_t place) {
     pair->has_matrices = 1;
     hfx_pose(at->cluster, pair->matrices, place, point);
   } else {
-    const hfx_given *given = at->given;
+    const hfx_surface_places *given = at->given;
     int64_t from = given->at[pair->row] * given->place_count + at->first + place;
     hfx_moved_by(at->target->body_to_shape + 16 * pair->row, given->places + 3 * from, point);
   }

@@ -158,7 +158,7 @@ static double unseen(const hfx_target *target, int64_t n, double edge, double st
 
 // How far anything in a cluster whose places are given has moved against the volume since the row
 // before, metres.
-static double given_moved_m(const hfx_target *target, const hfx_given *given, int64_t n, int64_t c) {
+static double given_moved_m(const hfx_target *target, const hfx_surface_places *given, int64_t n, int64_t c) {
   double most = 0.0;
   for (int64_t p = given->starts[c]; p < given->starts[c + 1]; p++) {
     double ends[2][3], squared = 0.0;
@@ -178,7 +178,7 @@ static double given_moved_m(const hfx_target *target, const hfx_given *given, in
 
 // The same of any cluster; no less where bones move it.
 static double moved_m(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, int64_t n,
-                      const hfx_given *given, int64_t c) {
+                      const hfx_surface_places *given, int64_t c) {
   const hfx_outline *known = broad->outline;
   if (given) return given_moved_m(target, given, n, c);
   return hfx_box_moves(bones, n - 1, n, target->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
@@ -209,7 +209,7 @@ static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx
 
 // Which near clusters may meet the volume between a row and the one before it.
 static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                   const hfx_given *given, double steepest, int64_t n) {
+                   const hfx_surface_places *given, double steepest, int64_t n) {
   int64_t rows = target->rows, clusters = broad->clusters;
   double swing = swing_of(broad, target, n), limit = unseen(target, n, broad->edge_m, steepest);
   const double *boxes = target->boxes + 6 * n;
@@ -265,7 +265,7 @@ static void find_matrices(const hfx_broad *broad, const hfx_target *target, cons
 
 // Which of the near clusters are looked at, at which rows.
 static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                        const hfx_given *given, const hfx_groups *groups) {
+                        const hfx_surface_places *given, const hfx_groups *groups) {
   double steepest = hfx_steepest(target);
   int64_t rows = target->rows;
   for (int64_t k = 0; k < broad->near_count; k++) {
@@ -292,9 +292,9 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
 // those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near
 // clusters thrice; `counts` are theirs, and the most steps of any pair.
 HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
-                          hfx_bones *bones, uint8_t *is_used, const hfx_given *given,
+                          hfx_bones *bones, uint8_t *is_used, const hfx_surface_places *given,
                           const hfx_groups *groups, hfx_pairs *pairs, int64_t *lists,
-                          int64_t counts[4]) {
+                          int64_t *counts) {
   int64_t rows = target->rows, p = 0;
   for (int i = 0; i < 4; i++) counts[i] = 0;
   if (!given) find_matrices(broad, target, pose, bones, is_used);

@@ -12,15 +12,17 @@
 // SkinTable. Places, units, quads, cells and samples are counted through all clusters.
 typedef struct {
   const int64_t *starts, *place_counts, *unit_counts, *cell_starts;  // of clusters
+  const int32_t *vertices;                                           // of places
   const int64_t *cell_of, *quad_starts;                              // of places
-  const double *unit_shares, *vertex_shares, *reaches, *means;       // of places
-  const int64_t *around;                                             // of quads, (quads, 2)
-  const uint8_t *is_ringed;                                          // of places
-  const int64_t *steps, *finest, *sample_starts;                     // of quads
-  const double *heights_m, *wholes;                                  // of quads
-  const double *bulge_m;                                             // of clusters
-  const hfx_quad *quads;
-  const double *samples;  // (4, room)
+  // Filled in by skin_filling.c.
+  double *unit_shares, *vertex_shares, *reaches, *means;             // of places
+  uint8_t *is_ringed;                                                // of places
+  int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
+  double *heights_m, *wholes;                                        // of quads
+  hfx_quad *quads;
+  double *bulge_m;                                                   // of clusters
+  int64_t *most_samples;                                             // of clusters
+  double *samples;                                                   // (4, room)
   int64_t room;
   int64_t is_simple, is_split;
   double spacing_share, distance_m;  // how far skin may be from its samples; see engine/tolerance.py

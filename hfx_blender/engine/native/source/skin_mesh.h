@@ -8,7 +8,7 @@
 
 typedef struct {
   const float *vertices, *normals;  // (vertices, 3)
-  const float *areas;               // (vertices,) square metres
+  const float *areas_m2;              // (vertices,) square metres
   const int32_t *triangles;         // (triangles, 3)
   const int64_t *corners;           // of triangles, 3 t + k, by their vertex
   const int64_t *starts;            // (vertices + 1,) each vertex's first corner

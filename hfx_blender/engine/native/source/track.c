@@ -42,13 +42,14 @@ HFX_EXPORT int64_t hfx_track_changes(int64_t sets, const int64_t *sizes, const i
 
 // Whether each set but the first has the vertices and weights of the one before.
 HFX_EXPORT void hfx_track_repeats(int64_t sets, const int64_t *offsets, const int32_t *vertices,
-                                  const uint8_t *weights, int64_t width, uint8_t *repeats) {
+                                  const void *weights, int64_t width, uint8_t *repeats) {
+  const uint8_t *bytes = weights;
   for (int64_t s = 1; s < sets; s++) {
     int64_t first = offsets[s], before = offsets[s - 1], size = offsets[s + 1] - first;
     int64_t same = size == first - before;
     for (int64_t k = 0; same && k < size; k++) same = vertices[first + k] == vertices[before + k];
     for (int64_t k = 0; same && k < size * width; k++)
-      same = weights[first * width + k] == weights[before * width + k];
+      same = bytes[first * width + k] == bytes[before * width + k];
     repeats[s] = (uint8_t)same;
   }
 }
