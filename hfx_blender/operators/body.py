@@ -46,6 +46,7 @@ def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str
 class HFX_OT_add_avatar(HfxOperator):
     """Add the built-in avatar: a haptic body that is ready to be posed and to feel"""
 
+    leaves_mode = True
     bl_idname = "hfx.add_avatar"
     bl_label = "Avatar"
 
@@ -59,10 +60,6 @@ class HFX_OT_add_avatar(HfxOperator):
         description="Beside what is at the 3D cursor already, and not inside it",
         default=False,
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("stands_free"):
@@ -174,6 +171,7 @@ def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
 class HFX_OT_move_to_body(OnBodyOperator):
     """Have effects felt on another body: what is painted stays where it is on the body"""
 
+    leaves_mode = False
     bl_idname = "hfx.move_to_body"
     bl_label = "Move to Body"
 
@@ -237,6 +235,7 @@ class HFX_OT_show_model(HfxOperator):
     """Show the perceptual model on its avatar, each body part in a colour of its own, or remove \
 it again"""
 
+    leaves_mode = True
     bl_idname = "hfx.show_model"
     bl_label = "Show Perceptual Model"
 
@@ -252,8 +251,6 @@ it again"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not cls.needs(context.mode == "OBJECT", "Go to Object Mode first"):
-            return False
         return cls.needs(active_body(context), "Select a haptic body")
 
     def work(self, context: bpy.types.Context) -> str:
