@@ -17,7 +17,6 @@ from ..properties import FELT_LAYERS
 from ..stepwise import within
 from . import framing
 from .shared import (
-    IN_OBJECT_MODE,
     EnumItems,
     HfxOperator,
     OnBodyOperator,
@@ -47,6 +46,7 @@ def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str
 class HFX_OT_add_avatar(HfxOperator):
     """Add the built-in avatar: a haptic body that is ready to be posed and to feel"""
 
+    leaves_mode = True
     bl_idname = "hfx.add_avatar"
     bl_label = "Avatar"
 
@@ -60,8 +60,6 @@ class HFX_OT_add_avatar(HfxOperator):
         description="Beside what is at the 3D cursor already, and not inside it",
         default=False,
     )
-
-    requires = (IN_OBJECT_MODE,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("stands_free"):
@@ -176,6 +174,7 @@ def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
 class HFX_OT_move_to_body(OnBodyOperator):
     """Have effects felt on another body: what is painted stays where it is on the body"""
 
+    leaves_mode = False
     bl_idname = "hfx.move_to_body"
     bl_label = "Move to Body"
 
@@ -239,6 +238,7 @@ class HFX_OT_show_model(HfxOperator):
     """Show the perceptual model on its avatar, each body part in a colour of its own, or remove \
 it again"""
 
+    leaves_mode = True
     bl_idname = "hfx.show_model"
     bl_label = "Show Perceptual Model"
 
@@ -251,7 +251,7 @@ it again"""
         ],
         default="pressure",
     )
-    requires = (IN_OBJECT_MODE, (active_body, "Select a haptic body"))
+    requires = ((active_body, "Select a haptic body"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import model_mesh

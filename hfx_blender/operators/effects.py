@@ -28,6 +28,7 @@ def _show_wire_colours(context: bpy.types.Context) -> None:
 class HFX_OT_add_volume(HfxOperator):
     """Add a haptic volume: whoever is inside it feels it"""
 
+    leaves_mode = True
     bl_idname = "hfx.add_volume"
     bl_label = "Haptic Volume"
 
@@ -95,6 +96,7 @@ class HFX_OT_add_volume(HfxOperator):
 class HFX_OT_volume_from_mesh(HfxOperator):
     """Add a haptic volume with exactly the shape of the active mesh, moving along with it"""
 
+    leaves_mode = True
     bl_idname = "hfx.volume_from_mesh"
     bl_label = "Haptic Volume from Mesh"
 

@@ -16,7 +16,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from .. import file_suffixes, resources
 from ..errors import HfxError, InputError
 from . import framing
-from .shared import EnumItems, HfxOperator, select_only, target_body
+from .shared import EnumItems, HfxOperator, select_only, target_body, to_object_mode
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -32,8 +32,7 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 
 
 def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
-    if context.object is not None and context.object.mode != "OBJECT":
-        raise InputError("Leave painting or editing first.")
+    to_object_mode(context)
     body = target_body(context)
     from ..authoring import effect_exchange, swarms
 

@@ -37,6 +37,8 @@ class HfxOperator(bpy.types.Operator):
 
     bl_options = {"REGISTER", "UNDO"}
     requires: ClassVar[tuple[Requirement, ...]] = ()
+    leaves_mode: ClassVar[bool] = False
+    """Go to Object Mode first: what is added becomes the active object."""
 
     def __init_subclass__(cls, **options: object) -> None:
         """Make the tooltip: paragraphs of the docstring become its sentences, without line
@@ -52,7 +54,12 @@ class HfxOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self.reported(lambda: self.work(context))
+        return self.reported(lambda: self._work_in_mode(context))
+
+    def _work_in_mode(self, context: bpy.types.Context) -> str:
+        if self.leaves_mode:
+            to_object_mode(context)
+        return self.work(context)
 
     def reported(self, work: Callable[[], str]) -> set[str]:
         """Call a function and report its result, or the reason of its failure."""
@@ -93,6 +100,7 @@ class HfxOperator(bpy.types.Operator):
 class OnBodyOperator(HfxOperator):
     """Base of the operators that add something to a haptic body."""
 
+    leaves_mode = True
     requires = (
         (
             lambda context: effects.bodies_of(context.scene),
@@ -174,6 +182,22 @@ def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], En
         return kept
 
     return items
+
+
+def to_object_mode(context: bpy.types.Context) -> None:
+    """Leave the mode of the active object.
+
+    Raises
+    ------
+    InputError
+        An area is being painted on it.
+    """
+    active = context.object
+    if active is None or active.mode == "OBJECT":
+        return
+    if active.get("hfx_painted_effect") is not None:
+        raise InputError("Finish painting first.")
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
