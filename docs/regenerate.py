@@ -87,10 +87,10 @@ def demo() -> None:
 
 def bodies() -> None:
     """The tables of spacing in ``body-models.md``."""
-    from hfx_blender.engine.body import library
+    from hfx_blender.engine.body import model_library
     from hfx_blender.maintenance.body_building import stats
 
-    replace_part(DOCS / "body-models.md", "spacing", stats.as_markdown(library.manifest()))
+    replace_part(DOCS / "body-models.md", "spacing", stats.as_markdown(model_library.manifest()))
 
 
 def surfaces() -> None:

@@ -15,7 +15,7 @@ NOT_OURS = {"encodings"}
 
 CHILDREN = (
     "batch.export_worker",
-    "maintenance.demo.pictures",
+    "maintenance.demo.avatar_pictures",
     "devices.live.host",
     "devices.live.render_worker",
     "devices.live.script_worker",

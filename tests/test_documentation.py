@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.engine.body import library
+from hfx_blender.engine.body import model_library
 from hfx_blender.maintenance.body_building import stats, thresholds
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,14 +40,16 @@ def test_a_name_that_does_not_exist_is_found() -> None:
 
 def test_the_tables_of_body_models_are_those_of_the_manifest() -> None:
     page = (ROOT / "docs" / "body-models.md").read_text(encoding="utf-8")
-    assert stats.as_markdown(library.manifest()) in page
+    assert stats.as_markdown(model_library.manifest()) in page
     sole = "| foot sole | 464 | 10 | 10.01 | 0.138 | 7.27 | 0.41 | 16.1 (10.7) |"
     assert sole in page, "Table 1 stands as the paper prints it"
     assert thresholds.read("table1")["vibration"][-1] == 10.0, "and is not used there"
 
 
 def test_counts_of_vertices_on_pages_are_those_of_the_shipped_models() -> None:
-    counts = {each["modality"]: each["vertices"] for each in library.manifest()["models"].values()}
+    counts = {
+        each["modality"]: each["vertices"] for each in model_library.manifest()["models"].values()
+    }
     found = []
     for page in ("track-format.md", "following-an-avatar.md"):
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ from ..formats.checking import read_bytes
 from ..formats.curves import Curve, with_zeros
 from ..formats.hjif import reader
 from ..formats.hjif.body_parts import vertex_masks
-from ..formats.hjif.model import Hjif
+from ..formats.hjif.document import Hjif
 from ..formats.hjif.perceptions import PERCEPTIONS
 from ..formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ..formats.signal_raster import TICK_S

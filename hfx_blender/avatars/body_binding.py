@@ -16,8 +16,8 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
-from ..engine.body.cells import cell_of_skin
 from ..engine.body.model import PerceptualModel, load_avatar, load_model
+from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from ..errors import InputError
 from . import avatar_meshes, retargeting

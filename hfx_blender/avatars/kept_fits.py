@@ -22,7 +22,7 @@ from .. import resources
 from ..atomic_files import atomic_file
 from ..engine.body.model import load_avatar
 from ..engine.body.rigs.mapping import BoneMapping
-from ..engine.retargeting import shapes
+from ..engine.retargeting import shape_fields
 from ..engine.retargeting.target import TargetAvatar
 from ..errors import HfxError
 
@@ -61,9 +61,9 @@ def key_of(
 def _edition() -> bytes:
     """Hash of the code that fits, and of what it fits."""
     found = hashlib.sha256(load_avatar().content_hash.encode())
-    engine = Path(shapes.__file__).parent
+    engine = Path(shape_fields.__file__).parent
     parts = (*sorted(engine.glob("*.py")), Path(__file__).with_name("fitting.py"))
-    for path in (resources.body_models() / shapes.SHAPES_FILE, *parts):
+    for path in (resources.body_models() / shape_fields.SHAPES_FILE, *parts):
         found.update(path.read_bytes() if path.is_file() else b"")
     return found.digest()
 

@@ -25,7 +25,7 @@ from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, export_scene
-from hfx_blender.maintenance.demo import pictures
+from hfx_blender.maintenance.demo import avatar_pictures
 from hfx_blender.maintenance.demo.garage import DEVICES, TASKS, Task
 
 SAMPLE_S = 0.01  # the demo's devices are rendered at 100 Hz
@@ -268,18 +268,18 @@ def test_what_is_felt_colours_the_picture(
     lamp = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     scene.collection.objects.link(lamp)
     lamp.rotation_euler = (1.2, 0.0, 0.0)
-    monkeypatch.setattr(pictures, "SIZE", (32, 40))
-    pictures._set_up_rendering(scene)
+    monkeypatch.setattr(avatar_pictures, "SIZE", (32, 40))
+    avatar_pictures._set_up_rendering(scene)
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
     body = effects.bodies_of(scene)[0]
-    pictures._show_felt_colours(body.hfx.avatar)
-    pictures._aim(scene, body, TASKS[0])
+    avatar_pictures._show_felt_colours(body.hfx.avatar)
+    avatar_pictures._aim(scene, body, TASKS[0])
     shown = {}
     with TrackReader(tmp_path / "x.hfxtrack") as track:
         felt = track.samples_at(0.0)
         calm = [] if not felt else [_faint(felt[0])]
         for name, samples in (("calm", calm), ("felt", felt)):
-            pictures._colour(body.hfx.avatar, samples, track.header)
+            avatar_pictures._colour(body.hfx.avatar, samples, track.header)
             shown[name] = _vertex_colours(body.hfx.avatar)
             scene.render.filepath = str(tmp_path / f"{name}.png")
             bpy.ops.render.render(write_still=True)
@@ -304,7 +304,7 @@ def _faint(sample: Any) -> Any:
 
 def _vertex_colours(avatar: Any) -> np.ndarray:
     flat = np.zeros(len(avatar.data.vertices) * 4, np.float32)
-    avatar.data.attributes[pictures.FELT].data.foreach_get("color", flat)
+    avatar.data.attributes[avatar_pictures.FELT].data.foreach_get("color", flat)
     return flat.reshape(-1, 4)[:, :3]
 
 

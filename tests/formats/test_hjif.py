@@ -31,9 +31,11 @@ from hfx_blender.errors import InputError
 from hfx_blender.formats import glb_rules
 from hfx_blender.formats.checking import encoded
 from hfx_blender.formats.hjif import (
+    document as model,
+)
+from hfx_blender.formats.hjif import (
     envelopes,
     from_track,
-    model,
     perceptions,
     reader,
     rules,

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import I32
-from . import library
+from . import model_library
 from .mesh_edges import expand
 from .model import PerceptualModel, SkinWeights
 
@@ -105,7 +105,7 @@ def _rows(weights: SkinWeights, kept: I32) -> SkinWeights:
 
 
 def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
-    origin = library.owner_of_ids(model.id, model.provenance)
+    origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / LEVELS_FILE.format(modality=model.modality)
     if not path.is_file():
         return ()

@@ -25,8 +25,8 @@ import numpy.typing as npt
 from ... import file_limits, resources
 from ...errors import InputError
 from ..arrays import F32, I32, U8
-from . import library
-from .library import manifest as manifest  # the index belongs to what it lists
+from . import model_library
+from .model_library import manifest as manifest  # the index belongs to what it lists
 
 FORMAT_VERSION = 1
 
@@ -321,7 +321,7 @@ def load_model(model_id: str) -> PerceptualModel:
     InputError
         There is no model of this id, or its file is not what its manifest says.
     """
-    return _loaded(PerceptualModel, library.find(model_id))
+    return _loaded(PerceptualModel, model_library.find(model_id))
 
 
 @lru_cache(maxsize=4)
@@ -333,17 +333,17 @@ def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
     InputError
         There is no avatar of this id, or its file is not what its manifest says.
     """
-    return _loaded(Avatar, library.find(avatar_id, "avatar"))
+    return _loaded(Avatar, model_library.find(avatar_id, "avatar"))
 
 
 @lru_cache(maxsize=1)
 def load_skeleton() -> Skeleton:
     """Load the canonical skeleton: that of the shipped avatar, of which nothing else is read."""
-    meta, arrays = _read(Avatar, library.find(AVATAR_ID, "avatar").path, "skeleton.")
+    meta, arrays = _read(Avatar, model_library.find(AVATAR_ID, "avatar").path, "skeleton.")
     return _skeleton(meta, _taken(arrays, "skeleton"))
 
 
-def _loaded(kind: type[_Hashed], entry: library.Entry) -> _Hashed:
+def _loaded(kind: type[_Hashed], entry: model_library.Entry) -> _Hashed:
     found = load(kind, entry.path)
     # Shipped files were tested; files that a user has copied or edited were not.
     stated = entry.content_hash

@@ -15,8 +15,8 @@ import numpy as np
 from ..body.model import Avatar, PerceptualModel
 from ..body.rigs.mapping import BoneMapping
 from ..scene import FittedModel, SurfaceAnchors
+from .canonical_pose import matrices, posed
 from .joints import skeletons_of
-from .pose import matrices, posed
 from .quality import PartQuality, Quality
 from .retarget import carried, mapped_weights, with_mapped_bones
 from .surface import vertex_normals

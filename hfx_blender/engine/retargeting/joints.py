@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import Avatar
-from .regions import JOINT_OF, REGIONS, known_regions, region_of
+from .bone_regions import JOINT_OF, REGIONS, known_regions, region_of
 from .target import RigMapping, TargetAvatar, areas_of, group_shares, owners_of
 from .turns import apply, similarity
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
+from .bone_regions import REGIONS, above
 from .joints import Skeletons
-from .regions import REGIONS, above
 from .surface import TargetSurface
 from .target import areas_of, connected_pieces, weld
 

@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from ..arrays import F64
 from ..body.model import Avatar
+from .bone_regions import REGIONS
 from .joints import Skeletons, dominant
-from .regions import REGIONS
 from .surface import TargetSurface
 
 _CHAINS: Final = (

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..arrays import F64
 from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
-from .regions import REGIONS, words_of
+from .bone_regions import REGIONS, words_of
 from .surface import Places
 from .target import areas_of
 

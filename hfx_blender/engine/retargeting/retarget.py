@@ -19,12 +19,12 @@ from ...stepwise import finish, within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
+from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of
 from .layers import Layer, leaving_out
 from .limbs import Limbs
-from .pose import matrices, posed
 from .quality import Quality, judge
-from .shapes import fields_for, shape
+from .shape_fields import fields_for, shape
 from .surface import Places, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 

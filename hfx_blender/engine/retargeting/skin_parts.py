@@ -16,10 +16,10 @@ import numpy as np
 
 from ..arrays import F64
 from ..body.model import Avatar, SkinWeights
+from .bone_regions import REGIONS
+from .canonical_pose import matrices, posed
 from .joints import dominant, skeletons_of
 from .layers import Layer, leaving_out
-from .pose import matrices, posed
-from .regions import REGIONS
 from .surface import TargetSurface, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body import library
+from ..body import model_library
 from ..body.model import AVATAR_ID, Avatar, load_model
 from ..scene import FittedModel, SurfaceAnchors
 
 
-def people() -> list[library.Entry]:
+def people() -> list[model_library.Entry]:
     """Avatars of the variants that the user has installed."""
-    return [entry for entry in library.installed()[0] if entry.kind == "avatar"]
+    return [entry for entry in model_library.installed()[0] if entry.kind == "avatar"]
 
 
 def fitted_to(avatar: Avatar) -> list[FittedModel]:
@@ -28,11 +28,11 @@ def fitted_to(avatar: Avatar) -> list[FittedModel]:
     """
     suffix = avatar.id.removeprefix(AVATAR_ID)
     found = []
-    for entry in library.shipped():
+    for entry in model_library.shipped():
         if entry.kind != "model":
             continue
         model = load_model(entry.id + suffix)
-        owner = library.owner_of_ids(model.id, model.provenance)
+        owner = model_library.owner_of_ids(model.id, model.provenance)
         found.append(
             FittedModel(
                 model_id=owner.id,

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
+from ..body.temperature_cells import cell_of_skin
 from ..indexing import ramp, sorted_by
 from ..native import clusters as native
 from ..native import library

@@ -13,8 +13,8 @@ from ... import file_limits
 from ..curves import Curve, with_zeros
 from ..signals import Piece, Transient
 from ..waveforms import BYTES, Waveform
+from .document import Band, Effect, Keyframe
 from .interpolation import interpolated
-from .model import Band, Effect, Keyframe
 
 DEFAULT_HZ: Final = 100.0
 _LEAST_RATE_HZ: Final = 2000.0

@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.arrays import F64
 from ..curve_grid import on_grid
 from ..curves import Curve, CurveTolerance, simplified
-from .model import Band, Effect, Keyframe
+from .document import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000

@@ -29,8 +29,8 @@ from ..signals import (
 from ..written import Written
 from . import text
 from .body_parts import place_mask
+from .document import Hjif, Perception
 from .envelopes import Dense, timescale_of
-from .model import Hjif, Perception
 from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
 
 _SAMPLING_HZ: Final = 8000  # that the length of the original is told in

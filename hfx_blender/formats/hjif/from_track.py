@@ -34,8 +34,8 @@ from ..written import Written
 from . import text
 from .body_parts import described, vertex_masks
 from .collected import Collected
+from .document import Avatar, Hjif, Vector
 from .envelopes import Dense, timescale_of
-from .model import Avatar, Hjif, Vector
 from .perceptions import (
     PITCH_HZ,
     SUFFIX,

@@ -15,8 +15,7 @@ from ..checking import clean
 from ..curves import CurveTolerance
 from ..signals import MAX_HZ, Transient
 from .body_parts import place_mask
-from .envelopes import Dense, Library, curve_band, curve_effects, wave_band, wave_bursts
-from .model import (
+from .document import (
     Avatar,
     Band,
     Channel,
@@ -27,6 +26,7 @@ from .model import (
     ReferenceDevice,
     Vector,
 )
+from .envelopes import Dense, Library, curve_band, curve_effects, wave_band, wave_bursts
 from .semantics import MAX_CHANNELS
 
 SUFFIX: Final = ".hjif"

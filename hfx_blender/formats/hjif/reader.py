@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ..checking import Report, check, parse, read_bytes, refuse_errors
 from ..leniency import ToleratedFaults, refuse_but
+from .document import Hjif, from_json
 from .foreign import in_standard_form
-from .model import Hjif, from_json
 from .rules import DOCUMENT, findings
 
 _STRUCTURAL = {f"HJIF-{word}" for word in ("MISSING", "TYPE", "RANGE", "CHOICE", "COUNT")}

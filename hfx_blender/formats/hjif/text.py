@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from typing import Any, BinaryIO, Final
 
-from .model import MEMBERS, Hjif, Keyframe
+from .document import MEMBERS, Hjif, Keyframe
 
 _PIECE: Final = 1 << 16  # characters, about
 _as_text: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode

@@ -15,7 +15,7 @@ from ..curves import Curve
 from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
 from ..waveforms import Waveform, added, piece_of
 from . import bands, wavelets
-from .model import Band, Channel, Hjif, Perception
+from .document import Band, Channel, Hjif, Perception
 from .reader import decode_with_notes
 from .unfolding import Unfolding
 

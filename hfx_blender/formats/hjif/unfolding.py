@@ -8,7 +8,7 @@ from typing import Final
 
 from ... import file_limits
 from ...errors import InputError
-from .model import Effect
+from .document import Effect
 
 _DEEPEST: Final = 8
 

@@ -16,7 +16,7 @@ from ... import file_limits
 from ...engine.arrays import F64
 from ..waveforms import BYTES, Waveform
 from . import spiht
-from .model import Band, Effect
+from .document import Band, Effect
 
 _LOW: Final = np.array([0.037828455507, -0.023849465019, -0.110624404418, 0.377402855613])
 _LOW_MIDDLE: Final = 0.852698679009

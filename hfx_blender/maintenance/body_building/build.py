@@ -11,8 +11,6 @@ from typing import Any, Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.body.cells import CELLS_FILE
-from ...engine.body.library import read_manifest
 from ...engine.body.model import (
     AVATAR_ID,
     Avatar,
@@ -21,22 +19,24 @@ from ...engine.body.model import (
     load,
     load_model,
 )
+from ...engine.body.model_library import read_manifest
 from ...engine.body.parts import PARTS
+from ...engine.body.temperature_cells import CELLS_FILE
 from . import (
     assemble,
     correspondence,
     geodesic,
     left_skin,
-    levels,
+    level_making,
     measure,
     model_file,
     model_set,
+    outer_skin,
     quadric,
     remesh,
     segmentation,
-    shapes,
+    shape_variation,
     skeleton,
-    skin,
     stats,
     thresholds,
     walk,
@@ -103,7 +103,7 @@ def build(
     progress(0.0, "reading the source")
     data = source_data.read(source_data.locate(source))
     names = skeleton.bone_order(data.rig)
-    skins = skin.make(data, names)
+    skins = outer_skin.make(data, names)
     bones = skeleton.make(data, skins.scale, skins.ground_m)
     progress(0.02, "labelling body parts")
     part, side = segmentation.label(skins.dense, bones)
@@ -146,7 +146,7 @@ def build(
     if is_canonical:
         manifest |= _write_avatar(destination, avatar, walk.make(avatar))
         progress(0.96, "how people differ in shape")
-        shapes.write(data, source_data.locate(source), avatar, destination)
+        shape_variation.write(data, source_data.locate(source), avatar, destination)
     manifest["models"] = {
         model.id: model_set.model_entry(model)
         | ({"quadric": compared[model.modality]} if compared else {})
@@ -178,7 +178,7 @@ def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
     found: dict[str, int] = {}
     for number, entry in enumerate(index["models"].values()):
         progress(number / len(index["models"]), f"{entry['modality']}: levels of detail")
-        found[entry["modality"]] = levels.save(
+        found[entry["modality"]] = level_making.save(
             load(PerceptualModel, folder / entry["file"]), folder
         )
     progress(1.0, "done")
@@ -231,7 +231,7 @@ def _quadric(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
 _THIN: Final = {"cells": _cells, "quadric": _quadric}
 
 
-def _avatar(skins: skin.Skins, bones: Any, part: Any, side: Any) -> Avatar:
+def _avatar(skins: outer_skin.Skins, bones: Any, part: Any, side: Any) -> Avatar:
     count = len(skins.avatar.vertices)
     return Avatar(
         id=AVATAR_ID,
@@ -279,7 +279,7 @@ def _write_models(folder: Path, models: list[PerceptualModel], is_canonical: boo
     pressure = next((model for model in models if model.modality == "pressure"), None)
     for model in models:
         model_file.save(model, folder / f"{model.modality}.npz")
-        levels.save(model, folder)
+        level_making.save(model, folder)
         canonical_id = thresholds.canonical_id(model.modality)
         if model.id != canonical_id:
             canonical = load_model(canonical_id)

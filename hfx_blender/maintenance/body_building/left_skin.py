@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.arrays import F64, I64, U8, Bool
 from ...engine.body.parts import CENTRE, RIGHT
 from . import mesh_edges
-from .skin import Skins
+from .outer_skin import Skins
 
 SAMPLES_ACROSS: Final = 7
 """Sample points of the skin across one cell, about."""

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from ... import resources
 from ...atomic_files import atomic_file
-from ...engine.body.library import MANIFEST_FILE
 from ...engine.body.model import Avatar, PerceptualModel
+from ...engine.body.model_library import MANIFEST_FILE
 from ...errors import OutputError, UsageError
 
 MANIFEST_VERSION: Final = 1

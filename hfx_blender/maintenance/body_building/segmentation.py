@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...engine.arrays import F64, U8
 from ...engine.body.model import Skeleton
 from ...engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
-from .skin import Skin
+from .outer_skin import Skin
 
 _HAND, _FOOT = -1, -2  # not parts yet: split by direction
 _PART_OF_BONE: Final = {

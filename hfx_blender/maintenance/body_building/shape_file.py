@@ -10,7 +10,7 @@ import numpy as np
 
 from ...atomic_files import atomic_file
 from ...engine.arrays import I64
-from ...engine.retargeting.shapes import FORMAT, VERSION, ShapeFields
+from ...engine.retargeting.shape_fields import FORMAT, VERSION, ShapeFields
 
 
 def save(fields: ShapeFields, mirror: I64, path: Path) -> None:

@@ -22,17 +22,17 @@ from . import (
     measure,
     model_file,
     model_set,
+    outer_skin,
     segmentation,
     skeleton,
-    skin,
     stats,
 )
 from . import source as source_data
 from .left_skin import LeftSkin
 from .mesh_edges import triangle_normals
 from .nearest_places import locate
+from .outer_skin import Skins
 from .progress import Progress, quiet
-from .skin import Skins
 from .variant import Variant, target_shares
 
 
@@ -72,7 +72,7 @@ def original(source: Path | None) -> Original:
     """
     folder = source_data.locate(source)
     average = source_data.read(folder)
-    skins = skin.make(average, skeleton.bone_order(average.rig))
+    skins = outer_skin.make(average, skeleton.bone_order(average.rig))
     bones = skeleton.make(average, skins.scale, skins.ground_m)
     part, side = segmentation.label(skins.dense, bones)
     return Original(folder, skins, part, side, left_skin.left_of(skins, part, side))
@@ -87,7 +87,7 @@ def person(adult: Original, variant: Variant) -> Person:
         A shape target is missing or cannot be read.
     """
     shaped = source_data.read(adult.folder, target_shares(variant))
-    skins = skin.reshape(adult.skins, shaped.vertices, variant.height)
+    skins = outer_skin.reshape(adult.skins, shaped.vertices, variant.height)
     canonical = load_avatar()
     avatar = replace(
         canonical,

@@ -71,7 +71,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
-    from ...engine.body import library
+    from ...engine.body import model_library
     from ..body_building import build, thresholds, variant, variant_models
 
     progress = console.progress("Body models")
@@ -104,7 +104,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
     if options.install is not None:
         console.say(f"Installed in {folder}.")
-        for fault in library.installed()[1]:
+        for fault in model_library.installed()[1]:
             console.warn(fault)
     console.result(made)
     return 0
@@ -141,7 +141,7 @@ def _levels(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stats(options: argparse.Namespace, console: Console) -> int:
-    from ...engine.body import library
+    from ...engine.body import model_library
     from ...engine.body.model import PerceptualModel, load
     from ..body_building import stats
     from ..body_building.thresholds import MODALITIES
@@ -162,14 +162,14 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
     for modality, sizes in levels.items():
         if len(sizes) > 1:
             console.say(f"{modality}, levels of detail: {', '.join(map(str, sizes))} vertices")
-    entries, faults = library.installed()
+    entries, faults = model_library.installed()
     if options.folder is None:
         _say_installed(entries, console)
         for fault in faults:
             console.warn(fault)
     if options.compare:
         console.say(
-            "\n" + stats.comparison_as_text(library.manifest(), _times()), several_lines=True
+            "\n" + stats.comparison_as_text(model_library.manifest(), _times()), several_lines=True
         )
     installed = [{"id": each.id, "kind": each.kind, "file": str(each.path)} for each in entries]
     console.result(

@@ -105,10 +105,10 @@ def _draw(
 
 def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in this process; returns the error."""
-    from ..demo import pictures
+    from ..demo import avatar_pictures
 
     try:
-        pictures.draw(scene_file, track_file, folder)
+        avatar_pictures.draw(scene_file, track_file, folder)
     except RuntimeError as error:
         return str(error).strip()
     return None
@@ -116,7 +116,9 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in a separate process, which may crash; returns the error."""
-    command = own_processes.command("maintenance.demo.pictures", scene_file, track_file, folder)
+    command = own_processes.command(
+        "maintenance.demo.avatar_pictures", scene_file, track_file, folder
+    )
     try:
         done = processes.run(command, _PICTURE_LIMIT_S)
     except subprocess.TimeoutExpired:

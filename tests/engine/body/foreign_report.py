@@ -14,9 +14,9 @@ from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, map_bones
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.bone_regions import REGIONS
 from hfx_blender.engine.retargeting.joints import Skeletons, dominant
 from hfx_blender.engine.retargeting.quality import Quality
-from hfx_blender.engine.retargeting.regions import REGIONS
 from hfx_blender.engine.retargeting.target import check
 from hfx_blender.errors import InputError
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
-from hfx_blender.maintenance.body_building import left_skin, skin
+from hfx_blender.maintenance.body_building import left_skin, outer_skin
 
 RADIUS_M = 0.15
 SPACING_M = (0.016, 0.025)  # upper half, lower half
@@ -23,16 +23,16 @@ def ball() -> left_skin.LeftSkin:
     medium = faces
     for _ in range(5):
         medium = faces
-        operator, faces, mirror = skin.subdivide(faces, mirror)
+        operator, faces, mirror = outer_skin.subdivide(faces, mirror)
         corners = operator @ corners
     corners *= RADIUS_M / np.linalg.norm(corners, axis=1, keepdims=True)
     corners[mirror == np.arange(len(mirror)), 0] = 0.0
-    dense = skin.Skin(corners, faces, csr_array((len(corners), 1)), mirror)
+    dense = outer_skin.Skin(corners, faces, csr_array((len(corners), 1)), mirror)
     side = np.where(corners[:, 0] > 0.0, LEFT, RIGHT).astype(np.uint8)
     side[corners[:, 0] == 0.0] = CENTRE
     part = (corners[:, 2] < 0.0).astype(np.uint8)
     no_uv = np.zeros((0, 4, 2))
-    skins = skin.Skins(dense, dense, medium, no_uv, np.zeros(0, np.int32), 1.0, 0.0)
+    skins = outer_skin.Skins(dense, dense, medium, no_uv, np.zeros(0, np.int32), 1.0, 0.0)
     return left_skin.left_of(skins, part, side)
 
 

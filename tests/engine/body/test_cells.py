@@ -13,8 +13,8 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
+from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.errors import InputError
 from hfx_blender.maintenance.body_building import geodesic
 

@@ -18,7 +18,7 @@ from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.body_building import levels as making
+from hfx_blender.maintenance.body_building import level_making as making
 from hfx_blender.maintenance.body_building.nearest_places import locate
 
 FINE = ("hfx-pressure-1", "hfx-vibration-1")
@@ -123,7 +123,7 @@ def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
         "from hfx_blender.engine.body.levels import at_level\n"
-        "from hfx_blender.engine.body.cells import cell_of_skin\n"
+        "from hfx_blender.engine.body.temperature_cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
         "print(len(at_level(load_model('hfx-pressure-1'), 1)[0]))\n"
         "print(len(cell_of_skin(load_model('hfx-temperature-1'))[1]))"

@@ -14,9 +14,9 @@ from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
 from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.limbs import Limbs
-from hfx_blender.engine.retargeting.pose import matrices, posed
 from hfx_blender.engine.retargeting.turns import apply
 from hfx_blender.errors import InputError
 

@@ -17,7 +17,7 @@ from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting import target as retarget_target
-from hfx_blender.engine.retargeting.regions import REGIONS, above
+from hfx_blender.engine.retargeting.bone_regions import REGIONS, above
 from hfx_blender.engine.retargeting.surface import TargetSurface, _cut
 from hfx_blender.errors import InputError
 

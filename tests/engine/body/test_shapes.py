@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import map_bones
-from hfx_blender.engine.retargeting import shapes
+from hfx_blender.engine.retargeting import shape_fields
+from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
 from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.limbs import Limbs
-from hfx_blender.engine.retargeting.pose import matrices, posed
-from hfx_blender.engine.retargeting.shapes import ShapeFields
+from hfx_blender.engine.retargeting.shape_fields import ShapeFields
 from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.errors import InputError
 from hfx_blender.maintenance.body_building.shape_file import save
@@ -25,7 +25,7 @@ from hfx_blender.stepwise import finish
 
 
 def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> None:
-    fields = shapes.fields_for(load_avatar())
+    fields = shape_fields.fields_for(load_avatar())
     assert fields is not None and 8 <= len(fields) <= 64
     vertices = load_avatar().vertices
     mirror = cKDTree(vertices).query(vertices * (-1.0, 1.0, 1.0))[1]
@@ -41,12 +41,12 @@ def test_an_avatar_of_another_mesh_has_no_fields() -> None:
     from dataclasses import replace
 
     avatar = load_avatar()
-    assert shapes.fields_for(replace(avatar, vertices=avatar.vertices[:-1])) is None
+    assert shape_fields.fields_for(replace(avatar, vertices=avatar.vertices[:-1])) is None
 
 
 def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
     """Also along the skin, where no distance tells where a vertex belongs."""
-    avatar, fields = load_avatar(), shapes.load_shapes()
+    avatar, fields = load_avatar(), shape_fields.load_shapes()
     rng = np.random.default_rng(1)
     target = variants.canonical().target
     share = rng.normal(size=6)
@@ -57,7 +57,9 @@ def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
     surface = TargetSurface(truth, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
     limbs.rings.clear()  # no joint holds anything: this shape moves them
-    found = finish(shapes.shape(fields, moved, start, target.triangles, bodies, surface, limbs))
+    found = finish(
+        shape_fields.shape(fields, moved, start, target.triangles, bodies, surface, limbs)
+    )
     flesh = np.isin(avatar.part, [PARTS.index(part) for part in ("torso", "upper_leg")])
     before, after = (np.linalg.norm(p - truth, axis=1)[flesh] for p in (start, found))
     assert np.median(before) > 0.008
@@ -66,14 +68,14 @@ def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
 
 
 def test_nothing_to_hold_on_to_changes_nothing() -> None:
-    avatar, fields = load_avatar(), shapes.load_shapes()
+    avatar, fields = load_avatar(), shape_fields.load_shapes()
     target = variants.canonical().target
     bodies = skeletons_of(avatar, target, map_bones(target.bones))  # type: ignore[arg-type]
     moved = matrices(avatar, bodies)
     start = posed(avatar, moved)
     far = TargetSurface(target.vertices + 9.0, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
-    found = finish(shapes.shape(fields, moved, start, target.triangles, bodies, far, limbs))
+    found = finish(shape_fields.shape(fields, moved, start, target.triangles, bodies, far, limbs))
     np.testing.assert_array_equal(found, start)
 
 
@@ -83,7 +85,7 @@ def test_saved_fields_are_read_again_within_their_eight_bits(tmp_path: Path) -> 
     half = rng.normal(size=(3, 5, 3))
     fields = half + half[:, mirror] * (-1.0, 1.0, 1.0)
     save(ShapeFields(fields), mirror, tmp_path / "shapes.npz")
-    again = shapes.read(tmp_path / "shapes.npz").fields
+    again = shape_fields.read(tmp_path / "shapes.npz").fields
     step = np.abs(fields).max(axis=(1, 2), keepdims=True) / 127.0
     assert (np.abs(again - fields) <= 0.5 * step + 1e-6).all()
 
@@ -91,10 +93,10 @@ def test_saved_fields_are_read_again_within_their_eight_bits(tmp_path: Path) -> 
 def test_files_that_are_no_fields_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "shapes.npz"
     with pytest.raises(InputError, match="no such file"):
-        shapes.read(path)
+        shape_fields.read(path)
     path.write_bytes(b"PK nothing")
     with pytest.raises(InputError, match="not readable"):
-        shapes.read(path)
+        shape_fields.read(path)
     np.savez(path, meta=np.frombuffer(b'{"format": "other", "version": 1}', np.uint8))
     with pytest.raises(InputError, match="format 'other'"):
-        shapes.read(path)
+        shape_fields.read(path)

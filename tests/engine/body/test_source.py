@@ -15,9 +15,9 @@ from hfx_blender.errors import InputError, UsageError
 from hfx_blender.maintenance.body_building import (
     build,
     left_skin,
+    outer_skin,
     segmentation,
     skeleton,
-    skin,
     source,
 )
 
@@ -77,7 +77,7 @@ def test_a_subdivided_cube_nears_its_known_limit() -> None:
     )
     mirror = np.array([4, 5, 6, 7, 0, 1, 2, 3], np.int32)
     for _ in range(6):
-        operator, faces, mirror = skin.subdivide(faces, mirror)
+        operator, faces, mirror = outer_skin.subdivide(faces, mirror)
         corners = operator @ corners
         assert np.asarray(operator.sum(axis=1)) == pytest.approx(1.0)
     assert corners[7] == pytest.approx([0.5, 0.5, 0.5], abs=1e-3)
@@ -86,7 +86,7 @@ def test_a_subdivided_cube_nears_its_known_limit() -> None:
 
 
 def test_the_shipped_avatar_comes_from_this_source(data: source.Source) -> None:
-    skins = skin.make(data, skeleton.bone_order(data.rig))
+    skins = outer_skin.make(data, skeleton.bone_order(data.rig))
     bones = skeleton.make(data, skins.scale, skins.ground_m)
     part, side = segmentation.label(skins.dense, bones)
     shipped = model.load_avatar()

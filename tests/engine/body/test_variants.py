@@ -19,7 +19,7 @@ from hfx_blender.engine.body.parts import CENTRE, PARTS, RIGHT
 from hfx_blender.errors import UsageError
 from hfx_blender.maintenance.body_building import (
     model_file,
-    skin,
+    outer_skin,
     source,
     stats,
     variant,
@@ -329,10 +329,10 @@ def test_a_child_is_shorter_and_finer_spaced(
 
 def test_height_only_scales(folder: Path) -> None:
     average = source.read(folder)
-    skins = skin.make(average, ("root",))
-    tall, short = (skin.reshape(skins, average.vertices, metres) for metres in (2.0, 1.0))
+    skins = outer_skin.make(average, ("root",))
+    tall, short = (outer_skin.reshape(skins, average.vertices, metres) for metres in (2.0, 1.0))
     assert tall.avatar.vertices == pytest.approx(2.0 * short.avatar.vertices)
-    own = skin.reshape(skins, average.vertices, None)
+    own = outer_skin.reshape(skins, average.vertices, None)
     assert (own.scale, own.avatar.vertices[:, 2].min()) == (1.0, 0.0)
 
 

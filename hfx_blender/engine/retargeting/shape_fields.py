@@ -5,8 +5,9 @@ A posed body has the target's joints, lengths and girths; what is still missing 
 much alike from person to person: where the flesh of a thigh lies along it, how breasts and belly
 hang, how far a rig's joints are from where ours are. It is given as a few *fields*, displacements
 of the canonical avatar's vertices (principal components over many people, see
-:mod:`...building.shapes`). The distances to the target's skin tell how much of each field there
-is; the fields then also move vertices *along* the skin, which no distance to it can tell.
+``maintenance/body_building/shape_variation.py``). The distances to the target's skin tell how much
+of each field there is; the fields then also move vertices *along* the skin, which no distance to
+it can tell.
 """
 
 from __future__ import annotations

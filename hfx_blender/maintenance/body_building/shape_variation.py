@@ -4,7 +4,7 @@
 Many people are drawn at random, and each gets a rig whose joints are displaced at random, as
 rigs disagree on where a hip or a shoulder is. The canonical avatar is posed onto each of them as
 onto anybody's avatar; what that misses, in the avatar's rest space, is a field of displacements.
-Their principal components are what :mod:`..retargeting.shapes` fits with.
+Their principal components are what :mod:`...engine.retargeting.shape_fields` fits with.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 from ...engine.arrays import F64, I32, I64
 from ...engine.body.model import Avatar
 from ...engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
+from ...engine.retargeting.canonical_pose import matrices, posed
 from ...engine.retargeting.joints import skeletons_of
-from ...engine.retargeting.pose import matrices, posed
-from ...engine.retargeting.shapes import SHAPES_FILE, ShapeFields
+from ...engine.retargeting.shape_fields import SHAPES_FILE, ShapeFields
 from ...engine.retargeting.target import TargetAvatar
 from ...engine.retargeting.turns import apply
 from ...errors import InputError

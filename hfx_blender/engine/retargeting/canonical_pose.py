@@ -16,8 +16,8 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64
 from ..body.model import Avatar
+from .bone_regions import REGIONS, region_of
 from .joints import Skeletons, dominant
-from .regions import REGIONS, region_of
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
 
 _GIRTHS: Final = (0.4, 2.5)

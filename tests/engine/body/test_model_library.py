@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
-from hfx_blender.engine.body import cells, library, model
 from hfx_blender.engine.body import levels as level_files
+from hfx_blender.engine.body import model, model_library, temperature_cells
 from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
 
@@ -46,8 +46,8 @@ def edit(path: Path, change: object) -> None:
 
 def test_without_a_folder_there_is_nothing_but_what_is_shipped(own: Path) -> None:
     assert not own.exists()
-    assert library.installed() == ([], [])
-    ids = [entry.id for entry in library.shipped() if entry.kind == "model"]
+    assert model_library.installed() == ([], [])
+    ids = [entry.id for entry in model_library.shipped() if entry.kind == "model"]
     assert ids == list(model.manifest()["models"])
 
 
@@ -78,7 +78,7 @@ def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> N
     assert made.vertices == pytest.approx(1.1 * shipped.vertices)
     avatar = model.load_avatar(f"hfx-avatar-1{SUFFIX}")
     assert avatar.vertices == pytest.approx(1.1 * model.load_avatar().vertices)
-    entries, faults = library.installed()
+    entries, faults = model_library.installed()
     assert [entry.id for entry in entries] == [
         f"hfx-{name}-1{SUFFIX}" for name in ("avatar", "pressure", "vibration", "temperature")
     ]
@@ -92,7 +92,7 @@ def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path)
     shipped, same = level_files.at_level(model.load_model("hfx-pressure-1"), 1)
     assert np.array_equal(coarse_of, same)
     assert made.vertices == pytest.approx(1.1 * shipped.vertices)
-    fine, owner = cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
+    fine, owner = temperature_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
     assert fine == f"hfx-pressure-1{SUFFIX}"
     assert len(owner) == len(model.load_model(fine))
 
@@ -110,7 +110,7 @@ def test_canonical_ids_stand_on_the_variant_exactly(own: Path, variant: Path) ->
 def test_the_same_set_twice_is_no_fault(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "one")
     shutil.copytree(variant, own / "two")
-    entries, faults = library.installed()
+    entries, faults = model_library.installed()
     assert len(entries) == 4 and not faults
     assert model.load_model(f"hfx-vibration-1{SUFFIX}").id == f"hfx-vibration-1{SUFFIX}"
 
@@ -136,7 +136,7 @@ def test_nothing_takes_the_place_of_a_shipped_model(own: Path, variant: Path) ->
     )
     model.load_model.cache_clear()
     assert model.load_model("hfx-pressure-1").content_hash == before
-    assert any("the shipped one" in fault for fault in library.installed()[1])
+    assert any("the shipped one" in fault for fault in model_library.installed()[1])
 
 
 def test_a_file_that_is_not_what_its_manifest_says_is_refused(own: Path, variant: Path) -> None:
@@ -162,7 +162,7 @@ def test_a_broken_set_is_told_and_hides_no_other(
     shutil.copytree(variant, own / "tall")
     (own / "broken").mkdir()
     (own / "broken" / "manifest.json").write_text(content)
-    entries, faults = library.installed()
+    entries, faults = model_library.installed()
     assert len(entries) == 4
     assert len(faults) == 1 and message in faults[0] and "broken" in faults[0]
     assert model.load_model(f"hfx-pressure-1{SUFFIX}") is not None

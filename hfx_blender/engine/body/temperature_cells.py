@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import I32
-from . import library
+from . import model_library
 from .model import PerceptualModel
 
 CELLS_FILE: Final = "cells.npz"
@@ -46,7 +46,7 @@ def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
     InputError
         No cells are stored for this model, or they are of another edition of it.
     """
-    origin = library.owner_of_ids(model.id, model.provenance)
+    origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / CELLS_FILE
     stored, fine, owner = _read(path) if path.is_file() else (("", ""), "", None)
     if owner is None or stored[0] != origin.id:

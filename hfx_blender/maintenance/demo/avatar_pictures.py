@@ -2,8 +2,8 @@
 """Pictures of the avatar with haptic colours, at the key moments of the demo.
 
 Rendered by Cycles on the processor, which needs neither display nor GPU. Run as a program of
-its own (``python -m hfx_blender.maintenance.demo.pictures SCENE TRACK FOLDER``), so that a machine
-on which Blender cannot draw loses the pictures only.
+its own (``python -m hfx_blender.maintenance.demo.avatar_pictures SCENE TRACK FOLDER``), so that a
+machine on which Blender cannot draw loses the pictures only.
 """
 
 from __future__ import annotations
