@@ -266,7 +266,7 @@ def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
     """Read facts and arrays of a file, or only those of a part; see :func:`load`."""
     try:
-        arrays = _storedstored_arrays(path, part)
+        arrays = _stored_arrays(path, part)
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
@@ -286,7 +286,7 @@ _WORTH_THREADS = 1 << 18
 """Bytes of a file from which on two threads unpack it: they need not wait for each other."""
 
 
-def _storedstored_arrays(path: Path, part: str) -> dict[str, Any]:
+def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
     with np.load(path, allow_pickle=False) as stored:
         if not isinstance(stored, np.lib.npyio.NpzFile):
             raise ValueError("one array, not an archive of some")
