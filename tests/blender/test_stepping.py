@@ -133,6 +133,42 @@ def test_a_driver_that_reads_its_context(scene: Any, ball: Any) -> None:
     assert evaluation.of("Ball", 11).parameters.tolist() == [12]
 
 
+def test_a_camera_that_a_marker_switches(scene: Any, ball: Any) -> None:
+    """It counts at the very sample of its marker, and the user's own choice comes back."""
+    for number, frame in enumerate((1, 13)):
+        camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))
+        scene.collection.objects.link(camera)
+        camera.location.x = 30.0 + number
+        scene.timeline_markers.new(camera.name, frame=frame).camera = camera
+    scene.camera = camera
+    _, variable = _driver(ball, "hfx.temperature")
+    variable.type = "CONTEXT_PROP"
+    variable.targets[0].context_property = "ACTIVE_SCENE"
+    variable.targets[0].data_path = "camera.location.x"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    for index, sample in evaluation.samples["Ball"].items():
+        assert sample.parameters.tolist() == [30 + (index >= 12)]
+    assert scene.camera == camera
+
+
+def test_metaballs_of_one_name_make_one_surface(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the first is an effect; the second, which belongs to no effect, widens it."""
+    bpy.data.objects.remove(ball)
+    for x in (0.0, 0.25):
+        bpy.ops.object.metaball_add(type="BALL", radius=0.25, location=(x, 0.0, 1.2))
+        bpy.context.object.data.resolution = 0.06
+    first = bpy.data.objects["Mball"]
+    first.hfx.role, first.hfx.shape, first.hfx.modality = "EFFECT", "MESH", "temperature"
+    scratch = oracle.evaluate(scene, frames=(1, 1), rate_hz=24)
+    assert scratch.reader.stepping_note == SCRATCH + "'Mball' is no mesh"
+    step_own_scene(monkeypatch)
+    own = oracle.evaluate(scene, frames=(1, 1), rate_hz=24)
+    assert own.of("Mball", 0).vertices.size > 3
+    _assert_same(scratch, own)
+
+
 def test_a_driver_of_other_objects_is_no_reason(scene: Any, ball: Any) -> None:
     lever = oracle.empty(scene)
     oracle.key(lever, "location", [(1, (0, 0, 0)), (24, (0, 0, 23))])
