@@ -19,7 +19,6 @@ from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_ava
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
-from ..stepwise import finish
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
@@ -58,15 +57,6 @@ def add_avatar(
         retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))
     mark_body(armature, [mesh])
     return armature, mesh
-
-
-def add_body(
-    armature: bpy.types.Object,
-    avatar: bpy.types.Object | None,
-    parts: Sequence[bpy.types.Object] = (),
-) -> list[str]:
-    """:func:`adding_body` at once."""
-    return finish(adding_body(armature, avatar, parts))
 
 
 def adding_body(

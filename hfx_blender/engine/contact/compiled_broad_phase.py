@@ -157,7 +157,7 @@ class CompiledBroadPhase:
         count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):
             raise IndexError(f"row {self._target.rows[-1]} of a pose of {len(posed)}")
-        bones = PosedBones(posed, self._target.rows, None, used)
+        bones = PosedBones(count, used, posed.shape[1])
         where = structure("hfx_posed")(posed, posed.shape[1], used.ids, own and own.pointers)
         is_used = np.empty(len(used.ids), np.uint8)
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)

@@ -74,7 +74,8 @@ def narrow_phase(
         Waits until all is computed, which without threads it is by now; gives the number of
         places posed.
     """
-    shared = posing, target, _drift_of(drifts, target.count - 1), weights, column_of
+    drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
+    shared = posing, target, drift, weights, column_of
     if details is not None:
         count = _with_details(_NarrowPhaseCall(pairs, table, *shared), weights, details, target)
         return lambda: count
@@ -164,7 +165,7 @@ class _NarrowPhaseCall:
             *(posing.own and posing.own.table, posing.bones and posing.bones.pointers),
             *(posing.surface and posing.surface.pointers, target.pointers, drift, self._found),
         )
-        self._kept = posing
+        self._kept = posing, target  # their structures hold addresses alone
         self._room = room, events
 
     def run(self, details: Any = None) -> int:

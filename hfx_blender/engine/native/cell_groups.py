@@ -13,8 +13,7 @@ from ..indexing import lacking
 from .declarations import structure
 from .library import loaded
 from .skin_binding import Clusters
-from .skin_mesh import Mesh, mesh_of
-from .skin_table import Table, table_of
+from .skin_table import Mesh, Table, mesh_of, table_of
 
 
 class CellGroups:
@@ -35,15 +34,11 @@ class CellGroups:
         self.table: Any = (structure("hfx_groups") * count)()
         self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
         self._is_known = np.zeros(count, np.bool_)
-        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._kept: list[npt.NDArray[Any]] = []
 
     def lacking(self, clusters: I64) -> I64:
         """Clusters that are not filled in yet, ascending."""
         return lacking(self._is_known, clusters)
-
-    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """Arrays filled in for a cluster, in the order of ``hfx_groups``."""
-        return tuple(self._kept[cluster])
 
     def add(
         self, clusters: I64, table: Table, mesh: Mesh, surface: Clusters, own: Clusters | None
@@ -89,7 +84,6 @@ class CellGroups:
         for field, (array, at) in enumerate(zip(arrays, ends, strict=True)):
             kept = array[: at[-1]].copy()
             self._rows[clusters, field] = kept.ctypes.data + at[:-1] * array.strides[0]
-            for k, cluster in enumerate(clusters.tolist()):
-                self._kept.setdefault(cluster, []).append(kept[at[k] : at[k + 1]])
+            self._kept.append(kept)
         self._rows[clusters, len(arrays)] = np.diff(of_groups)
         self._is_known[clusters] = True

@@ -106,12 +106,8 @@ class Clusters:
         self.most_bones = int(self._bone_counts.max(initial=0))
         most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
         self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
-        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._kept: list[npt.NDArray[Any]] = []
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
-
-    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """Arrays filled in for a cluster, in the order of ``hfx_cluster``."""
-        return tuple(self._kept[cluster])
 
     def add(self, clusters: I64, table: Table | None) -> None:
         """Fill in some clusters, and the neighbours of those whose skin is filled."""
@@ -138,37 +134,29 @@ class Clusters:
             *(self._bound.pointers, self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
-        some = self._starts[clusters]
-        arrays = (
-            (entry_bones, entry_at[:-1], entry_at[1:]),
-            (weights, entry_at[:-1], entry_at[1:]),
-            (firsts, first_at[:-1], first_at[1:]),
-            (rest, place_at[:-1], place_at[1:]),
-            (self._bones, some, some + bones),
-            (moved, pair_at[:-1], pair_at[1:]),
-            (self._unlinked, np.zeros_like(places), places),
-            (self._unlinked, np.zeros_like(places), places),
-        )
-        for field, (array, first, _) in enumerate(arrays):
-            self._rows[clusters, field] = array.ctypes.data + first * array.strides[0]
+        none = np.zeros_like(places)
+        arrays = entry_bones, weights, firsts, rest, self._bones, moved, *2 * (self._unlinked,)
+        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, none, none
+        self._point_to(clusters, dict(enumerate(zip(arrays, at, strict=True))))
         self._rows[clusters, len(arrays)] = bones
-        for k, cluster in enumerate(clusters.tolist()):
-            self._kept[cluster] = [array[first[k] : last[k]] for array, first, last in arrays]
         self._is_known[clusters] = True
+
+    def _point_to(self, clusters: I64, fields: dict[int, tuple[npt.NDArray[Any], I64]]) -> None:
+        """Point fields of clusters, by number, to arrays, from the given places on."""
+        for field, (array, at) in fields.items():
+            self._rows[clusters, field] = array.ctypes.data + at[: len(clusters)] * array.strides[0]
+            self._kept.append(array)
 
     def _link(self, clusters: I64, table: Table) -> None:
         units = table.unit_counts[clusters]
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
-        arrays = distances, differences = [np.empty(last) for last in at[:, -1]]
+        distances, differences = (np.empty(last) for last in at[:, -1])
         room = np.empty(2 * self.most_bones)
         loaded().hfx_find_links(
             *(table_of(table), self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
-        for field, array, first in zip((6, 7), arrays, at, strict=True):
-            self._rows[clusters, field] = array.ctypes.data + first[:-1] * array.itemsize
-            for k, cluster in enumerate(clusters.tolist()):
-                self._kept[cluster][field] = array[first[k] : first[k + 1]]
+        self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
         self._is_linked[clusters] = True
 
 

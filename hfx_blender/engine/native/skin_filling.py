@@ -10,8 +10,7 @@ import numpy as np
 from ..arrays import F64, I64
 from .declarations import structure
 from .library import loaded
-from .skin_mesh import Mesh, mesh_of
-from .skin_table import Table, table_of
+from .skin_table import Mesh, Table, mesh_of, table_of
 
 _EXTENT: Final = 7  # numbers in extent
 

@@ -7,9 +7,19 @@ from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from .declarations import structure
+
+
+class Mesh(Protocol):
+    """See :class:`..skin.skin_mesh.SkinMesh`."""
+
+    @property
+    def vertices(self) -> npt.NDArray[np.float32]: ...
+    @property
+    def triangles(self) -> npt.NDArray[np.int32]: ...
 
 
 class Table(Protocol):
@@ -27,6 +37,7 @@ class Table(Protocol):
     def samples(self) -> F64: ...
 
 
+_MESHES: WeakKeyDictionary[Mesh, Any] = WeakKeyDictionary()
 _TABLES: WeakKeyDictionary[Table, tuple[Any, F64]] = WeakKeyDictionary()
 
 
@@ -47,3 +58,11 @@ def table_of(table: Table) -> Any:
 def _rooms(table: Table) -> I64:
     """Number of doubles that the library needs for each cluster; see ``hfx_narrow_phase``."""
     return 6 * table.place_counts + 3 * table.unit_counts + np.diff(table.cell_starts)
+
+
+def mesh_of(mesh: Mesh) -> Any:
+    """``hfx_skin_mesh``; the arrays live as long as the mesh."""
+    if mesh not in _MESHES:
+        kind = structure("hfx_skin_mesh")
+        _MESHES[mesh] = kind(*(getattr(mesh, name) for name, _ in kind._fields_))
+    return _MESHES[mesh]

@@ -8,6 +8,18 @@
 
 #include "analytic.h"
 
+// Boxes of the parts of a model that bones move, before anything is posed. A pair is a cluster and a
+// bone that moves a box of it.
+typedef struct {
+  int64_t bone_count, clusters;
+  const int64_t *bones;   // (bone_count,) those that move anything; others than the pose has: rest
+  const int64_t *starts;  // (clusters + 1,) a cluster's first pair
+  const int64_t *slots;   // (pairs,) which of these bones
+  const int64_t *pair_bones;        // (pairs,) the same in the pose
+  const double *centres, *halves;   // (pairs, 3) boxes at rest
+  const double *boxes;              // (pairs, 3, 2) the same, centre and half edge of each axis
+} hfx_outline;
+
 // A volume at some rows.
 typedef struct {
   int64_t rows;
@@ -31,7 +43,7 @@ static inline hfx_shape hfx_shape_at(const hfx_target *target, int64_t row) {
   return (hfx_shape){target->kinds[row], target->halves[row], target->meshes[row]};
 }
 
-// Where a body has no bones: places of its skin in its own space, at some rows.
+// Places of the skin of a body without bones, in its own space, at some rows.
 typedef struct {
   const double *places;  // (bounds, places, 3)
   const double *own;     // (bounds, cells, 3) of the cells' vertices, or NULL: they are places
@@ -51,7 +63,7 @@ static inline double hfx_steepest(const hfx_target *target) {
 
 #define MOST_STEPS 64  // straight ones between two rows
 
-// How the cells of a pair are looked at.
+// Kinds of test for the cells of a pair.
 enum { HFX_NOT, HFX_COVERED, HFX_BY_VERTEX, HFX_WHOLE };
 
 // Pairs of a cluster, ascending, and a row, ascending within it.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What is known at rest of how large a cluster's cells can be in a pose; see skin/cell_sizes.py.
+// Groups of cells, which bound at rest the sizes of cells in a pose; see skin/cell_sizes.py.
 
 #include <math.h>
 #include <string.h>
@@ -7,14 +7,13 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin.h"
-#include "skin_mesh.h"
 
 #define PI 3.141592653589793
 #define DISC (2.0 / 3.0)
 #define LEAST_M 1e-12
 #define LEAST_WEIGHT 0.01
 
-// Of clusters, one after the other, with the first group and pair of each; see hfx_groups.
+// Groups of clusters, one after the other, with the first group and pair of each; see hfx_groups.
 typedef struct {
   int64_t *first_groups, *first_pairs;  // (asked + 1,)
   int64_t *starts;                      // one more for each cluster than it has groups
@@ -31,12 +30,6 @@ typedef struct {
   double *places;     // (count, 3)
   double *distances;  // (count,)
 } cells;
-
-static double *take(double **room, int64_t count) {
-  double *taken = *room;
-  *room += count;
-  return taken;
-}
 
 static double distance(const double *a, const double *b) {
   double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
@@ -58,7 +51,7 @@ static void weigh(const hfx_cluster *cluster, int64_t places, double *weights, d
   }
 }
 
-// How far weights of a unit's skin are from its own, on average, (bones,); returns its radius.
+// Mean difference of weights of a unit's skin from its own, (bones,); returns its radius.
 static double look_around(const hfx_skin_mesh *mesh, const int32_t *ids, const int64_t *place,
                           int64_t unit, int64_t bones, const double *weights, const double *rest,
                           double *changes) {
@@ -171,7 +164,7 @@ static int64_t unite(const hfx_cluster *one, const hfx_cluster *other, int64_t *
   return count;
 }
 
-// Of some clusters. `surface` are those of the mesh, `own` those of the model's vertices where they
+// Fills in the groups of some clusters. `surface` are those of the mesh, `own` those of the model's vertices where they
 // are others, else null. `place` holds a zero for each vertex of the mesh; `counts` and `room` have
 // room for what a cluster needs.
 HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mesh,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What all sources of the library share.
+// Definitions that all sources of the library share.
 
 #ifndef HFX_NATIVE_H
 #define HFX_NATIVE_H

@@ -47,7 +47,7 @@ typedef struct {
 HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int64_t count,
                                 uint8_t *inside);
 
-// Whether a point is inside.
+// True if a point is inside.
 static inline int hfx_mesh_holds(const hfx_mesh *mesh, const double p[3]) {
   uint8_t inside;
   hfx_mesh_inside(mesh->grid, p, 1, &inside);
@@ -66,7 +66,7 @@ double hfx_mesh_clearance(const hfx_mesh *mesh, const double p[3], hfx_search *s
 void hfx_mesh_passage(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, uint64_t open,
                       double times[2]);
 
-// Whether such a way may come within `reach` of the volume.
+// True if such a way may come within `reach` of the volume.
 int hfx_mesh_nears(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, double reach);
 
 #endif

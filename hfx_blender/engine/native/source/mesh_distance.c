@@ -15,8 +15,8 @@ static const double WIDER = 1.0 + 1e-12;
 // lack is lost in a search, the rest on the way from it.
 static const double SURE = 0.4, LOOKED = 0.7;
 
-// Of the extent: beyond it the distance to the box is enough; nearer to the boundary a point may count
-// for either side.
+// Shares of the extent: beyond the first one the distance to the box is enough; nearer to the boundary
+// than the second one a point may count for either side.
 static const double AROUND = 1.0 / 16.0, UNSURE = 1e-9;
 
 typedef struct {
@@ -237,7 +237,7 @@ static double first_guess(const Tree *tree, const double *point, int64_t width, 
   return best;
 }
 
-// As TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
+// Distances of TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
 // much. points (3, count), distances (count); nodes, away (2 width): scratch.
 HFX_EXPORT void hfx_mesh_distances_beyond(const hfx_tree *known, const double *points, int64_t count,
                                           double limit, double slack, int64_t width, int64_t *nodes,

@@ -6,7 +6,6 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin.h"
-#include "skin_mesh.h"
 
 #define FLAT_ENOUGH 0.1
 #define BULGE_LIMIT 0.25
@@ -18,7 +17,7 @@ typedef struct {
   double most_share;                // of a unit, that its vertex stands for
 } hfx_spacing;
 
-// What else is known of a quad.
+// Further data of a quad.
 typedef struct {
   double total, reach, mean, size;
   double squares[3];  // of edges, see hfx_diagonal
@@ -112,7 +111,7 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
 
 static double squared_of(int64_t steps) { return (double)(steps * steps); }
 
-// What depends on the area of the whole cell; returns the highest bulge.
+// Sets all that depends on the area of the whole cell; returns the highest bulge.
 static double share_out(const hfx_table *table, const hfx_spacing *spacing, int64_t unit, double area,
                         double cell, const extent *extents) {
   int64_t first = table->quad_starts[unit], count = table->quad_starts[unit + 1] - first;

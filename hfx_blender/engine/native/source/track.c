@@ -7,7 +7,7 @@
 
 // Ids that enter or leave at each set, and how much each weight differs from the same vertex's
 // weight before. Sets ascend, from no set at first; `last` (one for each vertex) is 0 at first.
-// How many toggles there are: at most twice as many as vertices.
+// Returns the number of toggles: at most twice as many as vertices.
 HFX_EXPORT int64_t hfx_track_changes(int64_t sets, const int64_t *sizes, const int32_t *vertices,
                                      const uint8_t *weights, uint8_t *last, int32_t *counts,
                                      int32_t *gaps, uint8_t *changes) {
@@ -40,7 +40,7 @@ HFX_EXPORT int64_t hfx_track_changes(int64_t sets, const int64_t *sizes, const i
   return total;
 }
 
-// Whether each set but the first has the vertices and weights of the one before.
+// Tests each set but the first for the vertices and weights of the one before.
 HFX_EXPORT void hfx_track_repeats(int64_t sets, const int64_t *offsets, const int32_t *vertices,
                                   const void *weights, int64_t width, uint8_t *repeats) {
   const uint8_t *bytes = weights;
