@@ -19,6 +19,7 @@ from . import response_values, skin_values, visibility
 from .activation import Activation, ActivationSource
 from .animation_curves import NotModelledError
 from .fcurve_kinematics import Parents, PlainObject, rest_value
+from .soundness import animated_paths
 from .surface_reading import SurfaceVertices
 
 _CHUNK = 256
@@ -167,12 +168,19 @@ def is_rigid(effect: bpy.types.Object) -> bool:
     return True
 
 
+_DEFORMING = ("ARMATURE", "LATTICE")
+"""Types of parenting by which a parent deforms a mesh, as a modifier would."""
+
+
 def _refuse_deformed(effect: bpy.types.Object) -> None:
     mesh = effect.data
     if effect.type != "MESH":
         raise NotModelledError(f"'{effect.name}' is no mesh")
-    if any(modifier.show_viewport for modifier in effect.modifiers):
+    switched = (path.endswith("].show_viewport") for path in animated_paths(effect))
+    if any(modifier.show_viewport for modifier in effect.modifiers) or any(switched):
         raise NotModelledError(f"modifiers deform '{effect.name}'")
+    if effect.parent is not None and effect.parent_type in _DEFORMING:
+        raise NotModelledError(f"'{effect.parent.name}' deforms '{effect.name}'")
     if mesh.shape_keys is not None:
         raise NotModelledError(f"shape keys deform '{effect.name}'")
     if mesh.animation_data is not None:

@@ -244,7 +244,7 @@ class Sources:
         try:
             return self._shapes.shape_of(source, evaluated, part)
         except InputError as error:
-            self._faults.setdefault(str(error), set()).add(index)
+            soundness.add_fault(self._faults, str(error), index)
             return None  # silent while its mesh has no inside
 
 

@@ -149,6 +149,13 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
     return hfx.kind == only[name] if name in only else True
 
 
+def add_fault(faults: dict[str, set[int]], text: str, index: int) -> None:
+    """Add a fault at a sample; those that differ after the colon only count as the first one."""
+    head = text.partition(": ")[0]
+    same = (known for known in faults if known.partition(": ")[0] == head)
+    faults.setdefault(next(same, text), set()).add(index)
+
+
 def animated_paths(obj: bpy.types.ID) -> list[str]:
     """Paths that curves or drivers of an object or other data write, each once."""
     data = obj.animation_data

@@ -17,7 +17,7 @@ from ..engine.arrays import F64
 from ..engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, response_values, skin_values
+from . import activation, response_values, skin_values, soundness
 from .curve_reading import is_rigid
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
@@ -121,7 +121,7 @@ class SteppedReading:
                 values.vertices = self._vertices.of(effect, evaluated)
             except InputError as error:
                 values.vertices, values.level = self._vertices.last_of(effect), 0.0
-                self.faults.setdefault(str(error), set()).add(index)
+                soundness.add_fault(self.faults, str(error), index)
             values.matrix = effect_values.to_metres(matrix, self._unit_m)
         if hfx.kind == "VOLUME":
             if hfx.shape == "MESH" and _shows_only_instances(evaluated):
@@ -129,7 +129,7 @@ class SteppedReading:
             try:
                 values.shape = self._shape(which, evaluated)
             except InputError as error:
-                self.faults.setdefault(str(error), set()).add(index)
+                soundness.add_fault(self.faults, str(error), index)
                 values.shape = self._shapes.last_of(effect)
                 if values.shape is None:
                     return EffectRow()

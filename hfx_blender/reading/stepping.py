@@ -8,6 +8,7 @@ reproduce is known and looked for; where code may run, a few times are compared 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -70,7 +71,10 @@ class Stepper:
             self._simulation.go_to(frame)
         for rig in self._presampled:
             rig.set_frame(frame)
+        camera = self._scene.camera
         self._scene.frame_set(whole, subframe=rest / frame.denominator)
+        if self._scene.camera != camera:  # by a marker, after all that depends on it was evaluated
+            self._scene.frame_set(whole, subframe=rest / frame.denominator)
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """Evaluated object at this time."""
@@ -92,14 +96,14 @@ Stepping = AbstractContextManager[Stepper]
 
 @contextmanager
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
-    """Context that steps the user's scene, after its simulation; its frame is restored.
+    """Context that steps the user's scene, after its simulation; frame and camera are restored.
 
     Meanwhile dormant effects that nothing else can depend on are disabled in viewports, so that
     Blender does not evaluate them.
     """
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
-        before = scene.frame_current, scene.frame_subframe
+        before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
         idle = [obj for obj in _idle(found) if not obj.hide_viewport]
         try:
             for obj in idle:
@@ -111,6 +115,8 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
             for obj in idle:
                 obj.hide_viewport = False
             scene.frame_set(before[0], subframe=before[1])
+            if scene.camera != camera:
+                scene.camera = camera
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
@@ -121,6 +127,7 @@ def _idle(found: HapticObjects) -> list[bpy.types.Object]:
     kept = reached_from(obj for obj in objects if obj not in asleep)
     felt = (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT" and obj not in asleep)
     kept.update(filter(is_instancer, data_reaching(felt)))
+    kept.update(obj for obj in asleep if obj.type == "META")  # others may be of its family
     return [
         obj
         for obj in asleep
@@ -176,7 +183,8 @@ def _scratch(
     try:
         for name in _RENDER_SETTINGS:
             setattr(scratch.render, name, getattr(scene.render, name))
-        for obj in dict.fromkeys(objects):  # several bodies may show one mesh
+        every = (each for obj in objects for each in (obj, *_metaball_family(obj, scene)))
+        for obj in dict.fromkeys(every):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
         for rig in presampled:
             made += rig.make_copy()
@@ -193,6 +201,19 @@ def _scratch(
         scratch.frame_set(scene.frame_current, subframe=scene.frame_subframe)
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
         bpy.data.batch_remove(made)
+
+
+def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Metaballs of a scene that make one surface with another: all of its name but the number."""
+    if obj.type != "META":
+        return []
+    shown = visibility.enabled_objects(scene.view_layers[0].layer_collection)
+    balls = [each for each in scene.objects if each.type == "META" and each in shown]
+    return [ball for ball in balls if _without_number(ball.name) == _without_number(obj.name)]
+
+
+def _without_number(name: str) -> str:
+    return re.sub(r"\.\d+$", "", name)
 
 
 # Module of our own handlers: ``hfx_blender``, or its longer name as an extension.

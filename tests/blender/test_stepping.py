@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.reading import reading_plan, scene_reader, stepping
+from hfx_blender.reading import curve_reading, reading_plan, scene_reader, soundness, stepping
 from hfx_blender.reading.animation_curves import NotModelledError
 from hfx_blender.reading.scene_reader import SceneReader
 
@@ -131,6 +131,81 @@ def test_a_driver_that_reads_its_context(scene: Any, ball: Any) -> None:
     evaluation = oracle.evaluate(scene, rate_hz=24)
     assert evaluation.reader.stepping_note == OWN + "a driver of 'Ball' reads the scene"
     assert evaluation.of("Ball", 11).parameters.tolist() == [12]
+
+
+def test_a_camera_that_a_marker_switches(scene: Any, ball: Any) -> None:
+    """It counts at the very sample of its marker, and the user's own choice comes back."""
+    for number, frame in enumerate((1, 13)):
+        camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))
+        scene.collection.objects.link(camera)
+        camera.location.x = 30.0 + number
+        scene.timeline_markers.new(camera.name, frame=frame).camera = camera
+    scene.camera = camera
+    _, variable = _driver(ball, "hfx.temperature")
+    variable.type = "CONTEXT_PROP"
+    variable.targets[0].context_property = "ACTIVE_SCENE"
+    variable.targets[0].data_path = "camera.location.x"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    for index, sample in evaluation.samples["Ball"].items():
+        assert sample.parameters.tolist() == [30 + (index >= 12)]
+    assert scene.camera == camera
+
+
+def test_metaballs_of_one_name_make_one_surface(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the first is an effect; the second, which belongs to no effect, widens it."""
+    bpy.data.objects.remove(ball)
+    for x in (0.0, 0.25):
+        bpy.ops.object.metaball_add(type="BALL", radius=0.25, location=(x, 0.0, 1.2))
+        bpy.context.object.data.resolution = 0.06
+    first = bpy.data.objects["Mball"]
+    first.hfx.role, first.hfx.shape, first.hfx.modality = "EFFECT", "MESH", "temperature"
+    scratch = oracle.evaluate(scene, frames=(1, 1), rate_hz=24)
+    assert scratch.reader.stepping_note == SCRATCH + "'Mball' is no mesh"
+    step_own_scene(monkeypatch)
+    own = oracle.evaluate(scene, frames=(1, 1), rate_hz=24)
+    assert own.of("Mball", 0).vertices.size > 3
+    _assert_same(scratch, own)
+
+
+def test_a_lattice_that_is_the_parent_deforms_as_its_modifier_does(scene: Any, ball: Any) -> None:
+    cage = bpy.data.objects.new("Cage", bpy.data.lattices.new("Cage"))
+    scene.collection.objects.link(cage)
+    cage.location.z = 1.2
+    cage.data.points[0].co_deform.x -= 0.2
+    oracle.key(cage, "scale", [(1, (0.4, 0.4, 0.4)), (24, (0.8, 0.8, 0.8))])
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=0.3)
+    bag = oracle.add_mesh_volume("Bag", "temperature", bpy.context.object)
+    bag.parent = cage
+    bag.modifiers.new("Lattice", "LATTICE").object = cage
+    by_modifier = oracle.evaluate(scene, rate_hz=6)
+    bag.modifiers.clear()
+    bag.parent_type = "LATTICE"
+    by_parent = oracle.evaluate(scene, rate_hz=6)
+    sizes = {len(sample.vertices) for sample in by_parent.samples["Bag"].values()}
+    assert len(sizes) > 2
+    _assert_same(by_modifier, by_parent)
+
+
+def test_a_modifier_that_is_switched_on_later(scene: Any, ball: Any) -> None:
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=0.3)
+    bag = oracle.add_mesh_volume("Bag", "temperature", bpy.context.object)
+    bag.modifiers.new("Smooth", "SMOOTH").show_viewport = False
+    assert curve_reading.is_rigid(bag)
+    oracle.key(bag, 'modifiers["Smooth"].show_viewport', [(12, True), (1, False)])
+    assert not curve_reading.is_rigid(bag)
+
+
+def test_faults_that_differ_in_numbers_only_are_told_once() -> None:
+    faults: dict[str, set[int]] = {}
+    soundness.add_fault(faults, "'a' is not closed: 3 of its 9 edges", 1)
+    soundness.add_fault(faults, "'a' is not closed: 4 of its 9 edges", 2)
+    soundness.add_fault(faults, "'b' is not closed: 4 of its 9 edges", 2)
+    assert faults == {
+        "'a' is not closed: 3 of its 9 edges": {1, 2},
+        "'b' is not closed: 4 of its 9 edges": {2},
+    }
 
 
 def test_a_driver_of_other_objects_is_no_reason(scene: Any, ball: Any) -> None:
