@@ -66,7 +66,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     if stays and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
-    with _alone_in(folder):
+    with _locked(folder):
         moved = tuple(map(Path.replace, files, targets))
     if stays:
         for each in {folder, *(target.parent for target in targets)}:
@@ -187,7 +187,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     """Context in which no other process moves files into a folder: sets of files do not mix.
 
     Nobody waits longer than :data:`PATIENCE_S`, nor where there are no locks: what is finished is

@@ -66,12 +66,12 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         left_out.refuse(arguments)
         with blender_session.interrupts_held():  # numpy's C code makes ImportErrors of Ctrl-C
             parser = build_parser(prog)
-        options = parser.parse_args(_joined(arguments))
+        options = parser.parse_args(_joined_ranges(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             with file_limits.raised(getattr(options, "largest", 1.0)):
                 code = int(options.run(options, console))
-        return code or _unless_lost(console)
+        return code or _exit_code_of(console)
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
@@ -93,7 +93,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         return _defect(console)
 
 
-def _unless_lost(console: Console) -> int:
+def _exit_code_of(console: Console) -> int:
     """Exit code of finished work, by whether its results could be printed."""
     if console.fault is None:
         return 0
@@ -119,7 +119,7 @@ def _defect(console: Console) -> int:
 _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
-def _joined(arguments: Sequence[str]) -> list[str]:
+def _joined_ranges(arguments: Sequence[str]) -> list[str]:
     """Join ``--frames -10:20`` into one argument: argparse would take the range for an option."""
     joined: list[str] = []
     for argument in arguments:

@@ -24,7 +24,7 @@ from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
-from .engine.rendering.devices import misfits, renderers_given
+from .engine.rendering.devices import misfits, renderers_of_track
 from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
@@ -220,7 +220,9 @@ class SceneExport:
             if seen.is_any:
                 seen.join([part.volumes for part in parts], self._blocks_at)
             with TrackReader(track) as whole:
-                rendered = finish(rendering(whole, renderers_given(whole, self._settings.devices)))
+                rendered = finish(
+                    rendering(whole, renderers_of_track(whole, self._settings.devices))
+                )
             recorded = Recorded.merged([part.recorded for part in parts])
             return self._finish(track, seen, recorded, rendered, folder, made_from or {})
 
@@ -374,7 +376,7 @@ def _write_clips(
     if not found:
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
     written = Written()
-    told: list[str] = []
+    of_clips: list[str] = []
     names = result_files.distinct(named.name for named in found)
     for named, name in zip(found, names, strict=True):
         part = stem.with_name(f"{stem.name}.{name}")
@@ -389,7 +391,7 @@ def _write_clips(
             if "track" in settings.formats:
                 written += Written((path,))
             devices = [each for each in settings.devices if each.id not in rendered.silent]
-            of_clip = finish(rendering(track, renderers_given(track, devices)))
+            of_clip = finish(rendering(track, renderers_of_track(track, devices)))
             if of_clip.silent:
                 reasons = {
                     device: f"clip '{named.name}': {reason}"
@@ -398,13 +400,13 @@ def _write_clips(
                 left = rendered.without(reasons)
                 return _write_clips(whole, settings, left, stem, tolerance)
             written += Written(notes=of_clip.notes)
-            told += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
+            of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
             played = _placed(whole.header, of_clip.played, stem, part)
             made = registry.write_all(
                 settings.formats, played, track, settings.devices, part, tolerance
             )
             written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
-    return written, replace(rendered, warnings=(*rendered.warnings, *told))
+    return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))
 
 
 def _placed(

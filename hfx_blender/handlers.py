@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 @persistent
 def _before_saving(*_: object) -> None:
     effects.settle_ids()
-    painting.take_over_all()
+    painting.store_all_painted()
 
 
 @persistent

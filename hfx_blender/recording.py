@@ -17,20 +17,20 @@ from .engine.body.model import load_model
 from .engine.counters import Counters
 from .engine.evaluate import Engine
 from .engine.parallel.evaluating import evaluated
-from .engine.parallel.overlapping import in_turn, overlapped
+from .engine.parallel.overlapping import overlapped, sequentially
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import renderers_of
 from .engine.rendering.render import Renderer
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
-from .engine.track import TrackHeader, TrackWriter, as_kept
+from .engine.track import TrackHeader, TrackWriter, as_stored
 from .engine.track.joining import joined
 from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .reading_counters import ReadingCounters
 
 Watch = Callable[[AnimationBlock], None]
-Felt = tuple[AnimationBlock, list[SampleRun]]
+BlockSamples = tuple[AnimationBlock, list[SampleRun]]
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,9 @@ def record_track(
             header = _header(reader.description, settings, tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
-                for some in _chunks(_heard(found, first, engine.counters)):
+                for some in _chunks(_without_warm_up(found, first, engine.counters)):
                     runs = joined((felt for _, felt in some), header.streams)
-                    runs = [as_kept(run, full_precision=full_precision) for run in runs]
+                    runs = [as_stored(run, full_precision=full_precision) for run in runs]
                     writer.append(runs)
                     for _, renderer in renderers:
                         renderer.add(runs)
@@ -166,7 +166,7 @@ def record_track(
         finished.extend(renderers)
 
     # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
-    together = overlapped if reader.is_stepped else in_turn
+    together = overlapped if reader.is_stepped else sequentially
     # Scenes are restored even if the caller stops after a step.
     with closing(blocks), closing(together(counted(), work)) as worked:
         for done_now in worked:
@@ -185,7 +185,9 @@ def _header(
     return TrackHeader.of(scene, models, settings=settings, tools=tools)
 
 
-def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Felt]:
+def _without_warm_up(
+    found: Iterator[BlockSamples], first: int, counters: Counters
+) -> Iterator[BlockSamples]:
     """Yields blocks from sample ``first`` on; discards the counters of warm-up blocks."""
     for block, felt in found:
         if block.own_indices[-1] < first:
@@ -194,9 +196,9 @@ def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Fe
             yield block, felt
 
 
-def _chunks(found: Iterator[Felt]) -> Iterator[list[Felt]]:
+def _chunks(found: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:
     """Group blocks by chunk of the track; an empty list while a chunk goes on."""
-    some: list[Felt] = []
+    some: list[BlockSamples] = []
     for pair in found:
         if some and _chunk(some[-1]) != _chunk(pair):
             yield some
@@ -208,5 +210,5 @@ def _chunks(found: Iterator[Felt]) -> Iterator[list[Felt]]:
         yield some
 
 
-def _chunk(pair: Felt) -> int:
+def _chunk(pair: BlockSamples) -> int:
     return int(pair[0].indices[-1]) // SAMPLES_PER_CHUNK

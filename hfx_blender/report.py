@@ -43,8 +43,8 @@ def describe(report: ExportReport) -> str:
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    told = set(report.silent_devices)  # by the command, on its own
-    warnings = (text for text in report.warnings if text not in told)
+    already_said = set(report.silent_devices)  # by the command, on its own
+    warnings = (text for text in report.warnings if text not in already_said)
     lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
     lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]

@@ -78,7 +78,7 @@ def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
     from .playback.live import live
 
     if self.id_data == context.scene:
-        live.turn_down(context.scene)
+        live.apply_mutes(context.scene)
 
 
 class HfxDeviceName(bpy.types.PropertyGroup):

@@ -45,7 +45,7 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
     if stored is None:
         return []
     if not hasattr(stored, "keys"):
-        return [BadValue("", _told(stored), "a group of properties", "nothing")]
+        return [BadValue("", _described(stored), "a group of properties", "nothing")]
     return list(_bad_of(owner.hfx, stored, ""))
 
 
@@ -82,12 +82,12 @@ def _bad_of(
                 yield found
         elif kind == "STRING":
             if not isinstance(value, str | bytes):
-                yield BadValue(path, _told(value), "a text", "an empty text")
+                yield BadValue(path, _described(value), "a text", "an empty text")
         elif kind == "POINTER" and definition.fixed_type.base.identifier == "PropertyGroup":
             if hasattr(value, "keys"):
                 yield from _bad_of(getattr(group, name), value, path + ".")
             else:
-                yield BadValue(path, _told(value), "a group of properties", None)
+                yield BadValue(path, _described(value), "a group of properties", None)
         elif kind == "POINTER":
             what = definition.fixed_type.identifier
             # 4.5 stores an empty group when code asks for a pointer that was never set.
@@ -95,7 +95,7 @@ def _bad_of(
             if not is_unset and not isinstance(value, getattr(bpy.types, what)):
                 is_other = isinstance(value, bpy.types.ID)
                 yield BadValue(
-                    path, _told(value), f"a datablock {what}", None if is_other else "none"
+                    path, _described(value), f"a datablock {what}", None if is_other else "none"
                 )
         elif kind == "COLLECTION":
             yield from _bad_entries(getattr(group, name), value, path)
@@ -103,7 +103,7 @@ def _bad_of(
 
 def _bad_entries(entries: Any, stored: Any, path: str) -> Iterator[BadValue]:
     if not isinstance(stored, list) or len(stored) != len(entries):
-        yield BadValue(path, _told(stored), "a list of entries", "an empty list")
+        yield BadValue(path, _described(stored), "a list of entries", "an empty list")
         return
     for k, (entry, each) in enumerate(zip(entries, stored, strict=True)):
         yield from _bad_of(entry, each, f"{path}[{k}].")
@@ -115,20 +115,20 @@ def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadVal
     count = 0 if definition.type == "ENUM" else definition.array_length
     if count:
         if getattr(value, "typecode", "none") not in _ARRAYS[definition.type]:
-            return BadValue(path, _told(value), f"{count} times {allowed}", None)
+            return BadValue(path, _described(value), f"{count} times {allowed}", None)
         if len(value) != count:
             default = ", ".join(f"{each:g}" for each in definition.default_array)
             return BadValue(path, f"{len(value)} numbers", f"{count} times {allowed}", default)
         row = list(value)
         if all(_is_within(definition, each) for each in row):
             return None
-        told = ", ".join(f"{each:g}" for each in row)
+        described = ", ".join(f"{each:g}" for each in row)
         taken = None
         if all(map(math.isfinite, row)):
             taken = ", ".join(f"{_nearest(definition, each):g}" for each in row)
-        return BadValue(path, told, f"{count} times {allowed}", taken)
+        return BadValue(path, described, f"{count} times {allowed}", taken)
     if not isinstance(value, _NUMBERS[definition.type]):
-        return BadValue(path, _told(value), allowed, str(definition.default))
+        return BadValue(path, _described(value), allowed, str(definition.default))
     if definition.type == "ENUM":
         known = any(item.value == value for item in definition.enum_items)
         return None if known else BadValue(path, f"item {value}", allowed, None)
@@ -161,7 +161,7 @@ def _allowed(definition: bpy.types.Property) -> str:
     return f"{low:g} or more" if high >= endless else f"{low:g} to {high:g}"
 
 
-def _told(value: Any) -> str:
+def _described(value: Any) -> str:
     if isinstance(value, str):
         return f"the text '{value[:40]}'"
     if isinstance(value, bpy.types.ID):

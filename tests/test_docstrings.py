@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Docstrings say what a thing is or does: they begin with a noun or a verb."""
+"""Docstrings and comments of C say what a thing is or does: they begin with a noun or a verb."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "hfx_blender"
 
 # Modules, classes, functions and constants alike. Parsing all files would take a second.
 _FIRST_WORD = re.compile(r'^[ \t]*r?"""([^\s"]+)', re.MULTILINE)
+
+# First lines of comments in C that stand on lines of their own.
+_FIRST_WORD_IN_C = re.compile(
+    r"^(?![ \t]*//)[^\n]*\n[ \t]*//[ ]([^\s:,]+)|^[ \t]*/\*[ ]([^\s:,]+)", re.MULTILINE
+)
 
 _CLAUSES = {"What", "Where", "Which", "How", "Who", "Whom", "Whose", "That", "Whether", "When"}
 _CLAUSES |= {"Why", "If", "As", "So", "Those", "These", "Of", "From", "To", "Nobody", "Nothing"}
@@ -28,6 +34,25 @@ def test_docstrings_begin_with_a_noun_or_a_verb() -> None:
     assert len(found) > 3000  # the pattern still finds them
     clauses = [each for each in found if each[0] in _CLAUSES]
     assert not clauses
+
+
+def _first_words_in_c(text: str) -> list[str]:
+    return ["".join(each) for each in _FIRST_WORD_IN_C.findall(text)]
+
+
+def test_comments_in_c_begin_with_a_noun_or_a_verb() -> None:
+    folders = PACKAGE / "engine" / "native" / "source", ROOT / "players" / "core", ROOT / "firmware"
+    found = [
+        (word, path.relative_to(ROOT))
+        for folder in folders
+        for path in sorted(folder.rglob("*.[ch]"))
+        for word in _first_words_in_c(path.read_text(encoding="utf-8"))
+    ]
+    assert len(found) > 250  # the pattern still finds them
+    clauses = [each for each in found if each[0] in _CLAUSES]
+    assert not clauses
+    text = "int a;\n// What it is, if\n// How much\n\n  /* Whether: */\n  b();\n  // Which one.\n"
+    assert _first_words_in_c(text) == ["What", "Whether", "Which"]
 
 
 def test_first_words_are_those_of_docstrings() -> None:

@@ -92,7 +92,7 @@ static uint32_t check_of(const hfx_core *core)
     return sum;
 }
 
-/* How fast accounts fill and empty. Rounded so that a channel is rather on for less, never more. */
+/* Rates at which accounts fill and empty. Rounded so that a channel is rather on for less, never more. */
 static void limit(hfx_core *core, uint32_t most_on_ms, uint32_t rest_ms)
 {
     uint32_t on_ms = most_on_ms && most_on_ms < HFX_MAX_ON_MS ? most_on_ms : HFX_MAX_ON_MS;
@@ -110,7 +110,7 @@ static void limit(hfx_core *core, uint32_t most_on_ms, uint32_t rest_ms)
         core->empties_per_ms = 1;
 }
 
-/* What is left of an amount of HFX_FULL at most, at least 0. */
+/* Rest of an amount of HFX_FULL at most, at least 0. */
 static uint32_t less(uint32_t amount, uint32_t passed_ms, uint32_t per_ms)
 {
     if (passed_ms > 2 && passed_ms > amount / per_ms) /* the product might not fit; a board */

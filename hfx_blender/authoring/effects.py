@@ -206,7 +206,7 @@ def _make_effect(
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
     """Collection for a new effect: one of our own that is visible, made if need be."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
-    unseen = set() if layer is None else set(_unseen(layer.layer_collection))
+    unseen = set() if layer is None else set(_hidden(layer.layer_collection))
     for collection in scene.collection.children_recursive:
         is_ours = collection.name.startswith(COLLECTION)
         if is_ours and _is_own(collection) and collection not in unseen:
@@ -221,12 +221,12 @@ def _is_own(collection: bpy.types.Collection) -> bool:
     return collection.library is None and collection.override_library is None
 
 
-def _unseen(found: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
+def _hidden(found: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
     """Collections that are excluded from a view layer or hidden in it."""
     for child in found.children:
         if child.exclude or not child.is_visible:
             yield child.collection
-        yield from _unseen(child)
+        yield from _hidden(child)
 
 
 def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:

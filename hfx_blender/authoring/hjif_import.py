@@ -62,13 +62,13 @@ def import_hjif(
     InputError
         The file cannot be read; nothing was added.
     """
-    document, told = reader.decode_telling(read_bytes(path), str(path))
+    document, tolerated = reader.decode_with_notes(read_bytes(path), str(path))
     # Everything is read before anything is made.
     found = [_with_ticks(each) for each in envelopes(document, str(path))]
     ours = _own_models(document, path.parent)
     made: list[bpy.types.Object] = []
     left_out: list[str] = []
-    notes = list(told)
+    notes = list(tolerated)
     for each in found:
         modality = _OURS.get(each.modality)
         left_out += each.left_out

@@ -88,7 +88,7 @@ def carried_over(
     return areas.transferred(earlier, painted, load_model(model_id))
 
 
-def hindrance(model_id: str, content_hash: str) -> str:
+def reason_not_carried(model_id: str, content_hash: str) -> str:
     """State why an area on an earlier edition was not carried over, as the end of a sentence."""
     if f"{model_id}.{content_hash}" not in known() or find_spec("scipy") is not None:
         return ""

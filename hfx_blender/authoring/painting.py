@@ -167,7 +167,7 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
     return found
 
 
-def take_over_all() -> None:
+def store_all_painted() -> None:
     """Store all areas that are being painted with their effects, so that saved files and exports
     have them.
     """

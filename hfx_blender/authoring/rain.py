@@ -63,7 +63,7 @@ def make(
     remove(body, name)
     model = load_model(effects.model_id_for("vibration"))
     chance = random.Random(seed)
-    centres = model.vertices[_tour(model, _places(model, min(count, MAX_PLACES), chance))]
+    centres = model.vertices[_nearest_order(model, _places(model, min(count, MAX_PLACES), chance))]
     knots = paths.skin().on_skin(centres.astype(np.float64))
     path, shares = paths.skin().traced(knots)
     times = sorted(chance.uniform(0.0, duration_s) for _ in range(count))
@@ -78,12 +78,12 @@ def make(
         effect.hfx.radius, effect.hfx.falloff = 0.5 * drop_size_m / metres_of(scene), "none"
         paths.set_path(effect, path, knots)
         effect[paths.KIND], effect[paths.CLOSED] = "traced", 0
-        _add_clip(scene, effect, frame, _apart(drops[k::number], duration_s), duration_s)
+        _add_clip(scene, effect, frame, _spaced(drops[k::number], duration_s), duration_s)
         made.append(effect)
     return made
 
 
-def _apart(drops: list[tuple[float, float]], duration_s: float) -> list[tuple[float, float]]:
+def _spaced(drops: list[tuple[float, float]], duration_s: float) -> list[tuple[float, float]]:
     """Drops (seconds, place), each after the end of the one before, and all within the rain."""
     starts = np.array([time for time, _ in drops])
     slots = np.arange(len(drops)) * (_DROP_S + _PAUSE_S)
@@ -119,7 +119,7 @@ def _add_clip(
     )
 
 
-def _tour(model: PerceptualModel, places: list[int]) -> list[int]:
+def _nearest_order(model: PerceptualModel, places: list[int]) -> list[int]:
     """Places in an order in which each is followed by the nearest one that is left."""
     found, left = places[:1], places[1:]
     while left:

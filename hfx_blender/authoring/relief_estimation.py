@@ -70,10 +70,10 @@ class ReliefEstimation:
         InputError
             It failed.
         """
-        _, told = self._process.communicate()
+        _, error_output = self._process.communicate()
         try:
             if self._process.returncode:
-                lines = told.decode(errors="replace").strip().splitlines() or ["it ended"]
+                lines = error_output.decode(errors="replace").strip().splitlines() or ["it ended"]
                 raise InputError(f"The relief of '{self.name}' was not estimated: {lines[-1]}")
             with np.load(self._target) as file:
                 heights, slope, roughness = (

@@ -10,7 +10,7 @@ import bpy
 from .. import compat
 from ..engine.response_filters.controls import CONTROLS, FilterKind
 from . import response_animation, responses
-from .response_recipes import FilterRecipe, Keys, abouts_of
+from .response_recipes import FilterRecipe, Keys, references_of
 
 
 def response_recipe(
@@ -56,7 +56,7 @@ def _recipe(
         kind.value,
         values,
         each.operation,
-        about if abouts_of(kind) else "centre",
+        about if references_of(kind) else "centre",
         bool(each.is_muted),
         tuple(keys),
     )

@@ -65,7 +65,7 @@ _RANGES: Final[dict[str, tuple[float, float, str]]] = {
 }
 
 
-def abouts_of(kind: FilterKind) -> tuple[str, ...]:
+def references_of(kind: FilterKind) -> tuple[str, ...]:
     """References that distances of a kind of filter may be measured from; empty if it measures
     none.
     """
@@ -89,7 +89,7 @@ def _filter(node: Node) -> FilterRecipe:
     entries = node.entries(allowed="an object")
     kinds = tuple(each.value for each in FilterKind)
     kind = FilterKind(entries["kind"].choice(kinds)) if "kind" in entries else FilterKind.IMPACT
-    abouts = abouts_of(kind)
+    abouts = references_of(kind)
     required = ("kind", "controls", *(("about",) if abouts else ()))
     members = node.members(required=required, optional=("operation", "muted", "keys"))
     operations = tuple(each.value for each in Operation)
@@ -120,7 +120,7 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
     found = []
     for each in response:
         document: dict[str, Any] = {"kind": each.kind, "operation": each.operation}
-        if abouts_of(FilterKind(each.kind)):
+        if references_of(FilterKind(each.kind)):
             document["about"] = each.about
         if each.is_muted:
             document["muted"] = True

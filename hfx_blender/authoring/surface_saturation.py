@@ -31,13 +31,13 @@ def warning(obj: bpy.types.Object, made: HapticMap) -> str:
     share = float((made.intensity >= 1.0).mean())
     if share < MOST:
         return ""
-    told = f"the map is at full strength over {share:.0%} of the surface"
+    finding = f"the map is at full strength over {share:.0%} of the surface"
     found = _tallest(obj) if obj.hfx.surface.source == "MATERIAL" else None
     if found is None:
-        return f"{told}: lower its heights, or raise Full Slope"
+        return f"{finding}: lower its heights, or raise Full Slope"
     height_m, material, node = found
     return (
-        f"{told}: the {node.bl_label} node of material '{material.name}' makes heights of "
+        f"{finding}: the {node.bl_label} node of material '{material.name}' makes heights of "
         f"{height_m:g} m; set its {_STATES_HEIGHT[node.type]} to the relief's real height, such as "
         "0.001 m, and press Make Maps"
     )

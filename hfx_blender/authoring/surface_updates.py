@@ -39,7 +39,7 @@ def request(obj: bpy.types.Object) -> None:
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
         return  # nothing was made yet: the first bake needs a request
     _waiting.add(obj.name)
-    _later(_make, DELAY_S)
+    _schedule(_make, DELAY_S)
 
 
 def shown(obj: bpy.types.Object) -> None:
@@ -145,7 +145,7 @@ def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
         obj.hfx.surface.is_faulty = True
 
 
-def _later(work: Callable[[], object], delay_s: float) -> None:
+def _schedule(work: Callable[[], object], delay_s: float) -> None:
     remove_timers(work)
     call_soon(work, delay_s)
 

@@ -8,7 +8,8 @@ are numbered mesh after mesh in that order.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import bpy
@@ -221,18 +222,20 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         _check_scale(obj)
     world = np.array(armature.matrix_world, np.float64)
     to_rest = np.array(_to_rest(armature, mesh_object), np.float64)
-    points, triangles = rest_surface(mesh_object)
     bones = armature.data.bones
-    names = tuple(
-        group.name
+    groups = {
+        group.name: group.index
         for group in mesh_object.vertex_groups
         if group.name in bones and bones[group.name].use_deform
-    )
+    }
+    names = tuple(groups)
     carrier = bone_of(armature, mesh_object)
-    if carrier is not None:
-        names, weights = (carrier,), _rigid_weights(len(points))
-    else:
-        weights = _weights(mesh_object, names)
+    with _whole_mesh(mesh_object) as mesh:
+        points, triangles = _surface_of(mesh)
+        if carrier is not None:
+            names, weights = (carrier,), _rigid_weights(len(points))
+        else:
+            weights = _weights(mesh, list(groups.values()))
     unit = metres_of(bpy.context.scene)
     return TargetAvatar(
         vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
@@ -259,11 +262,52 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
     return at_bone @ at.matrix_parent_inverse @ at.matrix_basis @ matrix
 
 
+def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """Mirror modifiers that make a mesh whole before its armature deforms it."""
+    found = []
+    for modifier in mesh.modifiers:
+        if modifier.type == "ARMATURE":
+            break
+        if modifier.type == "MIRROR" and modifier.show_viewport:
+            found.append(modifier)
+    return found
+
+
+@contextmanager
+def _whole_mesh(mesh: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """Undeformed mesh of an object, with the half that Mirror modifiers make."""
+    kept = {modifier.name for modifier in mirrors_of(mesh)}
+    if not kept:
+        yield mesh.data
+        return
+    scene, alone = bpy.context.scene, mesh.copy()
+    for modifier in [each for each in alone.modifiers if each.name not in kept]:
+        alone.modifiers.remove(modifier)
+    scene.collection.objects.link(alone)
+    try:
+        graph = bpy.context.evaluated_depsgraph_get()
+        whole = bpy.data.meshes.new_from_object(
+            alone.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
+        )
+    finally:
+        bpy.data.objects.remove(alone)
+        bpy.context.view_layer.update()  # its list of objects is stale until then
+    try:
+        yield whole
+    finally:
+        bpy.data.meshes.remove(whole)
+
+
 def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Undeformed vertices (A, 3) and triangles (F, 3) of a mesh, its local space."""
+    """Undeformed vertices (A, 3) and triangles (F, 3) of an object's mesh, its local space."""
+    with _whole_mesh(mesh_object) as mesh:
+        return _surface_of(mesh)
+
+
+def _surface_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (A, 3) and triangles (F, 3) of a mesh, local space."""
     import numpy as np
 
-    mesh = mesh_object.data
     points = np.zeros(len(mesh.vertices) * 3, np.float32)
     mesh.vertices.foreach_get("co", points)
     mesh.calc_loop_triangles()
@@ -297,14 +341,15 @@ def _rigid_weights(count: int) -> SkinWeights:
     )
 
 
-def _weights(mesh_object: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:
+def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
+    """Weights of a mesh's vertices in some vertex groups, in their order."""
     import numpy as np
 
     from ..engine.body.model import SkinWeights
 
-    column = {mesh_object.vertex_groups[name].index: number for number, name in enumerate(names)}
+    column = {group: number for number, group in enumerate(groups)}
     counts, bones, values = [0], [], []
-    for vertex in mesh_object.data.vertices:
+    for vertex in mesh.vertices:
         row = sorted(
             (column[element.group], element.weight)
             for element in vertex.groups

@@ -19,7 +19,6 @@ from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_ava
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
-from ..stepwise import finish
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
@@ -58,15 +57,6 @@ def add_avatar(
         retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))
     mark_body(armature, [mesh])
     return armature, mesh
-
-
-def add_body(
-    armature: bpy.types.Object,
-    avatar: bpy.types.Object | None,
-    parts: Sequence[bpy.types.Object] = (),
-) -> list[str]:
-    """:func:`adding_body` at once."""
-    return finish(adding_body(armature, avatar, parts))
 
 
 def adding_body(
@@ -231,7 +221,7 @@ def _overlap(one: tuple[F64, F64], other: tuple[F64, F64]) -> bool:
     return bool((one[0] < other[1] - _INSIDE_M).all() and (other[0] < one[1] - _INSIDE_M).all())
 
 
-def _home(context: bpy.types.Context) -> bpy.types.Collection:
+def _collection_for_body(context: bpy.types.Context) -> bpy.types.Collection:
     """Collection of a new body: the active one, if it can be seen and takes objects."""
     active = context.view_layer.active_layer_collection
     found = active.collection
@@ -241,7 +231,7 @@ def _home(context: bpy.types.Context) -> bpy.types.Collection:
 
 def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    _home(context).objects.link(armature)
+    _collection_for_body(context).objects.link(armature)
     for other in context.selected_objects:
         other.select_set(False)
     context.view_layer.objects.active = armature

@@ -164,7 +164,12 @@ def _mesh_beyond_bones(body: bpy.types.Object, mesh: bpy.types.Object) -> str | 
         return f"modifier '{modifier.name}' does not deform by plain vertex groups"
     if len(armatures) > 1:
         return "several armature modifiers deform it"
-    others = [m for m in mesh.modifiers if m.show_viewport and m.type not in _HARMLESS_MODIFIERS]
+    mirrors = avatar_meshes.mirrors_of(mesh)
+    others = [
+        m
+        for m in mesh.modifiers
+        if m.show_viewport and m.type not in _HARMLESS_MODIFIERS and m not in mirrors
+    ]
     if others:
         return f"modifier '{others[0].name}' deforms it too"
     bones = body.data.bones
@@ -266,12 +271,13 @@ def read_surface(avatar: bpy.types.Object, evaluated: bpy.types.Object) -> np.nd
     count = len(avatar.data.vertices)
     positions = np.zeros(len(mesh.vertices) * 3, np.float32)
     mesh.attributes["position"].data.foreach_get("vector", positions)
-    if len(mesh.vertices) < count or (
-        len(mesh.vertices) > count
-        and not any(m.type == "SUBSURF" and m.show_viewport for m in avatar.modifiers)
-    ):
+    is_mirrored = bool(avatar_meshes.mirrors_of(avatar))
+    adds = len(mesh.vertices) > count
+    only_adds = any(m.type == "SUBSURF" and m.show_viewport for m in avatar.modifiers)
+    if is_mirrored or len(mesh.vertices) < count or (adds and not only_adds):
         raise InputError(
             f"Avatar '{avatar.name}': a modifier changes its number of vertices from {count} to "
-            f"{len(mesh.vertices)}, so it cannot be followed; turn that modifier off in viewports."
+            f"{len(mesh.vertices)}, so its surface cannot be followed; apply that modifier, or "
+            "turn it off in viewports."
         )
     return positions.reshape(-1, 3)[:count]

@@ -109,11 +109,11 @@ class _Batch:
                 parts = 1 if self._waiting else self._workers.slots
                 unit = replace(scene.unit, parts=parts)
 
-            def told(share: float, scene: _Scene = scene, number: int = number) -> None:
+            def report_progress(share: float, scene: _Scene = scene, number: int = number) -> None:
                 scene.shares[number] = share
                 self._show()
 
-            self._running[self._workers.submit(unit, told)] = scene, number, unit
+            self._running[self._workers.submit(unit, report_progress)] = scene, number, unit
 
     def _take(self, scene: _Scene, number: int, unit: Unit, outcome: Outcome) -> None:
         """Go on after a unit has ended."""

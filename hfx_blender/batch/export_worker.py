@@ -22,7 +22,7 @@ from .. import blender_session
 from ..errors import HfxError
 from ..staging import placing
 from .units import Unit
-from .work import done_safely
+from .work import run_safely
 
 _INTERVAL_S = 0.2
 """Time between two messages about progress."""
@@ -55,7 +55,7 @@ def _serve(units: queue.SimpleQueue[str]) -> int:
         _answer(answers, {"ready": True})
         while True:
             unit = Unit.from_json(units.get())
-            _answer(answers, {"outcome": done_safely(unit, _Progress(answers))})
+            _answer(answers, {"outcome": run_safely(unit, _Progress(answers))})
 
 
 class _Progress:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from .units import Outcome, Unit
-from .worker_process import WorkerProcess, do_with_care
+from .worker_process import WorkerProcess, do_or_retry
 
 Progress = Callable[[float], None]
 
@@ -45,10 +45,10 @@ class ThisProcess:
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
         """Do a unit now; the future is finished."""
-        from .work import done_safely
+        from .work import run_safely
 
         future: Future[Outcome] = Future()
-        future.set_result(done_safely(unit, progress))
+        future.set_result(run_safely(unit, progress))
         return future
 
     def close(self) -> None:
@@ -82,14 +82,14 @@ class LocalWorkers:
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
         """Begin a unit."""
-        return self._pool.submit(self._do, unit, progress)
+        return self._pool.submit(self._run_queued, unit, progress)
 
-    def _do(self, unit: Unit, progress: Progress) -> Outcome:
+    def _run_queued(self, unit: Unit, progress: Progress) -> Outcome:
         worker = self._idle.get()
         stage = Path(tempfile.mkdtemp(dir=unit.stage))
         outcome: Outcome = {"error": ""}
         try:
-            outcome = do_with_care(worker, unit.in_stage(stage), progress, self._limit_s)
+            outcome = do_or_retry(worker, unit.in_stage(stage), progress, self._limit_s)
             return outcome
         finally:
             if "error" in outcome:  # a process that died has not tidied up

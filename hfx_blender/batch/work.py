@@ -47,7 +47,7 @@ class _State:
 _state = _State()
 
 
-def done_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
+def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     """Do a unit; any fault, even one of ours, becomes its outcome, so that other units go on."""
     try:
         return done(unit, progress)

@@ -25,7 +25,7 @@ RENEW_AFTER = 20
 
 START_LIMIT_S = 300.0
 _END_LIMIT_S = 10.0
-_TELL_LINES = 40
+_REPORTED_LINES = 40
 
 Progress = Callable[[float], None]
 
@@ -50,7 +50,7 @@ class WorkerProcess:
         self._command = worker_command()
         self._process: subprocess.Popen[str] | None = None
         self._answers: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._told: deque[str] = deque(maxlen=_TELL_LINES)
+        self._last_lines: deque[str] = deque(maxlen=_REPORTED_LINES)
         self._count = 0
         self._closed = False
 
@@ -99,7 +99,7 @@ class WorkerProcess:
         group: dict[str, Any] = {"start_new_session": True}  # Ctrl-C is for the master only
         if os.name == "nt":
             group = {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
-        self._told.clear()
+        self._last_lines.clear()
         self._count = 0
         self._answers = queue.SimpleQueue()
         process = own_processes.start(
@@ -121,7 +121,7 @@ class WorkerProcess:
             target=self._listen, args=(process.stdout, self._answers), daemon=True
         ).start()
         self._overhearing = threading.Thread(
-            target=self._overhear, args=(process.stderr,), daemon=True
+            target=self._collect_lines, args=(process.stderr,), daemon=True
         )
         self._overhearing.start()
         message = self._answer(time.monotonic() + START_LIMIT_S)
@@ -135,10 +135,10 @@ class WorkerProcess:
                 answers.put(line)
         answers.put(None)
 
-    def _overhear(self, stream: IO[str]) -> None:
+    def _collect_lines(self, stream: IO[str]) -> None:
         with suppress(OSError, ValueError):
             for line in stream:
-                self._told.append(line.rstrip())
+                self._last_lines.append(line.rstrip())
 
     def _answer(self, end: float | None) -> dict[str, Any]:
         try:
@@ -153,7 +153,7 @@ class WorkerProcess:
             found: dict[str, Any] = json.loads(line)
             return found
         except ValueError:
-            self._told.append(line)
+            self._last_lines.append(line)
             self.kill()
             raise WorkerDiedError("answered something else") from None
 
@@ -169,7 +169,7 @@ class WorkerProcess:
             code = process.wait()
         # Its last words may still be in the pipe; a child of its own may keep that open.
         self._overhearing.join(1.0)
-        return WorkerDiedError(_how(code, list(self._told)))
+        return WorkerDiedError(_end_of_process(code, list(self._last_lines)))
 
     def close(self) -> None:
         """End the process; it finishes nothing. May be called again, and by another thread."""
@@ -198,7 +198,7 @@ class WorkerProcess:
             process.wait()
 
 
-def _how(code: int, told: list[str]) -> str:
+def _end_of_process(code: int, lines: list[str]) -> str:
     """Describe how a process ended."""
     if code < 0:
         try:
@@ -210,11 +210,11 @@ def _how(code: int, told: list[str]) -> str:
         if name in ("SIGSEGV", "SIGBUS", "SIGILL", "SIGABRT", "SIGFPE"):
             return f"crashed ({name})"
         return f"was ended by {name}"
-    last = next((line for line in reversed(told) if line.strip()), "")
+    last = next((line for line in reversed(lines) if line.strip()), "")
     return f"ended with code {code}" + (f" ({last.strip()[:200]})" if last else "")
 
 
-def do_with_care(
+def do_or_retry(
     worker: WorkerProcess, unit: Unit, progress: Progress, limit_s: float | None
 ) -> Outcome:
     """Do a unit in a worker; if the worker dies, a new one tries once more."""

@@ -118,10 +118,10 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
         if not script.is_approved:
             found.append({"script": str(script.path), "hash": mark, "is_approved": False})
     for each in found:
-        told = "approved" if each["is_approved"] else "not approved"
+        state = "approved" if each["is_approved"] else "not approved"
         if each["is_approved"] and each["hash"] not in now:
-            told += " (changed since, gone, or in another folder)"
-        console.say(f"{each['hash']}  {each['script']}: {told}")
+            state += " (changed since, gone, or in another folder)"
+        console.say(f"{each['hash']}  {each['script']}: {state}")
     if not found:
         console.say("no device scripts of your own")
     console.result({"scripts": found, "fault": fault or None})

@@ -37,8 +37,8 @@ def facts_of_report(path: Path) -> dict[str, Any]:
     }
     for key in _LISTS[1:]:
         for each in lists[key].items(least=0, most=1 << 20) if key in lists else ():
-            is_told = key in ("warnings", "notes")
-            found = each.text(r"[^\x00-\x1f]*") if is_told else _plain(each)
+            is_sentence = key in ("warnings", "notes")
+            found = each.text(r"[^\x00-\x1f]*") if is_sentence else _plain(each)
             facts.setdefault(key, []).append(found)
         facts.setdefault(key, [])
     return facts

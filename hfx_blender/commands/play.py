@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..devices.live.track_playback import ValueSource
     from ..engine.rendering.device import DeviceConfig
 
-    Worn = dict[str, tuple[DeviceConfig, DeviceScript | None]]
+    Targets = dict[str, tuple[DeviceConfig, DeviceScript | None]]
 
 _TOKEN: Final = "HFX_TOKEN"
 _KINDS: Final = {"device": "DEVICE", "sound-card": "AUDIO", "simulator": "SIMULATOR", "log": "CSV"}
@@ -85,15 +85,16 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if len(names) > 1 and one_each:
         raise UsageError(f"--{one_each[0]} is of one device; give one --device")
     with ExitStack() as stack:
-        told = ""
-        source, worn = _opened(options, names, stack)
+        address_note, progress = "", console.progress(options.file.name)
+        source, targets = _opened(options, names, stack)
         if options.listen is None:
             _check_begin(options.begin, source.start_s, source.end_s)
         else:
-            source, told = _listening(options, worn, stack)
+            source, address_note = _listening(options, targets, stack)
+            progress = _no_progress
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
-        for name, (device, script) in worn.items():
+        for name, (device, script) in targets.items():
             settings = _settings(name, options)
             _connect(client, name, device, settings, script)
             offset_ms = max(offset_ms, settings.offset_ms)
@@ -102,8 +103,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             client,
             from_s=options.begin,
             offset_s=offset_ms / 1000.0,
-            progress=console.progress(options.file.name) if options.listen is None else _unseen,
-            connected=lambda: _tell(told, console),
+            progress=progress,
+            connected=lambda: _write_note(address_note, console),
         )
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
@@ -113,18 +114,18 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _tell(text: str, console: Console) -> None:
+def _write_note(text: str, console: Console) -> None:
     """Write what a game has to know before the end, which the result is too late for."""
     if text:
         (console.warn if console.as_json else console.say)(text)
 
 
-def _unseen(share: float) -> None:
+def _no_progress(share: float) -> None:
     """Show no progress: nobody knows when a game ends."""
 
 
 def _listening(
-    options: argparse.Namespace, worn: Worn, stack: ExitStack
+    options: argparse.Namespace, targets: Targets, stack: ExitStack
 ) -> tuple[ValueSource, str]:
     """The door for a game's values, and how a game finds it."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
@@ -139,7 +140,7 @@ def _listening(
         token = b""
     if token is not None and len(token) != TOKEN_BYTES:
         raise UsageError(f"{_TOKEN}: expected {2 * TOKEN_BYTES} hexadecimal digits")
-    devices = {name: device for name, (device, _) in worn.items()}
+    devices = {name: device for name, (device, _) in targets.items()}
     door = stack.enter_context(closing(GameDoor(devices, options.listen, token)))
     shown = _TOKEN if given else door.token.hex()
     return door, f"{ADDRESS}:{door.port} takes the values of a game; token: {shown}"
@@ -147,7 +148,7 @@ def _listening(
 
 def _opened(
     options: argparse.Namespace, names: list[str], stack: ExitStack
-) -> tuple[ValueSource, Worn]:
+) -> tuple[ValueSource, Targets]:
     """The file, and the devices with the scripts that they need for it: a clip's values are those
     that scripts gave.
     """
@@ -164,9 +165,9 @@ def _opened(
         clip = PlayedClip(options.file, found, options.body)
         return clip, {name: (device, None) for name, device in found.items()}
     track = stack.enter_context(PlayedTrack(options.file, options.body))
-    worn = {name: live_targets.named(name) for name in names}
-    track.latencies_ms = {ms for device, _ in worn.values() for ms in latencies_ms(device)}
-    return track, worn
+    targets = {name: live_targets.named(name) for name in names}
+    track.latencies_ms = {ms for device, _ in targets.values() for ms in latencies_ms(device)}
+    return track, targets
 
 
 def _connect(
@@ -185,7 +186,7 @@ def _connect(
         Path(name).absolute() if is_file(name) else name,
         live_targets.target_of(device, settings),
         folder=resources.user_devices(),
-        script=None if script is None else script.as_wish(),
+        script=None if script is None else script.as_request(),
         offset_ms=settings.offset_ms,
     )
 

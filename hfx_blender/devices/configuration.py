@@ -103,9 +103,9 @@ def is_file(name_or_path: str | Path) -> bool:
 def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if is_file(name_or_path):
-        return _worn(Path(text)) or _read(Path(text))
+        return _on_side(Path(text)) or _read(Path(text))
     for each in _folders(folder) if re.fullmatch(ID_PATTERN, text) else ():
-        device = _worn(each / (text + SUFFIX))
+        device = _on_side(each / (text + SUFFIX))
         if device is not None:
             return device
     known = ", ".join(list_devices(folder)) or "none"
@@ -128,7 +128,7 @@ def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | No
     return None
 
 
-def _worn(path: Path) -> DeviceConfig | None:
+def _on_side(path: Path) -> DeviceConfig | None:
     """The device of a file, or of the file without ``_left`` or ``_right``; None: neither."""
     if path.is_file():
         return _with_script(_read(path), path, path)

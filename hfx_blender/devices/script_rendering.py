@@ -23,18 +23,25 @@ import numpy as np
 from .. import own_processes
 from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import Played, renderers_given
+from ..engine.rendering.devices import Played, renderers_of_track
 from ..engine.rendering.render import Renderer, blocks
 from ..engine.samples import SampleRun
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, ScriptError
 from ..stepwise import finish
 from .live import approval
-from .live.haptics import packed
-from .live.messages import MessageError, MessageKind, json_to, message, read_message, values_from
+from .live.haptics import encode_haptics
+from .live.messages import (
+    MessageError,
+    MessageKind,
+    decode_values,
+    encode_json,
+    message,
+    read_message,
+)
 from .live.script_process import end_group
 
-Felt = list[tuple[SampleRun, F64]]
+FeltRuns = list[tuple[SampleRun, F64]]
 
 START_S: Final = 60.0
 """Time limit of a script's start, seconds: it may import what it needs, on a busy machine."""
@@ -90,7 +97,7 @@ def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[
     InputError
         A place of a device does not fit a model, or a model is not the track's.
     """
-    return finish(rendering(track, renderers_given(track, devices))).complete().played
+    return finish(rendering(track, renderers_of_track(track, devices))).complete().played
 
 
 def rendering(
@@ -137,8 +144,8 @@ def _answers(
         It may not run, or has failed.
     """
     script = _approved_script(device)
-    told = renderer.told()
-    answers = np.zeros_like(told)
+    script_input = renderer.script_input()
+    answers = np.zeros_like(script_input)
     row = 0
     times_s = _scene_times_s(track.header)
     try:
@@ -146,7 +153,8 @@ def _answers(
             batch: list[bytes] = []
             size = 0
             for felt in _felt_by_row(track, renderer):
-                batch.append(message(MessageKind.HAPTICS, 0, packed(times_s[row], felt, told[row])))
+                haptics = encode_haptics(times_s[row], felt, script_input[row])
+                batch.append(message(MessageKind.HAPTICS, 0, haptics))
                 size += len(batch[-1])
                 row += 1
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
@@ -205,9 +213,9 @@ def _scene_times_s(header: TrackHeader) -> list[float]:
     return [float(header.time.frame(row)) / fps for row in range(header.time.sample_count)]
 
 
-def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[Felt]:
+def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
     """Effects on the wearer at each row of a track, with their gains at each actuator."""
-    nothing: Felt = []
+    nothing: FeltRuns = []
     row = 0
     for block in blocks(track.header, track.runs()):
         runs = [run for run in block if run.stream.body_id == renderer.body_id and len(run)]
@@ -250,8 +258,8 @@ class _Worker:
     def __init__(self, script: approval.DeviceScript, device: DeviceConfig, answers: F64) -> None:
         assert device.script is not None
         self._answers = answers
-        self._wish = {**script.as_wish(), "device": str(device.script.device), "folder": None}
-        self._news = threading.Condition()
+        self._request = {**script.as_request(), "device": str(device.script.device), "folder": None}
+        self._answers_changed = threading.Condition()
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
         self._asked = self._answered = self._last = 0  # rows; asked before the last batch
         self._is_ready = False
@@ -274,11 +282,11 @@ class _Worker:
         self._went_on_at = time.monotonic()
         for work in (self._write, self._listen):
             threading.Thread(target=work, args=(self._process,), daemon=True).start()
-        self._unsent.put(message(MessageKind.HEARTBEAT, 0, json_to(self._wish)))
+        self._unsent.put(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
         return self
 
     def __exit__(self, *_: object) -> None:
-        with self._news:
+        with self._answers_changed:
             self._fault = self._fault or "was ended"
         end_group(self._process)
         self._unsent.put(None)
@@ -293,7 +301,7 @@ class _Worker:
             The script has failed, or does not answer.
         """
         self.wait(self._asked - self._last)
-        with self._news:
+        with self._answers_changed:
             if self._answered == self._asked:
                 self._went_on_at = time.monotonic()
             self._last, self._asked = self._asked, self._asked + len(batch)
@@ -307,7 +315,7 @@ class _Worker:
         _FaultError
             The script has failed, or does not answer.
         """
-        with self._news:
+        with self._answers_changed:
             while self._fault is None and (
                 not self._is_ready or self._asked - self._answered > most
             ):
@@ -317,7 +325,7 @@ class _Worker:
                 if left_s <= 0.0:
                     self._fault = self._late(patience_s)
                     break
-                self._news.wait(left_s)
+                self._answers_changed.wait(left_s)
                 if self._is_ready:
                     self._left_s -= time.monotonic() - began
             if self._fault is not None:
@@ -352,28 +360,28 @@ class _Worker:
                     if found is None:
                         text = "it ended itself" if self._is_ready else "ended as it was started"
                         break
-                    text = self._took(found.kind, found.body)
+                    text = self._process_message(found.kind, found.body)
                     if text is not None:
                         break
         except (MessageError, OSError, ValueError) as error:
             text = f"its process sent {error}"
-        with self._news:
+        with self._answers_changed:
             self._fault = self._fault or text
-            self._news.notify()
+            self._answers_changed.notify()
 
-    def _took(self, kind: MessageKind, body: bytes) -> str | None:
+    def _process_message(self, kind: MessageKind, body: bytes) -> str | None:
         """Process a message of the worker; returns its fault."""
         if kind is MessageKind.FAULT:
             text = body.decode(errors="replace")
             return text if self._is_ready else f"cannot be started: {text}"
         if kind is MessageKind.LOG:
-            _log.info("%s: %s", self._wish["path"], body.decode(errors="replace"))
+            _log.info("%s: %s", self._request["path"], body.decode(errors="replace"))
             return None
-        with self._news:
+        with self._answers_changed:
             if kind is MessageKind.READY and not self._is_ready:
                 self._is_ready = True
             elif kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked:
-                values = values_from(body)
+                values = decode_values(body)
                 if values.shape != self._answers[0].shape:
                     return "its process sent no values"
                 self._answers[self._answered] = values
@@ -382,5 +390,5 @@ class _Worker:
                 return "it sent an answer without a question"
             self._went_on_at = time.monotonic()
             if not self._asked - self._answered or self._answered == self._last:
-                self._news.notify()
+                self._answers_changed.notify()
         return None

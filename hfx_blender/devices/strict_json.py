@@ -162,7 +162,7 @@ def _refuse_marked(node: Node) -> None:
     """Raise for the first value that is marked as a fault: only now its place is known."""
     value, where = node.value, node.path or "the document"
     if isinstance(value, _Fault):
-        raise InputError(f"{node.file}: {where}: {value.told}.")
+        raise InputError(f"{node.file}: {where}: {value.described}.")
     if isinstance(value, dict):
         for each in node.entries(allowed="an object").values():
             _refuse_marked(each)
@@ -175,7 +175,7 @@ def _refuse_marked(node: Node) -> None:
 class _Fault:
     """Placeholder of invalid JSON, until its place is known."""
 
-    told: str
+    described: str
 
 
 def _depth(text: str) -> int:

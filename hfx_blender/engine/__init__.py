@@ -8,7 +8,7 @@ Modules and packages, lowest first: each imports only from those above it in thi
 arrays            types of arrays
 counters          numbers of what the engine did
 indexing          index arithmetic within groups of different sizes
-matmul            products of matrices that start no threads
+matmul            products and inverses of matrices that start no threads
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
 native            the compiled loops

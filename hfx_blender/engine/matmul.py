@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matrix products that wake no threads of BLAS: those go on spinning for longer than they take."""
+"""Matrix products and inverses without the threads of BLAS, which spin longer than they take."""
 
 from __future__ import annotations
 
@@ -29,3 +29,30 @@ def stacked_product(stacked: F64, factors: F64) -> F64:
         else:
             np.matmul(part, factors.T, out=out)
     return products.reshape(stack, -1)
+
+
+def inverse_3x3(matrices: F64) -> F64:
+    """Inverses of matrices (T, 3, 3) that are far from singular, by cofactors.
+
+    LAPACK wakes all threads for every single one of them.
+    """
+    next_rows, last_rows = matrices[:, [1, 2, 0]], matrices[:, [2, 0, 1]]
+    crosses = (
+        next_rows[:, :, [1, 2, 0]] * last_rows[:, :, [2, 0, 1]]
+        - next_rows[:, :, [2, 0, 1]] * last_rows[:, :, [1, 2, 0]]
+    )
+    cofactors = crosses.transpose(0, 2, 1)
+    determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
+    inverses = cofactors / determinants[:, None, None]
+    # One step of Newton's iteration removes the errors of cancellation.
+    inverses = inverses @ (2.0 * np.eye(3) - matrices @ inverses)
+    return np.asarray(inverses)
+
+
+def affine_inverse(matrices: F64) -> F64:
+    """Inverses of affine matrices (T, 4, 4), whose last row is 0, 0, 0, 1; not singular ones."""
+    inverses = np.zeros(matrices.shape)
+    inverses[:, :3, :3] = inverse_3x3(matrices[:, :3, :3])
+    inverses[:, :3, 3] = -np.einsum("tij,tj->ti", inverses[:, :3, :3], matrices[:, :3, 3])
+    inverses[:, 3, 3] = 1.0
+    return inverses

@@ -215,10 +215,10 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
     lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
     codes = {f"AHAP-{code}" for code in lenient}
-    told = refuse_but(findings(found), name, lambda each: each.code in codes)
-    if any("[AHAP-MISSING]" in each for each in told):
+    notes = refuse_but(findings(found), name, lambda each: each.code in codes)
+    if any("[AHAP-MISSING]" in each for each in notes):
         found = completed(found)
-        told += refuse_but(findings(found), name, lambda each: each.code in codes)
+        notes += refuse_but(findings(found), name, lambda each: each.code in codes)
     metadata = found.get("Metadata")
     frequencies = _range_of(metadata)
     entries = found["Pattern"]
@@ -271,8 +271,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         signal = with_intensities(signal, is_back=True)
     left_out = tuple(f"{count} {what}" for what, count in lost.items())
     if has_ramps:
-        told += ("attack, decay and release are straight ramps of so many seconds",)
-    return [replace(signal, left_out=left_out + signal.left_out, notes=told)], frequencies
+        notes += ("attack, decay and release are straight ramps of so many seconds",)
+    return [replace(signal, left_out=left_out + signal.left_out, notes=notes)], frequencies
 
 
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:

@@ -15,7 +15,7 @@ from ..atomic_files import refuse_taken
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import renderers_given
+from ..engine.rendering.devices import renderers_of_track
 from ..engine.rendering.raster import Column, Raster, columns_of
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
@@ -92,7 +92,7 @@ def convert(
     kind, stem = _target(target, to)
     with _staging(target.parent) as stage:
         written = _converted(source, kind, stage / stem, device, body, tolerance)
-        written += Written(notes=_unheeded(source, kind, device, body))
+        written += Written(notes=_ignored_options(source, kind, device, body))
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
@@ -143,7 +143,7 @@ def _converted(
                 return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
             found = _device(device, kind)
             _refuse_long(track, found)
-            given = renderers_given(track, (found,), [_body_id(track, body)])
+            given = renderers_of_track(track, (found,), [_body_id(track, body)])
             rendered = finish(rendering(track, given)).complete()
             ((_, raster),) = rendered.played
             raster_rules.refuse(raster, str(source))
@@ -174,7 +174,7 @@ def _converted(
     if write_signals is None or device is not None:
         found_device = _device(device, kind)
     signals, frequencies = read_signals(source)
-    told = tuple(note for each in signals for note in each.left_out)
+    lost = tuple(note for each in signals for note in each.left_out)
     read_notes = tuple(note for each in signals for note in each.notes)
     if not signals:
         raise InputError(f"{source}: holds no vibration.")
@@ -191,14 +191,16 @@ def _converted(
                 "what to play, not what is felt",
             )
         written = write_raster(raster, found_device, stem, tolerance)
-        return written + Written((), told + left_out, read_notes + notes)
+        return written + Written((), lost + left_out, read_notes + notes)
     assert write_signals is not None
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
-    written += Written((), told, read_notes)
+    written += Written((), lost, read_notes)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
 
 
-def _unheeded(source: Path, kind: str, device: str | None, body: str | None) -> tuple[str, ...]:
+def _ignored_options(
+    source: Path, kind: str, device: str | None, body: str | None
+) -> tuple[str, ...]:
     """Options that say nothing of this conversion."""
     is_track, is_of_track = source.suffix == TRACK_SUFFIX, kind in TRACK_FORMATS
     notes = []

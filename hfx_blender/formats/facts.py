@@ -54,8 +54,8 @@ def is_known(path: Path) -> bool:
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
     signals, frequencies = read_signals(path)
     return {
-        **_told("notes", tuple(note for each in signals for note in each.notes)),
-        **_told("left_out", tuple(note for each in signals for note in each.left_out)),
+        **_reading_notes("notes", tuple(note for each in signals for note in each.notes)),
+        **_reading_notes("left_out", tuple(note for each in signals for note in each.left_out)),
         "lowest_hz": frequencies.lowest_hz,
         "highest_hz": frequencies.highest_hz,
         "signals": [
@@ -71,15 +71,15 @@ def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
     }
 
 
-def _told(key: str, sentences: tuple[str, ...]) -> dict[str, Any]:
+def _reading_notes(key: str, sentences: tuple[str, ...]) -> dict[str, Any]:
     """Sentences about how a file was read, if there are any, a line each."""
     return {key: [{"": each} for each in sentences]} if sentences else {}
 
 
 def _hjif(path: Path, kind: FileFormat) -> dict[str, Any]:
-    document, told = hjif_reader.decode_telling(read_bytes(path), str(path))
+    document, notes = hjif_reader.decode_with_notes(read_bytes(path), str(path))
     return {
-        **_told("notes", told),
+        **_reading_notes("notes", notes),
         "description": document.description,
         "profile": f"{document.profile}, level {document.level}",
         "timescale": document.timescale,

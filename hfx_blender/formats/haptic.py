@@ -15,7 +15,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from .checking import Finding, Items, Number, Record, Report, Text, check, clean, parse
+from .checking import (
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Text,
+    check,
+    clean,
+    json_validator,
+    parse,
+)
 from .curves import Curve
 from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Signal, Transient, joined_times
@@ -147,17 +158,6 @@ def _rounded(seconds: float) -> float:
     return round(float(seconds), 7)
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return _findings(_parsed(content, name))
-
-
 def _parsed(content: bytes, name: str) -> Any:
     """A document; the members that may be null, as in Meta's reader, are then left out."""
     return without_nulls(parse(content, name), ("emphasis", "frequency"))
@@ -194,6 +194,9 @@ def _findings(found: Any) -> list[Finding]:
     return report.findings
 
 
+validate = json_validator(_findings, _parsed)
+
+
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """The signal of a file.
 
@@ -203,7 +206,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = _parsed(content, name)
-    told = refuse_but(
+    notes = refuse_but(
         _findings(found),
         name,
         lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
@@ -234,7 +237,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             frequencies.hertz([p["frequency"] for p in shares]),
         ),
         tuple(transients),
-        notes=told,
+        notes=notes,
     )
     return [signal], frequencies
 

@@ -256,7 +256,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     found = parse(content, name)
     # Phones play what the editor would not make: only the form matters, and an actuator is
     # both of them unless it is named.
-    told = refuse_but(
+    notes = refuse_but(
         findings(found),
         name,
         lambda each: (
@@ -306,7 +306,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",
             *left_out,
         )
-    signals[0] = replace(signals[0], left_out=left_out, notes=told)
+    signals[0] = replace(signals[0], left_out=left_out, notes=notes)
     return signals, frequencies
 
 

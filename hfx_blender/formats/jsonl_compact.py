@@ -42,7 +42,7 @@ _SAMPLE = Record(
 )
 
 
-class Packer:
+class CompactEncoder:
     """Encoder of lines, in their order."""
 
     def __init__(self, header: dict[str, Any]) -> None:
@@ -91,7 +91,7 @@ class Packer:
         }
 
 
-class Unpacker:
+class CompactDecoder:
     """Decoder of lines, in their order, into lines of the plain encoding."""
 
     def __init__(self, header: dict[str, Any], name: str) -> None:

@@ -133,10 +133,10 @@ def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
     with atomic_file(path) as file:
         header = _header(track.header)
         if is_compact:
-            packer = jsonl_compact.Packer(header)
-            file.write(_line(packer.header))
+            encoder = jsonl_compact.CompactEncoder(header)
+            file.write(_line(encoder.header))
             for each in _entries(track):
-                file.write(_line(packer.line(each)))
+                file.write(_line(encoder.line(each)))
             return
         file.write(_line(header))
         for each in _entries(track):
@@ -270,15 +270,15 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
     effects: dict[str, dict[str, Any]] = {}
     bodies: set[str] = set()
     time = -np.inf
-    unpack: jsonl_compact.Unpacker | None = None
+    decoder: jsonl_compact.CompactDecoder | None = None
     for k, text in enumerate(content.splitlines()):
         place: Place = (None, f"line {k + 1}")
         value = parse(text, f"{name}, line {k + 1}")
         if k == 0 and isinstance(value, dict) and value.get("encoding") == jsonl_compact.ENCODING:
-            unpack = jsonl_compact.Unpacker(value, name)
-            value = unpack.header
-        elif unpack is not None:
-            value = unpack.line(value, report, place)
+            decoder = jsonl_compact.CompactDecoder(value, name)
+            value = decoder.header
+        elif decoder is not None:
+            value = decoder.line(value, report, place)
             if value is None:
                 continue
         kind = value.get("type") if isinstance(value, dict) else None

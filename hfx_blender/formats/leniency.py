@@ -10,7 +10,7 @@ from typing import Any, Final
 from ..errors import InputError
 from .checking import Finding, refuse_errors, shown
 
-Told = tuple[str, ...]
+ToleratedFaults = tuple[str, ...]
 """Sentences about a file that was read."""
 
 _HUGE: Final = 1e15
@@ -21,7 +21,7 @@ def refuse_but(
     name: str,
     tolerated: Callable[[Finding], bool],
     found: Any = None,
-) -> Told:
+) -> ToleratedFaults:
     """Raise the first error that a reader does not tolerate; tell of the others.
 
     Parameters

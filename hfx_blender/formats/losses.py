@@ -89,7 +89,7 @@ def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
     return bool((values[inside] > 0.0).any() or any((each > 0.0).any() for each in ends))
 
 
-def one_frequency(raster: Raster) -> tuple[str, ...]:
+def several_frequencies(raster: Raster) -> tuple[str, ...]:
     """Actuators that are to play several frequencies at once, for a format that holds one."""
     shape = len(raster.values), len(raster.waveform_actuators)
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from .. import file_limits
 from ..atomic_files import atomic_file
-from ..engine.rendering.raster import Column, Felt, Raster, Shortfall
+from ..engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from ..engine.samples import Stream
 from ..errors import InputError
 from . import raster_rules
@@ -210,7 +210,7 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
         neutral=arrays["neutral"],
         shortfalls=tuple(Shortfall(**each) for each in meta["shortfalls"]),
         felt=tuple(
-            Felt(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
+            FeltStream(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
             for k, each in enumerate(meta["felt"])
         ),
     )

@@ -78,8 +78,8 @@ def read(path: Path) -> tuple[Grey, bool]:
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
-        told = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({told}).") from error
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason}).") from error
     try:
         return decode(content, str(path))
     except InputError:
@@ -137,8 +137,8 @@ def texts(path: Path) -> dict[str, str]:
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
-        told = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({told}).") from error
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason}).") from error
     found: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):
         return found

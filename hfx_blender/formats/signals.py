@@ -94,7 +94,7 @@ class FrequencyRange:
         if not 0.0 <= self.lowest_hz <= self.highest_hz < np.inf:
             raise ValueError(f"not a range of frequencies: {self}")
 
-    def or_documented(self, documented: FrequencyRange) -> FrequencyRange:
+    def or_default(self, documented: FrequencyRange) -> FrequencyRange:
         """Range for a format with one of its own.
 
         A device's range stays. A device of a single frequency and what is of no device take the
@@ -145,7 +145,7 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
         pair = [columns[each.id, "amplitude_m_s2"], columns[each.id, "frequency_hz"]]
         safe = limited(raster.values[:, pair], 0.0, [full_scale, MAX_HZ], 0.0)
         amplitude, frequency = safe[:, 0] / full_scale, safe[:, 1]
-        frequency = heard(amplitude, frequency)
+        frequency = frequencies_through_silence(amplitude, frequency)
         signals.append(
             Signal(
                 each.id,
@@ -159,7 +159,7 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
     )
 
 
-def heard(amplitude: F64, frequency: F64) -> F64:
+def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
     """Frequencies with silent rows filled from the sounding row before, or else after."""
     sounds = np.flatnonzero(amplitude > 0.0)
     if not len(sounds):
@@ -303,13 +303,8 @@ def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
 
 
 def _carried(pitch: F64) -> F64:
-    """Frequencies with silent ones filled from the sound before, or else after."""
     flat = pitch.T.ravel()
-    sounds = np.flatnonzero(flat > 0.0)
-    if not len(sounds):
-        return pitch
-    before = np.searchsorted(sounds, np.arange(len(flat)), side="right") - 1
-    return np.asarray(flat[sounds[np.maximum(before, 0)]].reshape(-1, 2).T)
+    return frequencies_through_silence(flat, flat).reshape(-1, 2).T
 
 
 def _stepped(times: F64, sides: F64) -> Curve:

@@ -202,7 +202,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     found = without_nulls(parse(content, name))
     # The player takes what has the form, and leaves out what is missing.
-    told = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
+    notes = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
     project = found.get("project", {})
@@ -228,7 +228,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     ]
     if signals:
         left_out = tuple(f"{count} {what}" for what, count in lost.items())
-        signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=told)
+        signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)
     return signals, DEFAULT_RANGE
 
 

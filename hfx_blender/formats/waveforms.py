@@ -18,7 +18,7 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from .curves import Curve
-from .signals import Piece, heard
+from .signals import Piece, frequencies_through_silence
 
 _ROWS_HZ: Final = 500.0
 _AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
@@ -91,7 +91,7 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
         at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
         amplitude[block], hertz[block] = _analysed(part, rate, at)
     times = waveform.start_s + rows
-    hertz = heard(amplitude, hertz)
+    hertz = frequencies_through_silence(amplitude, hertz)
     return Piece(waveform.start_s, waveform.end_s, Curve(times, amplitude), Curve(times, hertz))
 
 

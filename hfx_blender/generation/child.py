@@ -61,11 +61,11 @@ class GenerationChild:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             with suppress(ValueError):
-                told = json.loads(line)
-                self.share = float(told.get("share", self.share))
-                self.fault = told.get("error", self.fault)
-                if "made" in told:
-                    self.records.append(Path(told["made"]))
+                line_read = json.loads(line)
+                self.share = float(line_read.get("share", self.share))
+                self.fault = line_read.get("error", self.fault)
+                if "made" in line_read:
+                    self.records.append(Path(line_read["made"]))
 
     @property
     def is_running(self) -> bool:

@@ -43,16 +43,16 @@ def generate(
         No word names a material.
     """
     wish = read_words(words, negative)
-    shape, told = wish.choose()
+    shape, strongest = wish.choose()
     material = procedural.material(shape.material)
     steering = _steering(wish, shape, material)
     field, roughness = steered(material, steering, texels, seed)
     if wish.depth_m is not None:
         factor = wish.depth_m / float(np.ptp(field.heights_m))
         field = type(field)(field.heights_m * factor, field.texel_m, field.tiles)
-    colour = wish.colour or told.meaning.colour
+    colour = wish.colour or strongest.meaning.colour
     picture = albedo(shape.kind, field, COLOURS[colour], wish.light, seed, steering.direction_deg)
-    notes = _notes(wish, told.word, material)
+    notes = _notes(wish, strongest.word, material)
     record = {
         "words": words,
         "negative_words": negative,
@@ -99,7 +99,7 @@ def _notes(wish: Wish, word: str, material: procedural.ProceduralMaterial) -> tu
     ]
     if wish.unknown:
         notes.append(f"words that are not known: {', '.join(wish.unknown)}")
-    corrected = [f"'{word}' {told}" for word, told in wish.understood.items() if "read as" in told]
+    corrected = [f"'{word}' {note}" for word, note in wish.understood.items() if "read as" in note]
     if corrected:
         notes.append("; ".join(corrected))
     return tuple(notes)

@@ -24,7 +24,7 @@ class MaterialWord:
         Size of its features, and height besides, relative to that material.
     colour : str
         A key of :data:`.colour_words.COLOURS`.
-    weight : int
+    weight : float
         3 names the material itself, 2 an object or a trade name, 1 a finish that other materials
         may have as well.
     """
@@ -33,7 +33,7 @@ class MaterialWord:
     scale: float
     depth: float
     colour: str
-    weight: int
+    weight: float
 
     @property
     def kind(self) -> str:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ..engine.texture.procedural import KINDS
@@ -34,6 +34,9 @@ _PICTURE_WORDS: Final = re.compile(
 )
 _FINISHED: Final = ("metal", "gravel")
 """Kinds whose finish decides which variant is nearest."""
+
+_GUESSED: Final = 0.6
+"""Weight of a word that is only spelt nearly like a material: less than of any that is one."""
 
 _ON_TOP: Final = 6.0
 _BESIDE: Final = 1.5  # less, of what a thing has or lies on
@@ -74,15 +77,15 @@ class Wish:
     unwanted: set[str] = field(default_factory=set)  # kinds
     understood: dict[str, str] = field(default_factory=dict)  # word to meaning
     unknown: list[str] = field(default_factory=list)
-    _told: dict[Quality, int] = field(default_factory=dict)
+    _counts: dict[Quality, int] = field(default_factory=dict)
 
     def add(self, quality: Quality, degree: float) -> None:
         """Multiply with a quality to some degree; a negative degree turns it round.
 
         Each repetition of it, or of a word that means the same, counts half of the one before.
         """
-        times = self._told.get(quality, 0)
-        self._told[quality] = times + 1
+        times = self._counts.get(quality, 0)
+        self._counts[quality] = times + 1
         degree = min(max(degree, -_MOST_DEGREE), _MOST_DEGREE) * 0.5**times
         self.scale *= quality.scale**degree
         self.depth *= quality.depth**degree
@@ -115,10 +118,10 @@ class Wish:
         mine = [each for each in self.materials if each.meaning.kind == kind]
         tints = [each.word for each in self.materials if each.word in COLOURS and each not in mine]
         self.colour = self.colour or (tints[0] if tints else None)  # silk, gold
-        told = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
+        strongest = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
         finishes = [each.meaning for each in mine if each.meaning.weight == 1]
-        shape = finishes[-1] if finishes and kind in _FINISHED else told.meaning
-        return shape, told
+        shape = finishes[-1] if finishes and kind in _FINISHED else strongest.meaning
+        return shape, strongest
 
 
 def read_words(text: str, negative: str = "") -> Wish:
@@ -329,7 +332,9 @@ class _Reader:
             if near is not None and " " not in near:
                 self._wish.understood[word] = f"read as '{near}'"
                 if known is WORDS:
-                    self._material(near, WORDS[near], place)
+                    known_word = WORDS[near]
+                    guess = replace(known_word, weight=_GUESSED * known_word.weight)
+                    self._material(near, guess, place)
                 else:
                     self._wish.add(QUALITIES[near], self._degree)
                 return

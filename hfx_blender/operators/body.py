@@ -79,7 +79,7 @@ class HFX_OT_add_avatar(HfxOperator):
             else context.scene.cursor.location
         )
         framing.frame(context, [armature])
-        return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
+        return f"'{armature.name}' is a haptic body{_adopt_effects(context, armature)}"
 
 
 class _FittingOperator(StepwiseOperator):
@@ -100,9 +100,12 @@ those that cover its skin"""
         name="Layer", description="What is felt where clothes lie over skin", items=FELT_LAYERS
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
+    requires = (
+        (
+            lambda context: _armature_for(context),  # defined below
+            "Select an armature, or a mesh that has one",
+        ),
+    )
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
@@ -120,7 +123,7 @@ those that cover its skin"""
             body.hfx.felt_layer = before
             raise
         framing.frame(context, [body, *meshes])
-        return message + _take_over(context, body)
+        return message + _adopt_effects(context, body)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -131,7 +134,7 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     return selected[0] if len(selected) == 1 else active_armature(context)
 
 
-def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
+def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
     """Have the only body of a scene feel the effects of those that were deleted."""
     if effects.bodies_of(context.scene) != [body]:
         return ""
@@ -248,10 +251,7 @@ it again"""
         ],
         default="pressure",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_body(context), "Select a haptic body")
+    requires = ((active_body, "Select a haptic body"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import model_mesh
@@ -287,12 +287,12 @@ class HFX_OT_add_walk(HfxOperator):
     frame_start: IntProperty(name="Start", description="Frame at which the walk starts", default=1)
     frame_end: IntProperty(name="End", description="Frame at which the walk ends", default=250)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            context.object is not None and context.object.hfx.role == "BODY",
+    requires = (
+        (
+            lambda context: context.object is not None and context.object.hfx.role == "BODY",
             "Select a haptic body",
-        )
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies

@@ -17,9 +17,7 @@ from .shared import HfxOperator, active_effect
 
 
 class _OfEffect(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_effect(context), "Select a haptic effect")
+    requires = ((active_effect, "Select a haptic effect"),)
 
 
 def _shown(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator], float]:
@@ -125,7 +123,7 @@ class _ClipOperator(_OfEffect):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
             self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         fps = fps_of(context.scene)

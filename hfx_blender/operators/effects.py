@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 from ..authoring import effects
 from ..properties import MODALITY_ITEMS, SHAPES
 from ..scene_units import metres_of
-from .shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
+from .shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _NAME_TIP = "Name in the outliner; empty: named after its kind"
 
@@ -104,11 +104,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
         name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.object
-        return cls.needs(active is not None and active.type == "MESH", "Select a mesh")
+    requires = (ON_MESH,)
 
     def work(self, context: bpy.types.Context) -> str:
         effect = effects.volume_from_mesh(

@@ -79,7 +79,7 @@ def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]
             obj.local_view_set(area.spaces.active, True)
 
 
-def done_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
     """Execute an operator that a person called, and make room for the clips that it adds."""
     done: set[str] = operator.execute(context)
     make_room_for_clips(context)

@@ -22,9 +22,7 @@ SCOPES = (
 class _ManyEffects(HfxOperator):
     scope: EnumProperty(name="Scope", description="Effects to change", items=SCOPES)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(swarms.listed_effects(context.scene), "There are no effects")
+    requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         found = swarms.listed_effects(context.scene)
@@ -141,7 +139,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain

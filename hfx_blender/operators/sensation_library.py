@@ -95,7 +95,7 @@ class HFX_OT_add_from_library(HfxOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return framing.done_with_room(self, context)
+        return framing.execute_with_room(self, context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange
@@ -134,9 +134,7 @@ Those in your folder of effects are in Add > Haptic > Sensation"""
     filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: the name of the file")
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.selected_objects, "Select the effects to save first")
+    requires = ((lambda context: context.selected_objects, "Select the effects to save first"),)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.filepath:
@@ -166,10 +164,7 @@ or file"""
     bl_idname = "hfx.copy_effects"
     bl_label = "Copy Effects"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.selected_objects, "Select the effects to copy first")
+    requires = ((lambda context: context.selected_objects, "Select the effects to copy first"),)
 
     def work(self, context: bpy.types.Context) -> str:
         global _copied

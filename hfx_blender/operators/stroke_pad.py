@@ -5,19 +5,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty
 
 from .. import file_suffixes
 from ..authoring import surfaces
 from ..errors import HfxError, InputError
 from ..playback.live import live
 from . import framing
-from .shared import HfxOperator
-from .surfaces import active_surface
+from .shared import FileOperator, HfxOperator
+from .surfaces import ON_SURFACE
 
 if TYPE_CHECKING:
     from ..playback.stroke_pad import Take
@@ -37,10 +36,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     bl_idname = "hfx.stroke_pad"
     bl_label = "Stroke Pad"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_surface(context), "Select an object with a haptic surface")
+    requires = (ON_SURFACE,)
 
     def work(self, context: bpy.types.Context) -> str:
         raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
@@ -128,7 +124,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         if signal is None:
             return
         self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
-        self._sound.rub(pad.now.speed_m_s / pad.target_m_s / 2.0)
+        self._sound.set_friction(pad.now.speed_m_s / pad.target_m_s / 2.0)
         live.send_vibration(
             float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]), pad.drive
         )
@@ -136,7 +132,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def _keep(self, take: Take | None) -> None:
         global last_take
         last_take = take or last_take
-        self._sound.rub(0.0)
+        self._sound.set_friction(0.0)
         live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
 
     def _key(self, key: str) -> None:
@@ -165,14 +161,13 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._close(context)
 
 
-class HFX_OT_export_stroke(HfxOperator):
+class HFX_OT_export_stroke(FileOperator):
     """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
 
     bl_idname = "hfx.export_stroke"
     bl_label = "Export Last Stroke"
     bl_options = {"REGISTER"}
 
-    filepath: StringProperty(subtype="FILE_PATH")
     kind: EnumProperty(
         name="Format",
         items=[
@@ -181,24 +176,17 @@ class HFX_OT_export_stroke(HfxOperator):
         description="Format if the name has no suffix",
     )
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return cls.needs(last_take, "Stroke a surface first")
+    requires = ((lambda _context: last_take, "Stroke a surface first"),)
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if not self.filepath and last_take is not None:
-            self.filepath = bpy.path.clean_name(last_take.name) + self.kind
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def first_path(self, _context: bpy.types.Context) -> str:
+        return "" if last_take is None else bpy.path.clean_name(last_take.name) + self.kind
 
     def work(self, _context: bpy.types.Context) -> str:
         from ..engine.texture.stroke_rendering import render_stroke
         from ..formats import stroke_files
 
         assert last_take is not None
-        if not self.filepath:
-            raise InputError("Choose a file.")
-        path = Path(bpy.path.abspath(self.filepath))
+        path = self.path()
         if not path.suffix:
             path = path.with_suffix(self.kind)
         stroke_files.check(path)

@@ -33,10 +33,7 @@ timeline. It is made when it is not there yet"""
     bl_idname = "hfx.workspace"
     bl_label = "HFX Workspace"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_has_window(context), "There is no window")
+    requires = ((_has_window, "There is no window"),)
 
     def work(self, context: bpy.types.Context) -> str:
         found = bpy.data.workspaces.get(NAME)
@@ -59,10 +56,7 @@ of the present file is lost"""
     bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_has_window(context), "There is no window")
+    requires = ((_has_window, "There is no window"),)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not bpy.data.is_dirty:
@@ -82,10 +76,10 @@ def _load_empty_file() -> None:
     with bpy.context.temp_override(window=manager.windows[0]):
         bpy.ops.wm.read_homefile(app_template="", use_empty=False)
     # In the middle of loading a file, whose end would take the timer away.
-    call_soon(_furnish, _AGAIN_S, outlives_load=True)
+    call_soon(_replace_cube_by_avatar, _AGAIN_S, outlives_load=True)
 
 
-def _furnish() -> None:
+def _replace_cube_by_avatar() -> None:
     """Put the avatar in place of the cube of the file that Blender starts with."""
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window):

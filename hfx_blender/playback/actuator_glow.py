@@ -66,7 +66,7 @@ class Discs:
 
 
 @dataclass(eq=False)
-class _Worn:
+class _DeviceOnBody:
     """A device on a body."""
 
     device: DeviceConfig
@@ -107,26 +107,26 @@ class ActuatorGlow:
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
         self._faults: list[str] = []
         self._live = live
-        self._worn: list[_Worn] = []  # one body after the other
-        self._wearers: list[_Wearer] = []
+        self._on_bodies: list[_DeviceOnBody] = []  # one body after the other
+        self._bodies: list[_BodyWithDevices] = []
         devices = devices_of(scene, self._faults)
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
             mine = []
             for device in devices:
                 try:
-                    mine.append(_worn(live, device, body, described.id))
+                    mine.append(_on_body(live, device, body, described.id))
                 except HfxError as error:
                     self._faults.append(str(error))
             if mine:
-                self._worn += mine
-                self._wearers.append(_Wearer(body, mine))
-        self.notes = notes_of([each.device for each in self._worn])
+                self._on_bodies += mine
+                self._bodies.append(_BodyWithDevices(body, mine))
+        self.notes = notes_of([each.device for each in self._on_bodies])
         self._known: tuple[TimelineRecord | None, F32 | None] = None, None
 
     @property
     def fault(self) -> str:
         """Reasons why devices, or some of their values, are not shown; empty without any."""
-        found = [*self._faults, *(each.fault for each in self._worn)]
+        found = [*self._faults, *(each.fault for each in self._on_bodies)]
         return "; ".join(dict.fromkeys(filter(None, found)))
 
     def recorded(self, recorded: TimelineRecord, index: int) -> F32:
@@ -136,7 +136,7 @@ class ActuatorGlow:
         """
         of, shares = self._known
         if of is not recorded or shares is None:
-            parts = [each.recorded(recorded) for each in self._worn]
+            parts = [each.recorded(recorded) for each in self._on_bodies]
             shares = np.concatenate([np.zeros((len(recorded.frames), 0), np.float32), *parts], 1)
             self._known = recorded, shares
         row: F32 = shares[index]
@@ -144,7 +144,9 @@ class ActuatorGlow:
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
         """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
-        return np.concatenate([np.zeros(0, np.float32), *(each.now(runs) for each in self._worn)])
+        return np.concatenate(
+            [np.zeros(0, np.float32), *(each.now(runs) for each in self._on_bodies)]
+        )
 
     def discs(
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
@@ -152,16 +154,18 @@ class ActuatorGlow:
         """Drawable discs of all actuators at present."""
         found = []
         first = 0
-        for wearer in self._wearers:
-            share = strengths[first : first + len(wearer)]
-            first += len(wearer)
-            found += wearer.discs(self._live, skins, share, palette, unit_m)
+        for each in self._bodies:
+            share = strengths[first : first + len(each)]
+            first += len(each)
+            found += each.discs(self._live, skins, share, palette, unit_m)
         return found
 
 
-def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str) -> _Worn:
+def _on_body(
+    live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str
+) -> _DeviceOnBody:
     ranges = [each.type.strength for each in device.actuators]
-    return _Worn(
+    return _DeviceOnBody(
         device,
         body_id,
         places_of(body, device),
@@ -172,14 +176,14 @@ def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id
     )
 
 
-class _Wearer:
+class _BodyWithDevices:
     """Body with all of the actuators that are on it."""
 
-    def __init__(self, body: bpy.types.Object, worn: Sequence[_Worn]) -> None:
+    def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
         self._body = body
-        places = [each.places for each in worn]
+        places = [each.places for each in devices]
         self._radius_m = np.concatenate([each.radius_m for each in places])
-        self._modalities = [a.type.modality for each in worn for a in each.device.actuators]
+        self._modalities = [a.type.modality for each in devices for a in each.device.actuators]
         mesh = np.concatenate([each.mesh for each in places])
         vertex = np.concatenate([each.vertex for each in places])
         self._on = [

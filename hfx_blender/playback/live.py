@@ -139,7 +139,7 @@ class Live:
             name,
             target,
             folder=resources.user_devices(),
-            script=None if script is None else script.as_wish(),
+            script=None if script is None else script.as_request(),
             offset_ms=settings.offset_ms,
         )
         self._devices[name] = _Connected(
@@ -254,7 +254,7 @@ class Live:
         self.stop_all(text)
 
     def _set_latencies(self) -> None:
-        self.lookahead.want(ms for each in self._devices.values() for ms in each.late_ms)
+        self.lookahead.set_latencies(ms for each in self._devices.values() for ms in each.late_ms)
 
     def _pause(self) -> None:
         if self._client is not None:
@@ -279,7 +279,7 @@ class Live:
         if self._client is not None:
             live_handlers.request_update()
 
-    def beat(self) -> bool:
+    def exchange_heartbeat(self) -> bool:
         """Send a heartbeat, and take news from the devices; returns True if there are any."""
         if self._client is None:
             return False
@@ -301,14 +301,14 @@ class Live:
     def _fade(self) -> None:
         """Send neutral values; a script decides by itself how to fade."""
 
-        from ..devices.live.haptics import packed
+        from ..devices.live.haptics import encode_haptics
 
         if self._client is None:
             return
         for name, each in self._devices.items():
             neutral = each.device.neutral
             if each.has_script and name not in self._muted:
-                self._client.send_haptics(name, packed(self._time_s, [], neutral))
+                self._client.send_haptics(name, encode_haptics(self._time_s, [], neutral))
             else:
                 self._client.send(name, neutral)
 
@@ -399,7 +399,7 @@ class Live:
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
 
-    def turn_down(self, scene: bpy.types.Scene) -> None:
+    def apply_mutes(self, scene: bpy.types.Scene) -> None:
         """The user has pressed a mute: that device is silent at once, whatever Blender does."""
         if self._client is not None:
             self._client.set_gains(self._gains(scene))

@@ -36,7 +36,7 @@ class Listener(Protocol):
 
     def update(self, scene: bpy.types.Scene) -> None: ...
 
-    def beat(self) -> bool: ...
+    def exchange_heartbeat(self) -> bool: ...
 
     def stop_all(self, reason: str) -> None: ...
 
@@ -146,7 +146,7 @@ def _stop(reason: str) -> None:
 def _beat() -> float:
     if _live is not None:
         try:
-            if _live.beat():
+            if _live.exchange_heartbeat():
                 _redraw()
         except ReferenceError as error:  # something was deleted; the next change will describe it
             _log.info("live: %s", error)

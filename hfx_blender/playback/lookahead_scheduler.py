@@ -16,7 +16,7 @@ import numpy as np
 
 from ..devices.live.messages import MessageError
 from ..devices.live.playhead import Playhead, parts_between
-from ..engine.parallel.serialization import packed
+from ..engine.parallel.serialization import encode_object
 from ..errors import HfxError
 from ..scene_units import fps_of
 
@@ -73,7 +73,7 @@ class LookaheadScheduler:
         """Test that the whole range has been read, for a scene that is not read in stretches."""
         return bool(len(self._is_read)) and bool(self._is_read.all())
 
-    def want(self, latencies_ms: Iterable[float]) -> None:
+    def set_latencies(self, latencies_ms: Iterable[float]) -> None:
         """Set the latencies to compensate."""
         found = tuple(sorted(set(latencies_ms)))
         if found != self.latencies_ms:
@@ -137,7 +137,7 @@ class LookaheadScheduler:
         self._before = None
         self.reason, self.has_more = self._reader.reason, not self._reader.reason
         if not self.reason:
-            tell(packed(self._reader.scene(self.edition)), True)
+            tell(encode_object(self._reader.scene(self.edition)), True)
 
     def _read(self, playhead: Playhead, reader: KeyframeReader, tell: Tell) -> None:
         parts = parts_between(self.latencies_ms, playhead.fps, playhead.step)
@@ -147,7 +147,7 @@ class LookaheadScheduler:
             self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
             self._bytes = self._points = 0
         elif self._bytes > MOST_BYTES:  # the frames read so far are in the past
-            tell(packed(reader.scene(self.edition)), True)
+            tell(encode_object(reader.scene(self.edition)), True)
             self._is_read[:] = False
             self._bytes = self._points = 0
         numbers = self._next(playhead, len(parts))
@@ -156,7 +156,7 @@ class LookaheadScheduler:
             return
         begun = time.perf_counter()
         frames = (playhead.first + numbers[:, None] + np.array(parts)).ravel()
-        body = packed(reader.block(self.edition, frames))
+        body = encode_object(reader.block(self.edition, frames))
         tell(body, False)
         self._is_read[numbers] = True
         self._bytes += len(body)

@@ -139,7 +139,7 @@ def _on_load(*_: object) -> None:
         call_soon(_record)
 
 
-def look_soon() -> None:
+def check_soon() -> None:
     """Look for changes as soon as Blender is idle: after each drawing and each operator of ours.
 
     Whatever changes what is felt is noticed this way, also what Blender reports to nobody.
@@ -174,17 +174,17 @@ def _look_after_drawing() -> None:
     if left_s > 0.0:
         call_soon(_look_later, left_s)
     else:
-        look_soon()
+        check_soon()
 
 
 def _look_later() -> None:
-    look_soon()
+    check_soon()
 
 
 def _reread() -> None:
     """Note a change that was evaluated while the scene was read."""
     updates().changed()
-    look_soon()
+    check_soon()
     redraw()
 
 

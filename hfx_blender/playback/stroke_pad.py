@@ -37,7 +37,7 @@ _TRAIL_STEP_PX = 1.0
 
 
 @dataclass(frozen=True)
-class Felt:
+class StrokeState:
     """Momentary state under the finger."""
 
     speed_m_s: float = 0.0
@@ -72,7 +72,7 @@ class StrokePad:
         self.texture = texture
         self.brightest = 1.0 if texture.map is None else float(texture.map.intensity.max())
         self.target_m_s = target_m_s
-        self.now = Felt()
+        self.now = StrokeState()
         self.take: Take | None = None
         self.fault = ""
         self._begin_s = 0.0
@@ -82,7 +82,7 @@ class StrokePad:
         self._rendered_s = self._felt_s = 0.0
         self.trail_m: list[tuple[float, float]] = []
         """Path of the present stroke, as finely as it is seen; empty between strokes."""
-        self.history: list[tuple[float, Felt]] = []  # of the present or the last stroke
+        self.history: list[tuple[float, StrokeState]] = []  # of the present or the last stroke
         self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
 
     @property
@@ -107,7 +107,11 @@ class StrokePad:
         """Begin a stroke."""
         self._begin_s = time_s
         self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
-        self._rendered_s, self.now, self.fault = 0.0, Felt(height_m=self._height(point_m)), ""
+        self._rendered_s, self.now, self.fault = (
+            0.0,
+            StrokeState(height_m=self._height(point_m)),
+            "",
+        )
         self.history = []
 
     def move(self, time_s: float, point_m: tuple[float, float]) -> None:
@@ -169,9 +173,9 @@ class StrokePad:
 
     def cancel(self) -> None:
         """Discard the stroke."""
-        self._times, self._points, self.trail_m, self.now = [], [], [], Felt()
+        self._times, self._points, self.trail_m, self.now = [], [], [], StrokeState()
 
-    def recent(self, seconds: float) -> list[tuple[float, Felt]]:
+    def recent(self, seconds: float) -> list[tuple[float, StrokeState]]:
         """Last seconds of the present or the last stroke, with their times."""
         if not self.history:
             return []
@@ -192,7 +196,7 @@ class StrokePad:
             amplitude = float(signal.amplitude_m_s2[-1])
             frequency = float(signal.frequency_hz[-1])
             self.waveform_m_s2 = signal.waveform_m_s2
-        self.now = Felt(speed, self._height(self._points[-1]), amplitude, frequency)
+        self.now = StrokeState(speed, self._height(self._points[-1]), amplitude, frequency)
         self.history.append((time_s, self.now))
 
     def _render(self, begin_s: float, end_s: float) -> Signal | None:

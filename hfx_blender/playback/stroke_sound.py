@@ -40,7 +40,7 @@ class StrokeSound:
         sound = self._aud.Sound.buffer(np.ascontiguousarray(samples.reshape(-1, 1)), rate_hz)
         self._device.play(sound)
 
-    def rub(self, share: float) -> None:
+    def set_friction(self, share: float) -> None:
         """Set the volume of the friction sound, 0 to 1."""
         if self._friction is not None:
             self._friction.volume = float(np.clip(share, 0.0, 1.0))

@@ -154,7 +154,7 @@ class PlainObject:
             return own
         above = self._parent._kept_world(frames)
         if self._rig is not None and self._bone is not None:
-            above = above @ self._rig.seat_of(self._bone, frames)
+            above = above @ self._rig.places_on_bone(self._bone, frames)
         return above @ np.array(obj.matrix_parent_inverse, np.float64) @ own
 
     def _channels(self, sampled: F64, name: str) -> F64:
@@ -246,7 +246,7 @@ class PlainRig:
     def _pose(self, frames: F64) -> F64:
         return self.keyed.skinning(self.channels(frames))
 
-    def seat_of(self, bone: str, frames: F64) -> F64:
+    def places_on_bone(self, bone: str, frames: F64) -> F64:
         """Places of objects with a bone as their parent, (T, 4, 4), armature space."""
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))

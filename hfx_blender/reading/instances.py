@@ -35,7 +35,7 @@ from . import (
     visibility,
 )
 from .animation_time import animation_frames
-from .reached import data_reached_from, is_instancer, reached_from
+from .reached import data_reached_from, data_reaching, is_instancer, reached_from
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
@@ -137,8 +137,8 @@ class Sources:
         self._shapes = shapes
         self._faults = {} if faults is None else faults
         every = sources_of(found.scene)
-        sound, bad = soundness.sorted_out(every.values(), soundness.warnings_of)
-        told = (text for each in sound.values() for text in each)
+        sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
+        warned = (text for each in sound.values() for text in each)
         every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
         silenced = effects.silenced({**scene, **every}.values())
@@ -151,7 +151,7 @@ class Sources:
             for source in every.values()
             if source in silenced
         )
-        self.warnings = (*told, *soundness.left_out(bad), *muted)
+        self.warnings = (*warned, *soundness.left_out(bad), *muted)
         frames = None if time is None else dormant.frames_read(found.scene, time)
         asleep = {
             name: "" if frames is None else dormant.why_dormant(every[name], state, frames)
@@ -296,7 +296,7 @@ class Instances:
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
         frames = {Fraction(frame) for frame in range(self._first, last + 1)}
-        if _may_be_brief(scene):
+        if _may_be_brief(self._sources.objects.values()):
             first = -int((time.frame_first - self._first) * time.rate_hz / time.fps)
             count = int((last - time.frame_first) * time.rate_hz / time.fps)
             frames.update(map(time.frame, range(first, count + 1)))
@@ -324,8 +324,7 @@ class Instances:
 
     def stepper(self) -> stepping.Stepping:
         """The user's own scene, to be set to the times at which instances are read."""
-        found = self._found
-        return stepping.own_scene(found.scene, found.layer, found.simulation)
+        return stepping.own_scene(self._found)
 
     def may_be_on(self, frames: F64) -> Bool:
         """Test that any instance can be felt at each played frame, (n,)."""
@@ -367,17 +366,17 @@ class Instances:
         return self._last[index]
 
 
-def _may_be_brief(scene: bpy.types.Scene) -> bool:
-    """Test that an instance may be there between two frames only.
+def _may_be_brief(sources: Iterable[bpy.types.Object]) -> bool:
+    """Test that an instance of these volumes may be there between two frames only.
 
     So it may be where visibility or what geometry nodes take is animated, where nodes read the
     time, particles live for less than a frame, or a handler of others does what it likes.
     """
-    reached = data_reached_from(filter(is_instancer, scene.objects))
-    return stepping.foreign_handler() is not None or any(map(_makes_brief, reached))
+    reached = data_reached_from(filter(is_instancer, data_reaching(sources)))
+    return stepping.foreign_handler() is not None or any(map(_may_be_short, reached))
 
 
-def _makes_brief(data: bpy.types.ID) -> bool:
+def _may_be_short(data: bpy.types.ID) -> bool:
     if isinstance(data, bpy.types.Object):
         paths = soundness.animated_paths(data)
         return any(each == visibility.PATH or each.startswith("modifiers[") for each in paths)

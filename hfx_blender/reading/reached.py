@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import bpy
 
 
-def is_instancer(obj: bpy.types.Object) -> bool:
+def is_instancer(obj: bpy.types.ID) -> bool:
     """Test for an object that may make instances of others, or of its own geometry."""
-    return (
+    return isinstance(obj, bpy.types.Object) and (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)
         or any(modifier.type == "NODES" for modifier in obj.modifiers)
@@ -24,20 +24,37 @@ def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
 
 def data_reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
     """Objects, and all data that they refer to over any number of steps; see above."""
-    start = list(start)
     uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
+    for user, used in _references():
+        uses.setdefault(user, []).append(used)
+    return _closure(start, uses)
+
+
+def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
+    """Objects, and all data that refers to them over any number of steps."""
+    users: dict[bpy.types.ID, list[bpy.types.ID]] = {}
+    for user, used in _references():
+        users.setdefault(used, []).append(user)
+    return _closure(start, users)
+
+
+def _references() -> Iterator[tuple[bpy.types.ID, bpy.types.ID]]:
+    """Pairs of data and of other data that it refers to; what scenes hold does not count."""
     for used, users in bpy.data.user_map().items():
-        for user in users:
-            if not isinstance(user, bpy.types.Scene):
-                uses.setdefault(user, []).append(used)
+        yield from ((user, used) for user in users if not isinstance(user, bpy.types.Scene))
     for obj in bpy.data.objects:  # the children of an instancer are what it makes instances of
         if obj.parent is not None and obj.parent.instance_type != "NONE":
-            uses.setdefault(obj.parent, []).append(obj)
+            yield obj.parent, obj
+
+
+def _closure(
+    start: Iterable[bpy.types.Object], following: dict[bpy.types.ID, list[bpy.types.ID]]
+) -> set[bpy.types.ID]:
     found: set[bpy.types.ID] = set()
     waiting: list[bpy.types.ID] = [*start]
     while waiting:
         each = waiting.pop()
         if each not in found:
             found.add(each)
-            waiting += uses.get(each, ())
+            waiting += following.get(each, ())
     return found

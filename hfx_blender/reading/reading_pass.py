@@ -82,10 +82,10 @@ class Pass:
         self._scene = scene
         self._reading = reading
         self._always_posed = always_posed
-        self._effects = [k for k in found.awake if k not in plan.effects]
-        self._dormant = sorted({*range(len(found.effects))}.difference(found.awake))
+        self._effects = [k for k in found.active if k not in plan.effects]
+        self._dormant = sorted({*range(len(found.effects))}.difference(found.active))
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
-        self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
+        self._volumes = [k for k in found.active if found.effects[k].hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames, spots=spots)
         goes_back = not plan.is_sequential and not with_far
         self._is_judged = goes_back and spots is None
@@ -106,9 +106,7 @@ class Pass:
         self._near: list[Volume] = []
         self._whole = self._light = None
         if plan.in_own_scene:
-            self._whole = self._light = stack.enter_context(
-                stepping.own_scene(found.scene, found.layer, found.simulation)
-            )
+            self._whole = self._light = stack.enter_context(stepping.own_scene(found))
         elif self._effects or self._bodies:
             stepped = [found.effects[k] for k in self._effects]
             needed = objects_of(found, scene, self._effects, self._bodies)
@@ -291,7 +289,7 @@ class Pass:
         own = rows[history : len(rows) - future]
         if self._far:
             bodies = [poses[k] for k in range(len(poses))]
-            effects |= self._judged(rows, bodies, idle, own)
+            effects |= self._read_near_ones(rows, bodies, idle, own)
         for k in self._outlined:
             poses[k] = self._surface(k, rows, poses[k], [effects[each] for each in self._volumes])
             if k in self._unread:
@@ -317,7 +315,7 @@ class Pass:
                 idle.add(k)
         return idle
 
-    def _judged(
+    def _read_near_ones(
         self, rows: list[Row], poses: list[PoseBlock], idle: set[int], own: list[Row]
     ) -> dict[int, EffectBlock]:
         """Volumes of which only the places were read: of those that come near skin, the rest.

@@ -54,7 +54,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     plan = Plan()
     reasons = []
     parents = Parents()
-    for k in found.awake:
+    for k in found.active:
         effect, state = found.effects[k], found.activations[k]
         shape = None
         if effect.hfx.kind == "VOLUME" and is_steady(effect):

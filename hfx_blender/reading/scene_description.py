@@ -69,7 +69,7 @@ class HapticObjects:
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
 
     @property
-    def awake(self) -> list[int]:
+    def active(self) -> list[int]:
         """Effects that may be felt at some time, by their place."""
         return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
 
@@ -77,7 +77,7 @@ class HapticObjects:
     def read(self) -> list[bpy.types.Object]:
         """Objects that are read of a scene: effects that may be felt, bodies, and their meshes."""
         shown = [mesh for body in self.bodies for mesh in avatar_meshes.meshes_of(body)]
-        return [*(self.effects[k] for k in self.awake), *self.bodies, *shown]
+        return [*(self.effects[k] for k in self.active), *self.bodies, *shown]
 
     @property
     def unit_m(self) -> float:
@@ -99,12 +99,12 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(layer.layer_collection)
-    bodies, told, left_out = _find_bodies(scene, layer, enabled)
+    bodies, warned, left_out = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
-    warnings = (*_of_unknown_role(scene), *told, *warnings)
+    warnings = (*_of_unknown_role(scene), *warned, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
-    sound, faults = soundness.sorted_out(kept, soundness.warnings_of)
+    sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
     if faults and not sound and not any(map(reached.is_instancer, scene.objects)):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
@@ -152,7 +152,7 @@ def _find_bodies(
         )
 
     def check(body: bpy.types.Object) -> list[str]:
-        told = soundness.warnings_of(body)
+        warned = soundness.warnings_of(body)
         if body.type != "ARMATURE":
             raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):
@@ -161,13 +161,13 @@ def _find_bodies(
                     f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
                     "from the view layer, so Blender does not pose it."
                 )
-        return told
+        return warned
 
-    sound, faults = soundness.sorted_out(bodies, check)
+    sound, faults = soundness.without_faulty(bodies, check)
     if not sound:
         raise InputError(next(iter(faults.values())))
-    told = tuple(text for each in sound.values() for text in each)
-    return list(sound), told, soundness.left_out(faults)
+    warned = tuple(text for each in sound.values() for text in each)
+    return list(sound), warned, soundness.left_out(faults)
 
 
 def _instanced_body(
@@ -267,7 +267,7 @@ def describe(
             shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return _describe_effect(effect, states[effect], found, ids)
 
-    described, faults = soundness.sorted_out(found.effects, work)
+    described, faults = soundness.without_faulty(found.effects, work)
     if not described and not more:
         none = f"Scene '{found.scene.name}' has no haptic effects to export."
         raise InputError(next(iter(faults.values()), none))
@@ -281,7 +281,7 @@ def describe(
         and states[effect].may_be_on(frames).any()
     }
     posed |= {effect.model_id for effect in more}
-    bindings, unbound = soundness.sorted_out(
+    bindings, unbound = soundness.without_faulty(
         found.bodies, lambda body: body_binding.binding_of(body, posed)
     )
     if not bindings:
@@ -394,7 +394,7 @@ def _painted_area(
         raise InputError(
             f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
             f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})"
-            f"{model_migration.hindrance(wanted, hfx.model_hash)}."
+            f"{model_migration.reason_not_carried(wanted, hfx.model_hash)}."
         )
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):

@@ -33,7 +33,7 @@ from .reached import is_instancer
 from .reading_pass import Pass, objects_of
 from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
-from .simulation import Simulation, goes_on_by_itself, to_bake
+from .simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped_reading import SteppedReading
 
 BLOCK_SIZE = 32
@@ -149,10 +149,10 @@ class SceneReader:
             found, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
-        told = self.description.warnings
+        warned = self.description.warnings
         makers = filter(is_instancer, scene.objects) if more else ()
         unbaked = to_bake(scene, [*self._found.read, *makers])
-        warnings = (*told, *self._instances.warnings, *unbaked, *linked_files.missing())
+        warnings = (*warned, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]
@@ -192,8 +192,8 @@ class SceneReader:
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on values that were corrected, or are likely to be meant otherwise."""
         surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
-        told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
-        told = {text: s for text, s in told.items() if s.warning}
+        warned = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
+        warned = {text: s for text, s in warned.items() if s.warning}
         asleep = self._found.dormant.items()
         # Muted effects are reported as a warning.
         unfelt = (
@@ -201,7 +201,7 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return tuple(dict.fromkeys((*self._shapes.notes, *told, *unfelt, *self._instances.notes)))
+        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt, *self._instances.notes)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""
@@ -351,7 +351,7 @@ class SceneReader:
             return plan
         # The user's scene evaluates what nobody feels, too. Simulations in it that were not played
         # through must not be disturbed, and cannot be felt.
-        is_disturbed = self._found.simulation is None and goes_on_by_itself(self._found.scene)
+        is_disturbed = self._found.simulation is None and has_simulation_anywhere(self._found.scene)
         in_own_scene = plan.in_own_scene or (
             stepping.runs_code(self._found.read) and not is_disturbed
         )
@@ -359,7 +359,7 @@ class SceneReader:
         if plan.in_own_scene == in_own_scene and not is_sampled:
             return plan
         probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-        truth = self._truth(probes.tolist(), in_own_scene)
+        truth = self._as_evaluated(probes.tolist(), in_own_scene)
         if self._agrees(plan, truth):
             return plan
         if plan.presampled:
@@ -380,18 +380,18 @@ class SceneReader:
             is_exact=True,
         )
 
-    def _truth(self, probes: list[int], in_own_scene: bool) -> list[Row]:
+    def _as_evaluated(self, probes: list[int], in_own_scene: bool) -> list[Row]:
         """Effects and bodies as Blender evaluates them."""
         found, bodies = self._found, range(len(self._found.bodies))
         if in_own_scene:
-            stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
+            stepped = stepping.own_scene(found)
         else:
-            objects = objects_of(found, self._described, found.awake, bodies)
+            objects = objects_of(found, self._described, found.active, bodies)
             stepped = stepping.scratch_scene(found.scene, objects)
         # Places and values are compared, for which no mesh is needed.
-        self._reading.far = frozenset(found.awake)
+        self._reading.far = frozenset(found.active)
         with stepped as stepper:
-            return [self._reading.read(index, stepper, found.awake, bodies) for index in probes]
+            return [self._reading.read(index, stepper, found.active, bodies) for index in probes]
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
@@ -414,7 +414,7 @@ def _simulation(
     """Simulation to play through before a scene is read; None if the scene is not stepped, or
     simulates nothing."""
     scene = found.scene
-    if not goes_on_by_itself(scene):
+    if not has_simulation_anywhere(scene):
         return None
     is_scratch = stepping.foreign_handler() is None and stepping.why_own_scene(found.read) is None
     if is_scratch and not instances.Sources(found, shapes, time=time).objects:
@@ -446,7 +446,7 @@ def _same(row: Row, block: AnimationBlock) -> bool:
         bones = None if pose.bones is None else pose.bones[0]
         surface = None if pose.surface is None else pose.surface[0]
         read = row.poses[k]
-        if read is None or not read.agrees(PoseRow(pose.to_world[0], bones, surface)):
+        if read is None or not read.nearly_equals(PoseRow(pose.to_world[0], bones, surface)):
             return False
     return True
 

@@ -42,7 +42,7 @@ class PoseRow:
     bones: npt.NDArray[np.float32] | None = None
     surface: npt.NDArray[np.float32] | None = None
 
-    def agrees(self, other: PoseRow) -> bool:
+    def nearly_equals(self, other: PoseRow) -> bool:
         """Test that two readings of the same time are equal up to rounding."""
         return all(
             _close(a, b)

@@ -87,7 +87,15 @@ def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
 
 
-def goes_on_by_itself(scene: bpy.types.Scene) -> bool:
+def takes_part(obj: bpy.types.Object) -> bool:
+    """Test for an object that is simulated, or that what is simulated may feel."""
+    if _is_simulated(obj) or obj.particle_systems or obj.rigid_body_constraint is not None:
+        return True
+    is_field = obj.field is not None and obj.field.type != "NONE"
+    return is_field or any(modifier.type == "COLLISION" for modifier in obj.modifiers)
+
+
+def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
     """Test for simulations in a scene, felt or not."""
     return simulated(scene.objects) is not None or moves_particles(scene)
 

@@ -55,25 +55,25 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
     """
     reject_non_finite_keyframes(obj)
     animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
-    told = []
+    warned = []
     for bad in stored_values.bad_values(obj):
         if f"hfx.{bad.path}" in animated:
             continue  # its present value was evaluated; each sample is checked when it is read
         if not _counts(obj, bad):
-            told.append(f"{titled(obj)}: {bad}; it is ignored")
+            warned.append(f"{titled(obj)}: {bad}; it is ignored")
         elif bad.taken is None or bad.top == "surface":
             raise InputError(f"{titled(obj)}: {bad}.")
         else:
-            told.append(f"{titled(obj)}: {bad}; {bad.taken} is taken")
+            warned.append(f"{titled(obj)}: {bad}; {bad.taken} is taken")
     if len(obj.hfx.response) > MOST_FILTERS:
         raise InputError(
             f"{titled(obj)}: its contact response has {len(obj.hfx.response)} filters, at most "
             f"{MOST_FILTERS} are allowed."
         )
-    return told + list(_of_animation(obj))
+    return warned + list(_of_animation(obj))
 
 
-def sorted_out(
+def without_faulty(
     objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
 ) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
     """Results of ``work`` for each object, and the errors of the others."""

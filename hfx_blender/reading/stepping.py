@@ -18,10 +18,11 @@ import bpy
 
 from . import simulation as simulations
 from . import visibility
-from .reached import data_reached_from
+from .reached import data_reached_from, data_reaching, is_instancer, reached_from
 
 if TYPE_CHECKING:
     from .presampled_rig import PresampledRig
+    from .scene_description import HapticObjects
     from .simulation import Simulation
 
 _is_stepping = False
@@ -90,22 +91,45 @@ Stepping = AbstractContextManager[Stepper]
 
 
 @contextmanager
-def own_scene(
-    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, simulation: Simulation | None = None
-) -> Iterator[Stepper]:
-    """Context that steps the user's scene, after its simulation; its frame is restored."""
-    with _told():
+def own_scene(found: HapticObjects) -> Iterator[Stepper]:
+    """Context that steps the user's scene, after its simulation; its frame is restored.
+
+    Meanwhile dormant effects that nothing else can depend on are disabled in viewports, so that
+    Blender does not evaluate them.
+    """
+    scene, simulation = found.scene, found.simulation
+    with _marked_as_stepping():
         before = scene.frame_current, scene.frame_subframe
+        idle = [obj for obj in _idle(found) if not obj.hide_viewport]
         try:
+            for obj in idle:
+                obj.hide_viewport = True
             if simulation is not None:
                 simulation.play()
-            yield Stepper(scene, layer, simulation=simulation)
+            yield Stepper(scene, found.layer, simulation=simulation)
         finally:
+            for obj in idle:
+                obj.hide_viewport = False
             scene.frame_set(before[0], subframe=before[1])
 
 
+def _idle(found: HapticObjects) -> list[bpy.types.Object]:
+    """Dormant effects that neither code nor another object of the scene may depend on."""
+    asleep, objects = found.dormant, found.scene.objects
+    if not asleep or foreign_handler() is not None or runs_code(objects):
+        return []
+    kept = reached_from(obj for obj in objects if obj not in asleep)
+    felt = (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT" and obj not in asleep)
+    kept.update(filter(is_instancer, data_reaching(felt)))
+    return [
+        obj
+        for obj in asleep
+        if not (obj in kept or visibility.is_keyed(obj) or simulations.takes_part(obj))
+    ]
+
+
 @contextmanager
-def _told() -> Iterator[None]:
+def _marked_as_stepping() -> Iterator[None]:
     """Context in which :func:`is_stepping` is true."""
     global _is_stepping
     was_stepping, _is_stepping = _is_stepping, True
@@ -137,7 +161,7 @@ def scratch_scene(
     NotModelledError
         Something in it follows a presampled rig.
     """
-    with _told(), _scratch(scene, objects, presampled) as stepper:
+    with _marked_as_stepping(), _scratch(scene, objects, presampled) as stepper:
         yield stepper
 
 

@@ -57,7 +57,7 @@ def _set(name: str) -> Callable[[HfxClipRow, float], None]:
         strip = _strip(row)
         if strip is not None:
             setattr(strip, name, value * frames_per_unit())
-            preview.look_soon()
+            preview.check_soon()
             push_undo_soon()
 
     return set_time
@@ -78,7 +78,7 @@ def _start(_manager: object) -> float:
 
 def _set_start(manager: object, value: float) -> None:
     clips.shift(active_group(), (value - _start(manager)) * frames_per_unit())
-    preview.look_soon()
+    preview.check_soon()
     push_undo_soon()
 
 

@@ -78,7 +78,7 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     def set_all(row: HfxEffectRow, value: bool) -> None:
         for effect in _effects_of_row(row):
             setattr(effect.hfx, name, value)
-        preview.look_soon()
+        preview.check_soon()
         push_undo_soon()
 
     return set_all

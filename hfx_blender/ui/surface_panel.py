@@ -55,8 +55,8 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         row.operator("hfx.remove_surface", text="", icon="X")
         self._draw_maps(layout, obj)
         if settings.is_outdated:
-            told = "Out of date: the material was edited. Press Make Maps."
-            draw_text(context, layout, told, "ERROR")
+            sentence = "Out of date: the material was edited. Press Make Maps."
+            draw_text(context, layout, sentence, "ERROR")
         row = layout.row(align=True)
         row.operator("hfx.bake_surface", icon="RENDER_STILL")
         row.operator("hfx.stroke_pad", icon="GREASEPENCIL")

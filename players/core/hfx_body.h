@@ -10,13 +10,15 @@ extern "C" {
 #endif
 
 /* The model of a body that an effect is felt on; HFX_NONE: there is none. */
-static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body, const unsigned char *effect) {
+static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body,
+                                    const unsigned char *effect) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   const uint32_t of = hfx_u32(effect + 12);
   uint32_t k;
   if (of != HFX_NONE && of != body) return HFX_NONE;
   for (k = hfx_u32(at + 12); k < hfx_u32(at + 12) + hfx_u32(at + 16); k++)
-    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16))) return k;
+    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16)))
+      return k;
   return HFX_NONE;
 }
 
@@ -24,24 +26,38 @@ static inline uint32_t hfx_vertices_of(const hfx_clip *clip, uint32_t model) {
   return model == HFX_NONE ? 0 : hfx_u32(hfx_record(clip, HFX_MODL, model) + 16);
 }
 
+static inline uint32_t hfx_chunks_of(const hfx_clip *clip, uint32_t model) {
+  return hfx_chunk_count(hfx_vertices_of(clip, model));
+}
+
+/* The chunk of a body where those of a model begin. */
+static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint32_t model) {
+  uint32_t k, sum = 0;
+  if (model == HFX_NONE) return 0;
+  for (k = hfx_u32(hfx_record(clip, HFX_BODY, body) + 12); k < model; k++)
+    sum += hfx_chunks_of(clip, k);
+  return sum;
+}
+
 /* Parts of a body's memory, in bytes; their sum. */
 static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[7]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
-  uint64_t vertices = 0, weights = 0, largest = 0, sum = 0;
+  uint64_t chunks = 0, weights = 0, largest = 0, sum = 0;
   uint32_t k;
   for (k = 0; k < hfx_u32(at + 16); k++) {
-    const uint32_t count = hfx_vertices_of(clip, hfx_u32(at + 12) + k);
-    vertices += count;
+    const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
+    chunks += count;
     if (count > largest) largest = count;
   }
   for (k = 0; k < hfx_clip_effects(clip); k++)
-    weights += hfx_vertices_of(clip, hfx_model_of(clip, body, hfx_record(clip, HFX_EFCT, k)));
+    weights += hfx_chunks_of(clip, hfx_model_of(clip, body, hfx_record(clip, HFX_EFCT, k)));
   parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
-  parts[1] = 48 * (uint64_t)hfx_u32(at + 8);
-  parts[2] = parts[3] = 12 * vertices;
-  parts[4] = 24 * (vertices / HFX_CHUNK + 1);
-  parts[5] = 4 * weights;
-  parts[6] = 4 * (largest + 2 * ((uint64_t)hfx_clip_effects(clip) + clip->parts[HFX_REAC].count));
+  parts[1] = parts[2] = sizeof(hfx_chunk) * chunks;
+  parts[3] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
+  parts[4] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
+  parts[5] = 4 * HFX_CHUNK * weights;
+  parts[6] = 4 * (HFX_CHUNK * largest + 2 * (uint64_t)hfx_clip_effects(clip) +
+                  2 * (uint64_t)clip->parts[HFX_REAC].count);
   for (k = 0; k < 7; k++) sum += parts[k];
   return sum;
 }
@@ -60,22 +76,21 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   uint32_t k, first = 0, painted;
   self->clip = clip;
   self->body = HFX_NONE;
-  self->vertex_count = 0;
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
   if (!memory || hfx_parts_of(clip, body, parts) > size) return HFX_ERROR_MEMORY;
   for (i = 0; i < size; i++) at[i] = 0;
   self->felt = (hfx_felt *)memory;
   at += parts[0];
-  self->matrices = (float *)(void *)at;
-  self->places = (float *)(void *)(at += parts[1]);
-  self->before = (float *)(void *)(at += parts[2]);
-  self->boxes = (float *)(void *)(at += parts[3]);
+  self->places = (hfx_chunk *)(void *)at;
+  self->before = (hfx_chunk *)(void *)(at += parts[1]);
+  self->boxes = (hfx_boxes *)(void *)(at += parts[2]);
+  self->bones = (hfx_bone_pose *)(void *)(at += parts[3]);
   self->weights = (float *)(void *)(at += parts[4]);
   self->scratch = (float *)(void *)(at += parts[5]);
   self->body = body;
-  self->vertex_count = (uint32_t)(parts[2] / 12);
-  self->first_vertex = self->vertex_count
-      ? hfx_u32(hfx_record(clip, HFX_MODL, hfx_u32(hfx_record(clip, HFX_BODY, body) + 12)) + 12) : 0;
+  self->frame = 0;
+  self->chunks = (uint32_t)(parts[1] / sizeof(hfx_chunk));
+  hfx_find_bone_extents(self);
   self->is_posed = self->was_posed = 0;
   self->time_s = 0.0;
   for (k = 0; k < hfx_clip_effects(clip); k++) {
@@ -83,6 +98,7 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
     hfx_felt *felt = &self->felt[k];
     felt->model = hfx_model_of(clip, body, effect);
     felt->first_weight = first;
+    felt->first_chunk = hfx_first_chunk(clip, body, felt->model);
     felt->level = hfx_u32(effect + 4) ? 0.0 : hfx_f32(effect + 36);
     hfx_floats(effect + 40, 4, felt->parameters);
     hfx_floats(effect + 76, 12, felt->matrix);
@@ -91,16 +107,18 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
       if (hfx_u32(each) < hfx_vertices_of(clip, felt->model))
         self->weights[first + hfx_u32(each)] = hfx_f32(each + 4);
     }
-    felt->to = painted ? hfx_vertices_of(clip, felt->model) : 0;
-    first += hfx_vertices_of(clip, felt->model);
+    felt->to = painted ? hfx_chunks_of(clip, felt->model) : 0;
+    first += HFX_CHUNK * hfx_chunks_of(clip, felt->model);
   }
   return 0;
 }
 
 HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
-  const uint32_t count = 12 * hfx_clip_bones(self->clip, self->body);
+  const uint32_t count = hfx_clip_bones(self->clip, self->body);
   uint32_t i;
-  for (i = 0; i < count; i++) self->matrices[i] = matrices[i];
+  int c;
+  for (i = 0; i < count; i++, matrices += 12)
+    for (c = 0; c < 12; c++) self->bones[i].now[4 * (c % 4) + c / 4] = matrices[c];
   self->is_posed = count > 0;
 }
 
@@ -131,7 +149,7 @@ HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level) {
 
 /* Works one effect out for this moment. */
 static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
-  const unsigned char *model, *effect = hfx_record(self->clip, HFX_EFCT, index);
+  const unsigned char *effect = hfx_record(self->clip, HFX_EFCT, index);
   hfx_felt *felt = &self->felt[index];
   const int is_on = felt->model != HFX_NONE && felt->level > 0.0 && self->is_posed;
   int i;
@@ -142,13 +160,12 @@ static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
     hfx_touch touch;
     touch.felt = felt;
     touch.effect = effect;
-    touch.places = self->places;
-    touch.before = self->was_posed ? self->before : NULL;
-    touch.boxes = self->boxes;
+    touch.body = self;
+    touch.model = hfx_record(self->clip, HFX_MODL, felt->model);
     touch.weights = self->scratch;
-    model = hfx_record(self->clip, HFX_MODL, felt->model);
-    touch.first = hfx_u32(model + 12) - self->first_vertex;
-    touch.count = hfx_u32(model + 16);
+    touch.first = felt->first_chunk;
+    touch.vertices = hfx_vertices_of(self->clip, felt->model);
+    touch.count = hfx_chunks_of(self->clip, felt->model);
     if (hfx_place(&touch.volume, effect, felt->matrix))
       felt->response = hfx_respond(self, &touch, self->weights + felt->first_weight, seconds);
     for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
@@ -157,8 +174,10 @@ static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
   felt->was_on = is_on;
 }
 
-/* Vibrations at one place: within 1 Hz they add, else their powers do. The strongest's frequency. */
-static inline double hfx_together(float *strengths, float *hertz, uint32_t count, double *found_hz) {
+/* Sum of vibrations at one place: within 1 Hz they add, else their powers do. The strongest's
+ * frequency. */
+static inline double hfx_together(float *strengths, float *hertz, uint32_t count,
+                                  double *found_hz) {
   double power = 0.0, group = 0.0, strongest = 0.0, group_hz = 0.0;
   uint32_t i, k;
   for (i = 1; i < count; i++)
@@ -180,25 +199,29 @@ static inline double hfx_together(float *strengths, float *hertz, uint32_t count
   return sqrt(power + group * group);
 }
 
-/* Gain of an actuator for an effect: weights of the vertices that it reaches. */
-static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const unsigned char *reaction) {
+/* Gain of an actuator for an effect: weights of the vertices that it reaches, times factors. */
+static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt,
+                              const unsigned char *reaction) {
   const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
+  const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
+  const float *weights = self->weights + felt->first_weight;
+  const int is_mean = hfx_u32(reaction + 12) == 1;
   double strongest = 0.0, sum = 0.0;
-  uint32_t i;
-  if (!count || hfx_u32(hfx_record(self->clip, HFX_RCHV, first)) >= felt->to) return 0.0;
-  if (hfx_u32(hfx_record(self->clip, HFX_RCHV, first + count - 1)) < felt->from) return 0.0;
-  for (i = 0; i < count; i++) {
-    const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first + i);
-    const double value = self->weights[felt->first_weight + hfx_u32(at)] * hfx_f32(at + 4);
-    if (value > strongest) strongest = value;
-    sum += value;
+  if (!count || hfx_u32(at) / HFX_CHUNK >= felt->to) return 0.0;
+  if (hfx_u32(end - 8) / HFX_CHUNK < felt->from) return 0.0;
+  for (; at < end; at += 8) {
+    const double weight = weights[hfx_u32(at)];
+    if (!(weight > strongest)) continue; /* of the strongest, too: no factor is above 1 */
+    if (is_mean) sum += weight * hfx_f32(at + 4);
+    else if (weight * hfx_f32(at + 4) > strongest) strongest = weight * hfx_f32(at + 4);
+    if (strongest >= 1.0) break;
   }
-  return hfx_u32(reaction + 12) ? sum / count : strongest;
+  return is_mean ? sum / count : strongest;
 }
 
-/* What a reaction does at its actuator, and for vibrations at which frequency. */
-static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target, float *strengths,
-                                  float *hertz, double *found_hz) {
+/* Value of a reaction at its actuator, and for vibrations its frequency. */
+static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target,
+                                  float *strengths, float *hertz, double *found_hz) {
   const uint32_t modality = hfx_u32(at + 8), effects = hfx_clip_effects(self->clip);
   double sum = 0.0, wind[3] = {0.0, 0.0, 0.0};
   uint32_t k, count = 0;
@@ -211,7 +234,7 @@ static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint3
     if (hfx_u32(effect + 8) != modality) continue;
     does = hfx_gain(self, felt, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
-    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? (double)hfx_f32(effect + 56) : 0.0);
+    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? hfx_f32(effect + 56) : 0.0);
     for (c = 0; c < 3; c++) wind[c] += does * felt->parameters[1 + c];
     strengths[count] = (float)does;
     hertz[count++] = felt->parameters[1];
@@ -223,6 +246,10 @@ static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint3
   if (target != HFX_TEMPERATURE) sum = fabs(sum);
   if (hfx_f32(at + 20) > 0.0f) *found_hz = hfx_f32(at + 20);
   return sum * hfx_f32(at + 16);
+}
+
+static inline float hfx_limited(const unsigned char *column, double value) {
+  return (float)hfx_clamped(value, hfx_f64(column + 16), hfx_f64(column + 24));
 }
 
 static inline void hfx_drive(hfx_body *self, float *out) {
@@ -250,29 +277,27 @@ static inline void hfx_drive(hfx_body *self, float *out) {
       of_reactions[reactions + count++] = (float)hz;
     }
     if (!count) continue;
-    if (target == HFX_VIBRATION) sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
+    if (target == HFX_VIBRATION)
+      sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
     if (target == HFX_TEMPERATURE) sum += hfx_f64(column + 32);
     if (!hfx_is_within(sum, -HFX_HUGE_F64, HFX_HUGE_F64)) continue; /* of a strange clip: neutral */
-    out[hfx_u32(actuator + 8)] = (float)hfx_clamped(sum, hfx_f64(column + 16), hfx_f64(column + 24));
+    out[hfx_u32(actuator + 8)] = hfx_limited(column, sum);
     if (target != HFX_VIBRATION || hfx_u32(actuator + 12) < 2) continue;
-    column += 40;
-    out[hfx_u32(actuator + 8) + 1] = (float)hfx_clamped(hz, hfx_f64(column + 16), hfx_f64(column + 24));
+    out[hfx_u32(actuator + 8) + 1] = hfx_limited(column + 40, hz);
   }
 }
 
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
-  float *spare = self->before;
   uint32_t k;
+  int c;
   hfx_neutral(self->clip, out);
   if (self->body >= hfx_clip_bodies(self->clip)) return;
   seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
-  if (self->is_posed) {
-    self->before = self->places;
-    self->places = spare;
-    hfx_pose(self);
-  }
+  if (self->is_posed) hfx_begin_pose(self);
   for (k = 0; k < hfx_clip_effects(self->clip); k++) hfx_feel(self, k, seconds);
+  for (k = 0; k < hfx_clip_bones(self->clip, self->body); k++)
+    for (c = 0; c < 16; c++) self->bones[k].before[c] = self->bones[k].now[c];
   self->was_posed = self->is_posed;
   hfx_drive(self, out);
 }
@@ -284,7 +309,8 @@ HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uin
 }
 
 HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect) {
-  return hfx_has_effect(self, effect) ? self->felt[effect].level * self->felt[effect].response : 0.0;
+  if (!hfx_has_effect(self, effect)) return 0.0;
+  return self->felt[effect].level * self->felt[effect].response;
 }
 
 #ifdef __cplusplus

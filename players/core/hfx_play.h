@@ -18,7 +18,7 @@ static inline double hfx_clamped(double value, double lowest, double highest) {
   return value < lowest ? lowest : value > highest ? highest : value;
 }
 
-/* Seconds between two frames; more than 30 years, which no sum of times survives, count as those. */
+/* Seconds between two frames, at most 30 years, which no sum of times survives. */
 static inline double hfx_elapsed(double seconds) {
   return hfx_clamped(hfx_positive(seconds), 0.0, 1e9);
 }
@@ -72,7 +72,7 @@ static inline void hfx_neutral(const hfx_clip *clip, float *out) {
     out[i] = (float)hfx_f64(hfx_record(clip, HFX_COLM, i) + 32);
 }
 
-/* Of each actuator the strongest row of one or two spans of rows, both ends included. */
+/* Strongest row of each actuator of one or two spans of rows, both ends included. */
 static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], float *out) {
   const hfx_clip *clip = player->clip;
   uint32_t i, k;
@@ -101,7 +101,8 @@ static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], 
   }
 }
 
-static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s, double end_s) {
+static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s,
+                             double end_s) {
   int k;
   player->clip = clip;
   player->position_s = player->start_s = start_s;

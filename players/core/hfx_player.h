@@ -111,7 +111,7 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size);
 /* One sentence about an error, in English. */
 HFX_API const char *hfx_error_text(int error);
 HFX_API double hfx_clip_seconds(const hfx_clip *clip);
-/* How many there are of each. */
+/* Numbers of each. */
 HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip);
@@ -174,19 +174,39 @@ typedef struct hfx_impact {
 typedef struct hfx_felt { /* an effect on a body */
   double level, response, speeds[16];
   float matrix[12], before[12], parameters[4];
-  uint32_t model, first_weight; /* HFX_NONE: not felt by this body */
-  uint32_t from, to;            /* vertices outside of these have no weight */
+  uint32_t model, first_chunk, first_weight; /* HFX_NONE: not felt by this body */
+  uint32_t from, to;                         /* chunks outside of these have no weight */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
 
+#define HFX_CHUNK 32 /* neighbouring vertices of a model that share a box */
+
+typedef struct hfx_chunk { /* places of its vertices, the last of a model repeated to fill it */
+  float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
+  uint32_t frame; /* in which it was posed */
+} hfx_chunk;
+
+typedef struct hfx_boxes { /* of as many chunks */
+  hfx_chunk centre, half;
+  float slack[HFX_CHUNK]; /* metres that vertices may have moved since they were posed */
+} hfx_boxes;
+
+typedef struct hfx_bone_pose {
+  float now[16], before[16]; /* matrices: 4 columns of 3 numbers and a 0 */
+  float low[4], high[4];     /* box in rest space round the vertices that follow the bone */
+} hfx_bone_pose;
+
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
   const hfx_clip *clip;
-  uint32_t body, first_vertex, vertex_count;
+  uint32_t body, frame, chunks;
   int is_posed, was_posed;
   double time_s;
   hfx_felt *felt;
-  float *matrices, *places, *before, *boxes, *weights, *scratch;
+  hfx_bone_pose *bones;
+  hfx_chunk *places, *before;
+  hfx_boxes *boxes;
+  float *weights, *scratch;
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */
@@ -204,7 +224,7 @@ HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t par
                                    double value);
 /* Turns an effect on at a level of 0 (off) to 1; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level);
-/* What the body feels now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
+/* Evaluates the body now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
  * the devices that this body wears, neutral ones for the others. */
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out);
 /* Weights 0 to 1 of the last evaluation at the vertices of the effect's model on this body. */
@@ -219,7 +239,9 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #include "hfx_clip.h"
 #include "hfx_facts.h"
 #include "hfx_play.h"
+#include "hfx_volume.h"
 #include "hfx_skin.h"
+#include "hfx_touch.h"
 #include "hfx_response.h"
 #include "hfx_body.h"
 

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * How an effect is felt by a body: what it touches, and its response to the touch. Included by
- * hfx_player.h. */
+ * Response of an effect to its touch. Included by hfx_player.h. */
 #ifndef HFX_RESPONSE_H
 #define HFX_RESPONSE_H
 
@@ -15,16 +14,6 @@ enum { HFX_DISTANCE, HFX_SPEED, HFX_IMPACT, HFX_PROXIMITY, HFX_SINE };
 #define HFX_WEAKEST 1e-4 /* a weaker response is silence */
 #define HFX_FADED 1e-3   /* of its peak: an impact has ended */
 
-typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
-  hfx_felt *felt;
-  const unsigned char *effect;
-  hfx_volume volume;
-  const float *places, *before, *boxes; /* of the body */
-  float *weights;                       /* of the model */
-  uint32_t first, count;                /* vertices of the model among the body's */
-  uint32_t from, to;                    /* those of them that were looked at */
-} hfx_touch;
-
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
                                               uint32_t index) {
   return hfx_record(self->clip, HFX_FLTR, hfx_u32(touch->effect + 60) + index);
@@ -35,87 +24,60 @@ static inline double hfx_control(const unsigned char *filter, int index) {
 }
 
 static inline int hfx_is_in_space(const unsigned char *filter) {
-  return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
+  if (hfx_u32(filter) == HFX_SINE) return hfx_u32(filter + 8) != 2;
+  return hfx_u32(filter) == HFX_DISTANCE;
 }
 
-/* First vertex from `i` on whose chunk may be within reach. */
-static inline uint32_t hfx_next(const hfx_touch *touch, uint32_t i, float reach) {
-  while (i < touch->count) {
-    const uint32_t chunk = (touch->first + i) / HFX_CHUNK;
-    if ((touch->first + i) % HFX_CHUNK && i) return i; /* this chunk was looked at */
-    if (hfx_is_near(&touch->volume, touch->boxes + 6 * (size_t)chunk, reach)) return i;
-    i = (chunk + 1) * HFX_CHUNK - touch->first;
-  }
-  return touch->count;
+/* Nearness of a vertex, 1 at the volume and inside, 0 at the range and beyond. */
+static inline double hfx_nearness(const unsigned char *filter, double away_m) {
+  return away_m > 0.0 ? pow(1.0 - away_m / hfx_control(filter, 1), hfx_control(filter, 2)) : 1.0;
 }
 
-/* Widens the range that was looked at to a vertex; the chunk's others get no weight. */
-static inline void hfx_look_at(hfx_touch *touch, uint32_t i) {
-  if (i < touch->from) touch->from = i;
-  if (i >= touch->to) touch->to = i + 1;
+/* Distances of a chunk's vertices from a volume, metres; beyond the range any number above it. */
+static inline void hfx_distances(const hfx_volume *volume, const hfx_chunk *chunk, float range_m,
+                            double *found) {
+  const float *m = volume->to_shape;
+  float most[3], gauge[HFX_CHUNK];
+  hfx_chunk p;
+  int i, is_far[HFX_CHUNK];
+  hfx_transform(m, chunk, &p);
+  hfx_gauge(volume, &p, gauge);
+  for (i = 0; i < 3; i++, m += 4)
+    most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
+              range_m * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
+  for (i = 0; i < HFX_CHUNK; i++)
+    is_far[i] = (fabsf(p.x[i]) > most[0]) | (fabsf(p.y[i]) > most[1]) | (fabsf(p.z[i]) > most[2]);
+  for (i = 0; i < HFX_CHUNK; i++)
+    found[i] = is_far[i] ? HFX_HUGE_F64 : gauge[i] <= 1.0f ? 0.0 : hfx_distance(volume, &p, i);
 }
 
-/* Weights of what is inside; whether anything is. The weights are 0 before. */
-static inline int hfx_inside(hfx_touch *touch) {
-  int is_touched = 0;
-  uint32_t i;
-  for (i = hfx_next(touch, 0, 0.0f); i < touch->count; i = hfx_next(touch, i + 1, 0.0f)) {
-    float p[3];
-    hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
-    touch->weights[i] = hfx_weight(&touch->volume, hfx_gauge(&touch->volume, p));
-    if (!(touch->weights[i] > 0.0f)) continue;
-    hfx_look_at(touch, i);
-    is_touched = 1;
-  }
-  return is_touched;
-}
-
-/* Mean speed of touched skin against the volume since the moment before, m/s. */
-static inline double hfx_speed(const hfx_touch *touch, double seconds) {
-  float then[12];
-  double sum = 0.0, weights = 0.0;
-  uint32_t i;
-  if (!touch->before || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
-  if (!hfx_inverse(touch->felt->before, then)) return 0.0;
-  for (i = touch->from; i < touch->to; i++) {
-    const size_t at = 3 * (size_t)(touch->first + i);
-    float p[3], q[3], way[3] = {0.0f, 0.0f, 0.0f};
-    int c;
-    if (!(touch->weights[i] > 0.0f)) continue;
-    hfx_moved(touch->volume.to_shape, touch->places + at, p);
-    hfx_moved(then, touch->before + at, q);
-    for (c = 0; c < 3; c++) {
-      const float *row = touch->volume.to_world + 4 * c;
-      way[c] = row[0] * (p[0] - q[0]) + row[1] * (p[1] - q[1]) + row[2] * (p[2] - q[2]);
-    }
-    sum += touch->weights[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
-    weights += touch->weights[i];
-  }
-  return weights > 0.0 ? sum / weights / seconds : 0.0;
-}
-
-/* How near untouched skin is, 0 to 1 at the boundary, added to the weights where it is felt. */
-static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int is_touched) {
-  const double range_m = hfx_control(filter, 1), exponent = hfx_control(filter, 2);
-  double peak = is_touched ? 1.0 : 0.0;
+/* Nearness of untouched skin, 0 to 1 at the boundary, added to the weights where it is felt. */
+static inline double hfx_add_proximity(hfx_touch *touch, const unsigned char *filter,
+                                       int is_touched) {
+  const double range_m = hfx_control(filter, 1), rises = hfx_control(filter, 2) > 0.0;
+  double peak = is_touched ? 1.0 : 0.0, least_m = HFX_HUGE_F64;
   int pass;
   if (!(hfx_control(filter, 0) > 0.0)) return peak;
   for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
-    uint32_t i = hfx_next(touch, 0, (float)range_m);
-    for (; i < touch->count; i = hfx_next(touch, i + 1, (float)range_m)) {
-      float p[3];
-      double away_m, near;
-      hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
-      away_m = hfx_gauge(&touch->volume, p) <= 1.0f ? 0.0 : hfx_distance(&touch->volume, p);
-      if (!(away_m < range_m)) continue;
-      near = pow(1.0 - away_m / range_m, exponent);
-      if (pass == 0 && near > peak) peak = near;
-      if (pass == 0 || !(near / peak > touch->weights[i])) continue;
-      touch->weights[i] = (float)(near / peak);
-      hfx_look_at(touch, i);
+    uint32_t k = hfx_next_near(touch, 0, (float)range_m);
+    for (; k < touch->count; k = hfx_next_near(touch, k + 1, (float)range_m)) {
+      float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+      double away_m[HFX_CHUNK], nearness;
+      int i;
+      hfx_distances(&touch->volume, hfx_posed(touch, k), (float)range_m, away_m);
+      for (i = 0; i < HFX_CHUNK; i++) {
+        if (!(away_m[i] < range_m) || (pass == 0 && rises && away_m[i] >= least_m)) continue;
+        nearness = hfx_nearness(filter, away_m[i]);
+        least_m = away_m[i];
+        if (pass == 0 && nearness > peak) peak = nearness;
+        if (pass == 0 || !(nearness / peak > weights[i])) continue;
+        weights[i] = (float)(nearness / peak);
+        hfx_widen_range(touch, k);
+      }
     }
     if (!(peak > 0.0)) break;
   }
+  hfx_clear_padding(touch);
   return peak;
 }
 
@@ -124,34 +86,35 @@ static inline double hfx_wave(double turns, double depth, double phase) {
 }
 
 /* Weights times a filter that has a value for each vertex; whether anything is left. */
-static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *filter) {
+static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *filter) {
   const float *matrix = touch->volume.to_world;
-  const double influence = hfx_control(filter, 0), near = hfx_control(filter, 1);
-  const double far = hfx_control(filter, 2);
+  const int is_wave = hfx_u32(filter) == HFX_SINE;
+  const double influence = hfx_control(filter, 0), first = hfx_control(filter, 1);
+  const double second = hfx_control(filter, 2), third = hfx_control(filter, 3);
+  const double rise = hfx_control(filter, 4) - third;
+  const double way_m = is_wave ? first : second - first, least_m = is_wave ? 1e-6 : 1e-9;
+  const double length_m = way_m > least_m ? way_m : least_m;
   double axis[3] = {0.0, 0.0, 0.0}, length = 0.0;
-  int is_left = 0, c;
-  uint32_t i;
+  int is_left = 0, c, i;
+  uint32_t k;
   for (c = 0; c < 3; c++) length += (double)matrix[4 * c + 2] * matrix[4 * c + 2];
   if (hfx_u32(filter + 8) == 1 && length > 0.0)
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrt(length);
-  for (i = touch->from; i < touch->to; i++) {
-    const float *place = touch->places + 3 * (size_t)(touch->first + i);
-    double along = 0.0, away_m = 0.0, value;
-    if (!(touch->weights[i] > 0.0f)) continue;
-    for (c = 0; c < 3; c++) along += axis[c] * (place[c] - matrix[4 * c + 3]);
-    for (c = 0; c < 3; c++) {
-      const double off = place[c] - matrix[4 * c + 3] - along * axis[c];
-      away_m += off * off;
+  for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
+    const hfx_chunk *of = hfx_posed(touch, k);
+    float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float off[3] = {of->x[i] - matrix[3], of->y[i] - matrix[7], of->z[i] - matrix[11]};
+      double along = 0.0, away_m = 0.0, value;
+      if (!(weights[i] > 0.0f)) continue;
+      for (c = 0; c < 3; c++) along += axis[c] * off[c];
+      for (c = 0; c < 3; c++) away_m += (off[c] - along * axis[c]) * (off[c] - along * axis[c]);
+      away_m = sqrt(away_m);
+      if (is_wave) value = hfx_wave(away_m / length_m, second, third);
+      else value = third + rise * hfx_clamped((away_m - first) / length_m, 0.0, 1.0);
+      weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
+      is_left |= weights[i] > 0.0f;
     }
-    away_m = sqrt(away_m);
-    if (hfx_u32(filter) == HFX_DISTANCE) {
-      const double share = hfx_clamped((away_m - near) / (far - near > 1e-9 ? far - near : 1e-9), 0, 1);
-      value = hfx_control(filter, 3) + (hfx_control(filter, 4) - hfx_control(filter, 3)) * share;
-    } else {
-      value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
-    }
-    touch->weights[i] *= (float)hfx_clamped(1.0 + influence * (value - 1.0), 0.0, 1.0);
-    is_left |= touch->weights[i] > 0.0f;
   }
   return is_left;
 }
@@ -174,6 +137,7 @@ static inline double hfx_envelope(const hfx_impact *impact, double since_s, int 
 /* A new impact, in the place of the one that ends first where there are too many. */
 static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint32_t index,
                               double time_s, double speed) {
+  const double full = hfx_control(filter, 3);
   int k, chosen = 0;
   hfx_impact *made;
   for (k = 1; k < felt->impact_count; k++)
@@ -181,7 +145,7 @@ static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint3
   if (felt->impact_count < HFX_IMPACTS) chosen = felt->impact_count++;
   made = &felt->impacts[chosen];
   made->time_s = time_s;
-  made->strength = hfx_clamped(speed / (hfx_control(filter, 3) > 1e-3 ? hfx_control(filter, 3) : 1e-3), 0.0, 1.0);
+  made->strength = hfx_clamped(speed / (full > 1e-3 ? full : 1e-3), 0.0, 1.0);
   made->attack_s = hfx_clamped(hfx_control(filter, 1), 0.0, 10.0);
   made->decay_s = hfx_clamped(hfx_control(filter, 2), 1e-3, 10.0);
   made->filter = index;
@@ -207,11 +171,13 @@ static inline void hfx_forget_ended(hfx_felt *felt, double time_s) {
 }
 
 static inline void hfx_clear(hfx_felt *felt, float *weights) {
-  for (; felt->from < felt->to; felt->from++) weights[felt->from] = 0.0f;
+  size_t i = HFX_CHUNK * (size_t)felt->from;
+  for (; i < HFX_CHUNK * (size_t)felt->to; i++) weights[i] = 0.0f;
+  felt->from = felt->to;
 }
 
-/* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
-static inline int hfx_is_far(const hfx_body *self, const hfx_touch *touch, float *weights) {
+/* Tells whether no skin is near enough for a volume to be felt; then its weights are 0. */
+static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights) {
   float reach = 0.0f;
   uint32_t i;
   for (i = 0; i < hfx_u32(touch->effect + 64); i++) {
@@ -220,7 +186,7 @@ static inline int hfx_is_far(const hfx_body *self, const hfx_touch *touch, float
     if (range_m > reach) reach = (float)range_m;
   }
   hfx_forget_ended(touch->felt, self->time_s);
-  if (touch->felt->impact_count || hfx_next(touch, 0, reach) < touch->count) return 0;
+  if (touch->felt->impact_count || hfx_next_near(touch, 0, reach) < touch->count) return 0;
   hfx_clear(touch->felt, weights);
   touch->felt->was_touched = 0;
   return 1;
@@ -232,40 +198,42 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
   hfx_felt *felt = touch->felt;
   const uint32_t count = hfx_u32(touch->effect + 64);
   double nearness[16], speed, result;
-  int is_touched, is_any, multiplies = 0, rings;
+  int is_touched, is_any, is_new, multiplies = 0, rings;
   uint32_t i, f;
   if (hfx_is_far(self, touch, weights)) return 0.0;
   touch->from = touch->count;
   touch->to = 0;
   if (felt->impact_count) { /* what rings is felt where it was touched last */
-    for (i = 0; i < touch->count; i++) touch->weights[i] = 0.0f;
+    for (i = 0; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
   } else {
     hfx_clear(felt, weights);
     touch->weights = weights;
   }
-  is_touched = is_any = hfx_inside(touch);
-  speed = count && is_touched ? hfx_speed(touch, seconds) : 0.0;
+  is_touched = is_any = hfx_contact_weights(touch);
+  speed = count && is_touched ? hfx_mean_speed(touch, seconds) : 0.0;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
     if (hfx_u32(filter) == HFX_IMPACT) multiplies |= hfx_u32(filter + 4) == 0;
     if (hfx_u32(filter) != HFX_PROXIMITY) continue;
-    nearness[f] = hfx_near(touch, filter, is_touched);
+    nearness[f] = hfx_add_proximity(touch, filter, is_touched);
     is_any |= nearness[f] > 0.0;
   }
   for (f = 0; f < count && is_any; f++)
     if (hfx_is_in_space(hfx_filter(self, touch, f))) {
-      is_any = hfx_over_space(touch, hfx_filter(self, touch, f));
+      is_any = hfx_scale_over_space(touch, hfx_filter(self, touch, f));
       is_touched &= is_any;
     }
+  is_new = is_touched && !felt->was_touched && felt->was_on;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
-    if (hfx_u32(filter) == HFX_IMPACT && is_touched && !felt->was_touched && felt->was_on && speed > 0.0)
+    if (hfx_u32(filter) == HFX_IMPACT && is_new && speed > 0.0)
       hfx_strike(felt, filter, f, self->time_s, speed);
   }
   rings = felt->impact_count > 0;
   if (is_any && touch->weights != weights) {
     hfx_clear(felt, weights);
-    for (i = touch->from; i < touch->to; i++) weights[i] = touch->weights[i];
+    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
+      weights[i] = touch->weights[i];
   }
   if (is_any || touch->weights == weights) felt->from = touch->from, felt->to = touch->to;
   result = is_touched || (rings && multiplies) ? 1.0 : 0.0;
@@ -277,7 +245,8 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
     if (hfx_is_in_space(filter)) continue;
     if (kind == HFX_SPEED) {
       const double full = hfx_control(filter, 2) - still;
-      if (is_touched) felt->speeds[f] = hfx_clamped((speed - still) / (full > 1e-9 ? full : 1e-9), 0.0, 1.0);
+      const double share = (speed - still) / (full > 1e-9 ? full : 1e-9);
+      if (is_touched) felt->speeds[f] = hfx_clamped(share, 0.0, 1.0);
       else if (!rings) felt->speeds[f] = 0.0;
       value = felt->speeds[f];
     } else if (kind == HFX_IMPACT) {

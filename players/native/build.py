@@ -24,7 +24,8 @@ PLATFORMS = {
     "macos.x86_64": ("x86_64-macos", "libhfx_haptics.dylib", "OSX", "OSXUniversal", "x86_64"),
     "macos.arm64": ("aarch64-macos", "libhfx_haptics.dylib", "OSX", "OSXUniversal", "ARM64"),
 }
-FLAGS = "-std=c99 -O2 -Wall -Wextra -Werror -Wno-unused-function -fvisibility=hidden".split()
+OPTIMIZED = "-std=c99 -O2 -fno-math-errno"  # without errno, square roots become vector instructions
+FLAGS = f"{OPTIMIZED} -Wall -Wextra -Werror -Wno-unused-function -fvisibility=hidden".split()
 
 GDEXTENSION = """\
 [configuration]

@@ -17,6 +17,7 @@ bpy = pytest.importorskip("bpy")
 import rigify_avatar  # noqa: E402
 
 from hfx_blender.avatars import avatar_meshes, bodies, retargeting  # noqa: E402
+from hfx_blender.stepwise import finish  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
 MAIN = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
@@ -59,7 +60,7 @@ def test_a_generated_rig_is_followed_by_its_deforming_bones(rigify: None) -> Non
         place = np.array(rig.data.bones[mapping.bones[bone]].head_local)
         assert np.linalg.norm(place - heads[bone]) < 0.002, bone
 
-    warnings = bodies.add_body(rig, skin)
+    warnings = finish(bodies.adding_body(rig, skin))
     assert not [text for text in warnings if "surface" in text or "area" in text], warnings
     model = load_model(MODEL_ID)
     fitted = retargeting.fitted_model(rig, MODEL_ID)

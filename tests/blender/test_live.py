@@ -272,7 +272,7 @@ def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.M
         raise ReferenceError("StructRNA of type Object has been removed")
 
     with monkeypatch.context() as patched:
-        patched.setattr(live_module.Live, "beat", deleted)
+        patched.setattr(live_module.Live, "exchange_heartbeat", deleted)
         assert live_handlers._beat() > 0.0  # and is called again
     assert live.fault == "" and evaluation.scene is None
 

@@ -14,7 +14,7 @@ from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.keyed_scene import KeyedBlock, KeyedScene
-from hfx_blender.engine.parallel.serialization import unpacked
+from hfx_blender.engine.parallel.serialization import decode_object
 from hfx_blender.engine.response_filters.controls import Filter, FilterKind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
@@ -47,7 +47,7 @@ class Reading:
 
     def __init__(self) -> None:
         self.lookahead = LookaheadScheduler()
-        self.lookahead.want(LATE_MS)
+        self.lookahead.set_latencies(LATE_MS)
         self.scenes: list[KeyedScene] = []
         self.blocks: list[KeyedBlock] = []
         self.describe()
@@ -58,7 +58,7 @@ class Reading:
         self.live = LiveScene(scene, layer, scene_tolerance(scene))
 
     def tell(self, body: bytes, is_scene: bool) -> None:
-        found = unpacked(body)
+        found = decode_object(body)
         (self.scenes if is_scene else self.blocks).append(found)
 
     def slices(self, count: int, is_playing: bool = False) -> None:
@@ -120,7 +120,7 @@ def test_every_frame_that_is_wanted_is_read_once_and_what_comes_first_first(ball
 
 def test_nothing_is_read_if_nothing_answers_late(ball: Any) -> None:
     reading = Reading()
-    reading.lookahead.want(())
+    reading.lookahead.set_latencies(())
     reading.slices(3)
     assert not reading.scenes and not reading.blocks
 
@@ -227,7 +227,7 @@ def test_what_cannot_be_told_is_a_reason_and_no_fault(
     def refused(*_: object) -> bytes:
         raise MessageError("a message of 17000000 bytes")
 
-    monkeypatch.setattr(lookahead_scheduler, "packed", refused)
+    monkeypatch.setattr(lookahead_scheduler, "encode_object", refused)
     reading = Reading()
     reading.slices(3)
     assert "17000000 bytes" in reading.lookahead.reason

@@ -72,7 +72,7 @@ def test_a_device_that_blender_was_too_slow_for_waits_for_play(
     play(log)
     text = "Blender did not answer for 250 ms"
     for state in live.states.values():
-        state.hear(Event("frozen", state.number, text))
+        state.update(Event("frozen", state.number, text))
     assert live.is_frozen and not live.is_armed
     live._client.stop(PAD)  # type: ignore[union-attr]
     until(lambda: "stop" in rows(log)[-1])

@@ -41,7 +41,7 @@ def following(scene: Any) -> Iterator[Any]:
 
 def redraw() -> None:
     """What Blender does at a redraw and after it: timers, evaluation of what is tagged, drawing."""
-    preview.look_soon()
+    preview.check_soon()
     idle()
 
 

@@ -19,6 +19,7 @@ from own_avatar import mark, own_avatar  # noqa: E402
 
 from hfx_blender.authoring import painting  # noqa: E402
 from hfx_blender.avatars import bodies, retargeting  # noqa: E402
+from hfx_blender.stepwise import finish  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
 
@@ -170,7 +171,7 @@ def test_an_avatar_that_was_edited_since_is_refused(
 
 def test_doubtful_bones_are_warnings(scene: Any) -> None:
     rig, skin = own_avatar(scene)
-    warnings = bodies.add_body(rig, skin)
+    warnings = finish(bodies.adding_body(rig, skin))
     assert any("toes" in warning for warning in warnings)
 
 

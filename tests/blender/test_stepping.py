@@ -235,6 +235,7 @@ def _everything(scene: Any) -> dict[str, Any]:
             np.array(obj.matrix_world).round(9).tolist(),
             tuple(obj.location),
             obj.hfx.activation,
+            obj.hide_viewport,
             obj.users,
             [collection.name for collection in obj.users_collection],
         )
@@ -331,6 +332,28 @@ def test_nothing_is_left_behind(busy: Any, way: Any) -> None:
     after = _everything(busy)
     for key, value in before.items():
         assert after[key] == value, key
+
+
+def test_muted_volumes_are_not_evaluated_with_the_own_scene(scene: Any, ball: Any) -> None:
+    """Unless something needs them: a parent of what is felt, a collider of what is simulated."""
+    test_a_driver_that_reads_the_scene(scene, ball)
+    idle, parent, collider = (
+        oracle.add_volume(name, "pressure", "SPHERE", (0.0, 0.0, 3.0), radius=0.1)
+        for name in ("Idle", "Parent", "Collider")
+    )
+    ball.parent = parent
+    collider.modifiers.new("Collision", "COLLISION")
+    for muted in (idle, parent, collider):
+        muted.hfx.is_muted = True
+    reader, there = SceneReader(scene), []
+    with pytest.raises(KeyboardInterrupt), stepping.own_scene(reader._found) as stepper:
+        stepper.set_frame(oracle.Fraction(3))
+        there = [obj for obj in reader._found.dormant if stepper.evaluated(obj).is_evaluated]
+        raise KeyboardInterrupt
+    assert set(there) == {parent, collider}
+    graph = bpy.context.view_layer.depsgraph
+    assert not idle.hide_viewport
+    assert idle.evaluated_get(graph).is_evaluated
 
 
 def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:

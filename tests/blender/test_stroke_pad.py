@@ -153,7 +153,7 @@ def test_the_calibration_slider_is_kept(
 def test_no_sound_is_no_fault() -> None:
     sound = StrokeSound(10.0)
     sound.play(np.zeros(100), 8000.0)
-    sound.rub(0.5)
+    sound.set_friction(0.5)
     sound.close()
     sound.play(np.zeros(100), 8000.0)
 

@@ -12,6 +12,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.scene import SkinBinding
+from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
 
 bpy = pytest.importorskip("bpy")
@@ -161,6 +162,31 @@ def test_normals_that_point_inwards_are_named_and_change_nothing(anna: tuple[Any
     mark(rig, skin)
     assert "normals" in retargeting.texts_of(rig, "warnings")[0]
     assert np.abs(fitted(rig) - before).max() < 1e-5
+
+
+def test_half_a_mesh_with_a_mirror_modifier_is_a_whole_body(anna: tuple[Any, Any]) -> None:
+    rig, skin = anna
+    half = bmesh.new()
+    half.from_mesh(skin.data)
+    right = [vert for vert in half.verts if vert.co.x < -1e-6]
+    bmesh.ops.delete(half, geom=right, context="VERTS")
+    half.to_mesh(skin.data)
+    half.free()
+    skin.modifiers.new("Mirror", "MIRROR")
+    skin.modifiers.move(len(skin.modifiers) - 1, 0)
+    for word in ("Left", "Right"):  # names that Blender flips
+        rig.data.bones[f"mixamorig:{word}Hand"].name = f"Hand.{word[0]}"
+    objects, meshes = len(bpy.data.objects), len(bpy.data.meshes)
+    target = avatar_meshes.read_mesh(rig, skin)
+    assert (objects, meshes) == (len(bpy.data.objects), len(bpy.data.meshes))
+    np.testing.assert_allclose(target.vertices[:, 0].min(), -target.vertices[:, 0].max(), rtol=1e-3)
+    owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
+    for side, word in ((1, "L"), (-1, "R")):
+        bone = target.bone_names.index(f"Hand.{word}")
+        held = target.vertices[owners[target.weights.bones == bone]]
+        assert len(held) > 10 and (np.sign(held[:, 0]) == side).all()
+    with pytest.raises(InputError, match="apply that modifier"):
+        body_binding.read_surface(skin, skin)
 
 
 def test_two_characters_in_one_armature_are_refused(anna: tuple[Any, Any]) -> None:

@@ -169,14 +169,14 @@ def test_nothing_gets_through_the_limiter() -> None:
     ],
 )
 def test_a_limiter_that_leaks_is_found(monkeypatch: pytest.MonkeyPatch, leak: Any) -> None:
-    passed = Guard.passed
-    monkeypatch.setattr(Guard, "passed", lambda self, *rest: leak(passed(self, *rest)))
+    limited = Guard.limited
+    monkeypatch.setattr(Guard, "limited", lambda self, *rest: leak(limited(self, *rest)))
     assert safety_values.limiter(10_000)["faults"] > 0
 
 
 def test_a_limiter_that_rises_too_fast_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    passed = Guard.passed
-    monkeypatch.setattr(Guard, "passed", lambda self, wanted, s: passed(self, wanted, 2.0 * s))
+    limited = Guard.limited
+    monkeypatch.setattr(Guard, "limited", lambda self, wanted, s: limited(self, wanted, 2.0 * s))
     assert safety_values.limiter(10_000)["faults"] > 0
 
 

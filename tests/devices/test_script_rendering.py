@@ -20,14 +20,14 @@ from hfx_blender.batch import inputs
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
-from hfx_blender.devices.live.haptics import packed
+from hfx_blender.devices.live.haptics import encode_haptics
 from hfx_blender.devices.live.script_process import ScriptProcess
 from hfx_blender.devices.script_rendering import Rendered, render_devices, rendering
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering import Raster
 from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.devices import renderers_given
+from hfx_blender.engine.rendering.devices import renderers_of_track
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.samples import SampleRun, Stream
@@ -155,7 +155,7 @@ def written(path: Path, made: TrackHeader) -> Path:
 
 def rendered(path: Path, *devices: DeviceConfig) -> Rendered:
     with TrackReader(path) as track:
-        return finish(rendering(track, renderers_given(track, devices)))
+        return finish(rendering(track, renderers_of_track(track, devices)))
 
 
 def played(path: Path, device: DeviceConfig) -> Raster:
@@ -185,7 +185,7 @@ def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
             now = at_zero(moments[row])
             values, _ = live.ahead(now, later)
             time_s = (FIRST + row * FPS / RATE_HZ) / FPS
-            found.append(packed(time_s, live.felt(now), values))
+            found.append(encode_haptics(time_s, live.felt(now), values))
     return found
 
 
@@ -267,7 +267,7 @@ def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
     script = approval.script_of(device.script.configuration)
     assert script is not None
     heard: SimpleQueue[Any] = SimpleQueue()
-    wish = {**script.as_wish(), "device": str(device.script.device), "folder": None}
+    wish = {**script.as_request(), "device": str(device.script.device), "folder": None}
     process = ScriptProcess(wish, heard.put, heard.put)
     process.start()
     found = []

@@ -14,7 +14,7 @@ from engine_synthetic import BONES
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.reference.boundary import nearest, normals_at
+from hfx_blender.engine.reference.boundary import nearest
 from hfx_blender.engine.reference.cells import Skin
 from hfx_blender.engine.reference.contact import Body, Contact, Volume, contact
 from hfx_blender.engine.reference.motion import turns
@@ -291,7 +291,7 @@ class RandomContact:
                 # At 0 the shape itself changed: which of its places was first inside is open.
                 began = since > 0.0
                 at = sample.vertices[began]
-                normals = normals_at(shape, felt.details.entries[:, at], matrix)
+                normals = _normals_at(shape, felt.details.entries[:, at], matrix)
                 ways = matrix[:3, :3] @ felt.details.ways[:, at]
                 speeds = np.maximum(-(ways * normals).sum(axis=0), 0.0) * RATE_HZ
                 most = np.linalg.norm(ways, axis=0) * RATE_HZ
@@ -321,3 +321,19 @@ def _star(rng: np.random.Generator, model: PerceptualModel) -> MeshVolume:
     made = ball(1.0, 1)
     dents = rng.uniform(0.4, 1.2, len(made))
     return MeshVolume(made.vertices.astype(float) * dents[:, None], made.triangles, "star")
+
+
+def _normals_at(shape: Shape, points: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+    """Outward unit normals (3, N), world space, of a convex shape at points of its boundary."""
+    directions = points.copy()
+    if isinstance(shape, Cuboid):
+        directions[np.abs(points) < np.abs(points).max(axis=0)] = 0.0
+    elif isinstance(shape, Cylinder):
+        is_cap = np.abs(points[2]) > np.hypot(points[0], points[1])
+        directions[:2, is_cap] = 0.0
+        directions[2, ~is_cap] = 0.0
+    elif isinstance(shape, Capsule):
+        directions[2] -= np.clip(points[2], -shape.half_segment, shape.half_segment)
+    normals = np.linalg.inv(to_world[:3, :3]).T @ directions
+    unit: np.ndarray = normals / np.linalg.norm(normals, axis=0)
+    return unit

@@ -27,7 +27,7 @@ TOLERANCES = (PREVIEW, STANDARD, PAPER, FINE)
 FLAT = Falloff(), 0.0
 
 
-def told(scene, block, tolerance):
+def samples_and_counts(scene, block, tolerance):
     """Everything that is felt, and what the engine counted of volumes."""
     engine = Engine(scene, models=load, tolerance=tolerance)
     runs = engine.evaluate(block)
@@ -59,9 +59,9 @@ def weights_at(time, rows):
 def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, speed):
     """Vertex by vertex: many clusters, of which the volumes reach some."""
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
-    found, counted = told(scene, block, PAPER)
+    found, counted = samples_and_counts(scene, block, PAPER)
     with by_reference():
-        expected, others = told(scene, block, PAPER)
+        expected, others = samples_and_counts(scene, block, PAPER)
     assert counted[0] == others[0] and found.keys() == expected.keys()
     for name, rows in found.items():
         for time in {row[0] for row in (*rows, *expected[name])}:
@@ -82,11 +82,11 @@ def test_the_library_was_asked(monkeypatch):
     asked = []
     begin = compiled_contacts.begin
     monkeypatch.setattr(compiled_contacts, "begin", lambda *a: asked.append(1) or begin(*a))
-    told(scene, block, PAPER)
+    samples_and_counts(scene, block, PAPER)
     assert asked
     asked.clear()
     with by_reference():
-        told(scene, block, PAPER)
+        samples_and_counts(scene, block, PAPER)
     assert not asked
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hfx_blender.engine.parallel.overlapping import in_turn, overlapped
+from hfx_blender.engine.parallel.overlapping import overlapped, sequentially
 
 
 def _squares(numbers: Iterator[int]) -> Iterator[int]:
@@ -135,7 +135,7 @@ def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
         finally:
             closed.append(True)
 
-    found = in_turn(source(), work)
+    found = sequentially(source(), work)
     assert [next(found), next(found)] == [[0], [1]]
     assert made == [0, 1]
     found.close()

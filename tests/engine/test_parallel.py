@@ -22,7 +22,7 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.native.threads import Threads
 from hfx_blender.engine.parallel import evaluating
 from hfx_blender.engine.parallel.evaluating import evaluated
-from hfx_blender.engine.parallel.serialization import packed, unpacked
+from hfx_blender.engine.parallel.serialization import decode_object, encode_object
 from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -183,13 +183,13 @@ def test_several_processes_find_and_count_the_same(
     processes: int, alone: Any, helpers: list[evaluating._Helper], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = []
-    evaluate = evaluating._here
+    evaluate = evaluating._evaluate_here
 
     def counted(engine: Engine, block: AnimationBlock) -> Any:
         here.append(block)
         return evaluate(engine, block)
 
-    monkeypatch.setattr(evaluating, "_here", counted)
+    monkeypatch.setattr(evaluating, "_evaluate_here", counted)
     assert _found(processes) == alone
     assert len(helpers) == processes - 1
     assert len(here) < SAMPLES // SIZE - 2  # the first two are not handed out
@@ -271,7 +271,7 @@ def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() ->
 def test_a_helper_that_is_killed_costs_nothing(
     alone: Any, helpers: list[evaluating._Helper], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ask, asked = evaluating._Helper.ask, []
+    ask, asked = evaluating._Helper.submit, []
 
     def killed_then_asked(self: evaluating._Helper, block: AnimationBlock) -> Any:
         answer = ask(self, block)
@@ -280,7 +280,7 @@ def test_a_helper_that_is_killed_costs_nothing(
             os.kill(self.pid, signal.SIGTERM)
         return answer
 
-    monkeypatch.setattr(evaluating._Helper, "ask", killed_then_asked)
+    monkeypatch.setattr(evaluating._Helper, "submit", killed_then_asked)
     assert _found(2) == alone
     assert len(helpers) == 1 and len(asked) >= 2
 
@@ -342,11 +342,11 @@ def test_what_goes_on_from_sample_to_sample_gets_no_help() -> None:
 
 
 def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
-    block = unpacked(packed(_block(8)))
+    block = decode_object(encode_object(_block(8)))
     assert _plain(block.indices) == _plain(_block(8).indices)
     for value in (print, os.getpid, Path("a")):
         with pytest.raises(pickle.UnpicklingError, match="plain data"):
-            unpacked(packed(value))
+            decode_object(encode_object(value))
     for text in (
         b"cos\nsystem\n.",
         b"chfx_blender.engine.evaluate\nload_model\n.",
@@ -355,7 +355,7 @@ def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
         b"chfx_blender.engine.scene\nnothing\n.",
     ):
         with pytest.raises(pickle.UnpicklingError, match="plain data"):
-            unpacked(text)
+            decode_object(text)
 
 
 def test_a_mesh_that_is_known_is_not_sent_again() -> None:
@@ -367,8 +367,8 @@ def test_a_mesh_that_is_known_is_not_sent_again() -> None:
     kept, fresh = meshes.of(_block(SAMPLES - SIZE))
     assert not kept and [mesh.name for mesh in fresh.values()] == [f"changed {SAMPLES - SIZE}"]
     block = _block(0)
-    assert b"tetrahedron" in packed(block)
-    assert b"tetrahedron" not in packed(block, {TETRAHEDRON: 1})
-    assert unpacked(packed(block, {TETRAHEDRON: 1}), {1: TETRAHEDRON}).effects[1].shapes == (
-        TETRAHEDRON,
-    )
+    assert b"tetrahedron" in encode_object(block)
+    assert b"tetrahedron" not in encode_object(block, {TETRAHEDRON: 1})
+    assert decode_object(encode_object(block, {TETRAHEDRON: 1}), {1: TETRAHEDRON}).effects[
+        1
+    ].shapes == (TETRAHEDRON,)

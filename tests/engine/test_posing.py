@@ -159,22 +159,6 @@ def test_a_collapsed_triangle_gives_a_point_on_it() -> None:
     assert np.abs(points - 0.25).max() < 1e-15
 
 
-@pytest.mark.parametrize("count", [1, 3])
-def test_clusters_posed_together_are_where_each_is_alone(count: int) -> None:
-    body, posed = model(), pose(3)
-    small = [np.arange(k, k + 5, dtype=np.int32) for k in range(0, 50, 5)]
-    bound = SkinnedModel(body, SkinBinding(BONES), small)
-    rows = np.arange(count)
-    found = bound.posed(np.arange(10), posed, rows, posed.to_world[rows])
-    clusters = (0, 3, 9)
-    alone = [
-        bound.cluster_points(cluster, posed, rows, posed.to_world[rows]).reshape(3, -1)
-        for cluster in clusters
-    ]
-    pairs = np.repeat(clusters, len(rows)), np.tile(rows, len(clusters))
-    assert found.all_points(*pairs) == pytest.approx(np.concatenate(alone, axis=1), abs=1e-12)
-
-
 def test_a_box_holds_every_cluster() -> None:
     body, posed = model(), pose(4)
     bound = SkinnedModel(body, SkinBinding(BONES))

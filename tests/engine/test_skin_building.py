@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -173,6 +174,26 @@ def _moved(bound, cluster):
     return np.stack([[mean, *box] for mean in weights.mean(axis=0)])
 
 
+def _read(address, kind, *shape):
+    """Array at an address."""
+    count = int(np.prod(shape))
+    return np.frombuffer((ctypes.c_char * (8 * count)).from_address(address), kind).reshape(shape)
+
+
+def _arrays(pointers, bound, cluster, units=0):
+    """Arrays of an ``hfx_cluster``, in their order."""
+    ids, bones = bound.clusters[cluster], len(bound.cluster_bones(cluster))
+    entries = int(np.diff(bound._weights.offsets)[ids].sum())
+    shapes = {"entry_bones": (entries,), "weights": (entries,), "firsts": (len(ids) + 1,)}
+    shapes |= {"rest": (len(ids), 4), "bones": (bones,), "moved": (bones, 6)}
+    shapes |= {"distances": (units,), "differences": (bones, units)}
+    longs = "entry_bones", "firsts", "bones"
+    return [
+        _read(getattr(pointers, name), np.int64 if name in longs else np.float64, *shape)
+        for name, shape in shapes.items()
+    ]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_what_bones_do_to_clusters(seed):
     model = crumpled(seed)
@@ -180,19 +201,16 @@ def test_what_bones_do_to_clusters(seed):
     found = bound.native_clusters(np.array([11, 3, 4]))
     found = bound.native_clusters(np.array([4, 0, 11]))
     for cluster in (0, 3, 4, 11):
-        entry_bones, factors, firsts = bound.cluster_entries(cluster)
-        bones = bound.cluster_bones(cluster)
-        arrays = found.arrays_of(cluster)
-        np.testing.assert_array_equal(bones[arrays[0]], entry_bones)
-        np.testing.assert_array_equal(arrays[2], [*firsts, len(entry_bones)])
-        owners = np.repeat(np.arange(len(firsts)), np.diff(arrays[2]))
-        np.testing.assert_array_equal(arrays[1][:, None] * arrays[3][owners], factors)
+        ids, bones, known = bound.clusters[cluster], bound.cluster_bones(cluster), bound._weights
+        arrays = _arrays(found.table[cluster], bound, cluster)
+        some = np.concatenate([np.arange(*known.offsets[v : v + 2]) for v in ids])
+        np.testing.assert_array_equal(bones[arrays[0]], known.bones[some])
+        np.testing.assert_array_equal(arrays[1], known.values[some])
+        np.testing.assert_array_equal(np.diff(arrays[2]), np.diff(known.offsets)[ids])
+        np.testing.assert_array_equal(arrays[3], known.rest[ids])
         np.testing.assert_array_equal(arrays[4], bones)
         np.testing.assert_allclose(arrays[5], _moved(bound, cluster), rtol=1e-12, atol=1e-15)
-        pointers = found.table[cluster]
-        assert pointers.bone_count == len(bones)
-        told = [getattr(pointers, name) for name, _ in pointers._fields_[:-1]]
-        assert told == [array.ctypes.data for array in arrays]
+        assert found.table[cluster].bone_count == len(bones)
     assert not found.table[1].weights, "nobody asked for it"
 
 
@@ -200,14 +218,14 @@ def test_what_bones_do_to_clusters(seed):
 def test_neighbours_learnt_later_have_arrays_of_their_own(name):
     skin = _skin(name)
     bound, some = SkinnedModel(skin.surface, SkinBinding(BONES), skin.outlines), np.array([0, 1])
-    before = bound.native_clusters(some).arrays_of(0)[6:]
-    skin.table.need(some)
-    after = bound.native_clusters(some, skin.table).arrays_of(0)
-    assert not any(array.any() for array in before)
     units = int(skin.table.unit_counts[0])
+    before = _arrays(bound.native_clusters(some).table[0], bound, 0, units)[6:]
+    skin.table.need(some)
+    after = _arrays(bound.native_clusters(some, skin.table).table[0], bound, 0, units)
+    assert not any(array.any() for array in before)
     weights, rest = _weights(bound, 0)
     quads = skin.table.quad_starts[: units + 1]
-    by_bone = after[7].reshape(-1, units)
+    by_bone = after[7]
     for unit in range(units):
         around = skin.table.around[quads[unit] : quads[unit + 1]].ravel()
         distances = np.linalg.norm(rest[around] - rest[unit], axis=1)
@@ -292,17 +310,41 @@ def test_filling_leaves_what_others_look_at_where_it_is():
     assert any(each is samples for each in known.kept) and known.samples == samples.ctypes.data
 
 
+def _cell_mean(groups, posed):
+    """Bound of an ``hfx_groups`` under the matrices (B, 3, 4) of bones; see ``CellSizes``."""
+    starts = _read(groups.starts, np.int64, groups.count + 1)
+    distances = _read(groups.distances, np.float64, groups.count)
+    boxes = _read(groups.boxes, np.float64, groups.count, 2, 3)
+    bones = _read(groups.bones, np.int64, starts[-1])
+    shares, changes = (_read(at, np.float64, starts[-1]) for at in (groups.shares, groups.changes))
+    signs = 2.0 * np.indices((2, 2, 2)).reshape(3, 8) - 1.0
+    most = 0.0
+    for group, (middle, half) in enumerate(boxes):
+        mine = slice(starts[group], starts[group + 1])
+        matrices = posed[bones[mine]]
+        corners = np.concatenate([middle[:, None] + half[:, None] * signs, np.ones((1, 8))])
+        apart = (matrices - np.einsum("p,pij->ij", shares[mine], matrices)) @ corners
+        stretch = np.linalg.norm(matrices[..., :3], 2, axis=(1, 2)).max()
+        bent = 0.0
+        if len(matrices) > 1:
+            bent = float(changes[mine] @ np.linalg.norm(apart, axis=1).max(axis=1))
+        most = max(most, stretch * distances[group] + bent)
+    return most
+
+
 @pytest.mark.parametrize("modality", ["pressure", "temperature"])
 def test_cells_are_no_larger_than_their_groups_say(modality):
     """Mean distances of posed skin from the vertex of its cell, as bones bend and stretch it."""
     model = load(f"hfx-{modality}-1")
     scene, block = moving_scene(model, 5, 0.4, 1.0)
-    body, pose, rows = scene.bodies[0], block.poses[0], np.array([2])
+    body, pose = scene.bodies[0], block.poses[0]
     skin = BoundSkins(load, STANDARD, Counters()).of(body, model.id)
     some = np.arange(len(skin.skin.clusters))[::23]
     skin.cell_sizes.pointers(some[:2])
-    bones = skin.posed_bones(pose, rows, pose.to_world[rows])
-    bounds = bones.cell_means(skin.cell_sizes.pointers(some), np.zeros(1, np.int64), some)[0]
+    still = np.eye(4)[None, :3]
+    posed = pose.to_world[2, :3, :3] @ np.concatenate([pose.bones[2], still])
+    groups = skin.cell_sizes.pointers(some)
+    bounds = np.array([_cell_mean(groups[cluster], posed) for cluster in some.tolist()])
     surface, own = (world_points(m, body.binding, pose, 2) for m in (skin.skin.surface, model))
     shares = []
     for cluster, bound in zip(some.tolist(), bounds.tolist(), strict=True):

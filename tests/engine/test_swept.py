@@ -142,10 +142,10 @@ def test_slow_motion_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     from hfx_blender.engine.contact import compiled_narrow_phase
 
     calls: list[int] = []
-    compiled = compiled_narrow_phase.look_at_skin
+    compiled = compiled_narrow_phase.narrow_phase
     monkeypatch.setattr(
         compiled_narrow_phase,
-        "look_at_skin",
+        "narrow_phase",
         lambda *a: calls.extend(a[0].steps[a[0].steps > 0]) or compiled(*a),
     )
     slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s

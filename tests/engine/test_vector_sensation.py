@@ -37,7 +37,7 @@ from hfx_blender.engine.scene import (
     SpotArea,
     TimeBase,
 )
-from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter, as_kept
+from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter, as_stored
 from hfx_blender.errors import InputError
 
 MODEL = plane()
@@ -143,7 +143,7 @@ def test_any_other_device_plays_nothing_and_says_so_once() -> None:
 @pytest.mark.parametrize("record", [(), ("positions", "depth")])
 def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...]) -> None:
     effects = [VECTOR, SPOT, PAINT]
-    runs = [as_kept(run, full_precision=False) for run in _felt(effects, record=record)]
+    runs = [as_stored(run, full_precision=False) for run in _felt(effects, record=record)]
     path = tmp_path / "a.hfxtrack"
     with TrackWriter(path, _header(effects)) as writer:
         writer.append(runs)

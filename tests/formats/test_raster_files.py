@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.rendering.raster import Column, Felt, Raster, Shortfall
+from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from hfx_blender.engine.samples import Stream
 from hfx_blender.errors import InputError
 from hfx_blender.formats import csv_raster, npz_raster
@@ -60,7 +60,9 @@ def test_an_npz_keeps_every_bit(tmp_path_factory, data):
     names = data.draw(st.lists(NAMES, max_size=4, unique=True))
     rows = data.draw(st.integers(1, 4))
     values = data.draw(hnp.arrays(np.float64, (rows, len(names)), elements=EXTREME))
-    felt = Felt(Stream("e", "b", "wind", "m"), np.arange(rows), np.ones(rows), np.ones(rows, bool))
+    felt = FeltStream(
+        Stream("e", "b", "wind", "m"), np.arange(rows), np.ones(rows), np.ones(rows, bool)
+    )
     raster = made(values, names, (felt,) * data.draw(st.integers(0, 2)))
     path = tmp_path_factory.mktemp("npz") / "x.raster.npz"
     npz_raster.write(raster, path)

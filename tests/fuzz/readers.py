@@ -27,7 +27,7 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.formats import csv_raster, files, npz_raster, png, point_cloud, texture_map
 from hfx_blender.formats.clip import rules as clip_rules
-from hfx_blender.formats.clip.container import sealed
+from hfx_blender.formats.clip.container import with_checksum
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.hjif import reader, text, to_signals
 from hfx_blender.generation.picture_prompts import prompt_of
@@ -79,7 +79,7 @@ def readers(name: str) -> Reader:
     if name in in_files:
         return partial(in_files[name], folder)
     of_bytes: dict[str, Reader] = {
-        "clip": lambda content: void(clip_rules.validate(sealed(content), "x")),
+        "clip": lambda content: void(clip_rules.validate(with_checksum(content), "x")),
         "npz": lambda content: void(npz_raster.decode(content, "x")),
         "csv": lambda content: void(csv_raster.decode(content, "x")),
         "hjif": _hjif,

@@ -27,7 +27,7 @@ from hfx_blender import resources  # noqa: E402
 from hfx_blender.authoring import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_model  # noqa: E402
-from hfx_blender.engine.rendering.devices import renderers_given  # noqa: E402
+from hfx_blender.engine.rendering.devices import renderers_of_track  # noqa: E402
 from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.formats import files, glb, registry, texture_map  # noqa: E402
@@ -201,7 +201,7 @@ def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
                 if path.suffix != glb.SUFFIX:
                     found[name.removesuffix("-compact")].append(path.read_bytes())
         device = load_device("oculus_touch")
-        played = [(d, r.raster()) for d, r in renderers_given(track, [device])]
+        played = [(d, r.raster()) for d, r in renderers_of_track(track, [device])]
         (path,) = (
             registry.PLAYED_FORMATS["clip"].write(track.header, played, folder / "c", None).files
         )

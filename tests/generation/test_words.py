@@ -35,6 +35,8 @@ def test_nine_of_ten_wishes_find_their_kind() -> None:
         ("a wool coat with brass buttons", "fabric"),
         ("loose ballast between railroad ties", "gravel"),
         ("gravle", "gravel"),
+        ("cobblestone alley", "gravel"),  # spelt nearly like alloy
+        ("parquet floor, herringbone, worn", "wood"),  # a pattern
         ("Crêpe de Chine", "fabric"),
     ],
 )

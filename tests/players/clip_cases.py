@@ -18,7 +18,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.devices import renderers_given
+from hfx_blender.engine.rendering.devices import renderers_of_track
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import Clip, TimeBase
@@ -119,7 +119,7 @@ def cases(folder: Path, demos: Sequence[str] = DEMOS) -> Iterator[Case]:
 
 def _case(track: TrackReader, devices: list[DeviceConfig], name: str, folder: Path) -> Case:
     rendered: list[tuple[DeviceConfig, Raster]] = [
-        (device, renderer.raster()) for device, renderer in renderers_given(track, devices)
+        (device, renderer.raster()) for device, renderer in renderers_of_track(track, devices)
     ]
     (path,) = write(track.header, rendered, folder / name).files
     clips = {

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hfx_blender.formats.clip.container import sealed
+from hfx_blender.formats.clip.container import with_checksum
 
 _STRANGE = (0, 1, 2, 5, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7FC00000,
             0x7F800000, 0xFF800000, 0x3F800000)  # fmt: skip
@@ -32,4 +32,4 @@ def damaged(content: bytes, random: np.random.Generator) -> Iterator[bytes]:
                     number = (old + int(random.integers(-2, 3))) % 2**32
                 if at + 4 <= len(found):
                     struct.pack_into("<I", found, at, number)
-        yield sealed(bytes(found))
+        yield with_checksum(bytes(found))

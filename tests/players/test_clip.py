@@ -19,7 +19,7 @@ from damage import damaged
 from hfx_blender.cli import run
 from hfx_blender.errors import InputError
 from hfx_blender.formats.clip import baked, rules
-from hfx_blender.formats.clip.container import sealed
+from hfx_blender.formats.clip.container import with_checksum
 
 TEXT = b"\0touch\0m\0Hz\0amplitude_m_s2\0frequency_hz\0part\0"
 TOUCH, M, HZ, AMPLITUDE, FREQUENCY, PART = (
@@ -181,16 +181,16 @@ def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path
     first = {name: struct.unpack_from("<I", good, at + 4)[0] for name, at in table.items()}
     path = tmp_path / "x.hfxclip"
     for at in (table[b"ACTR"] + 12, first[b"ACTR"] + 84):
-        path.write_bytes(sealed(good[:at] + struct.pack("<I", 7) + good[at + 4 :]))
+        path.write_bytes(with_checksum(good[:at] + struct.pack("<I", 7) + good[at + 4 :]))
         assert run(["validate", str(path)]) == 3
-    again = sealed(good[: table[b"VALU"]] + b"ROWS" + good[table[b"VALU"] + 4 :])
+    again = with_checksum(good[: table[b"VALU"]] + b"ROWS" + good[table[b"VALU"] + 4 :])
     with pytest.raises(InputError, match="occurs twice"):
         rules.read(again, "x")
 
 
 def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
     good = by_hand()
-    newer = sealed(good[:8] + struct.pack("<I", 2) + good[12:])
+    newer = with_checksum(good[:8] + struct.pack("<I", 2) + good[12:])
     flipped = good[:-1] + bytes([good[-1] ^ 1])
     for content, error, word in (
         (b"", -2, "no game clip"),

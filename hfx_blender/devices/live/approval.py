@@ -36,7 +36,7 @@ class DeviceScript:
     fingerprint: str
     is_approved: bool
 
-    def as_wish(self) -> dict[str, str]:
+    def as_request(self) -> dict[str, str]:
         """Entry of :meth:`LiveClient.connect` for the script."""
         return {
             "path": str(self.path),

@@ -14,8 +14,8 @@ from ...engine.track.header import TrackHeader
 from .device_state import DeviceState as DeviceState
 from .device_state import Event as Event
 from .host_pipe import HostPipe
-from .live_frame import LiveFrame, RenderedDevice, SceneMessage, scene_to
-from .messages import EVERY_DEVICE, MessageKind, json_to, message, values_to
+from .live_frame import LiveFrame, RenderedDevice, SceneMessage, encode_scene
+from .messages import EVERY_DEVICE, MessageKind, encode_json, encode_values, message
 
 
 class LiveClient:
@@ -92,25 +92,25 @@ class LiveClient:
         known.state, known.text, known.levels = "connecting", "", ()
         known.configuration, known.has_script = str(configuration), script is not None
         known.folder = None if folder is None else str(folder)
-        wish = {
+        request = {
             "configuration": known.configuration,
             "folder": known.folder,
             "output": dict(output),
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
-        self._pipe.tell(MessageKind.CONNECT, known.number, json_to(wish))
-        self._pipe.tell(MessageKind.ARM, known.number)
+        self._pipe.send(MessageKind.CONNECT, known.number, encode_json(request))
+        self._pipe.send(MessageKind.ARM, known.number)
         return known
 
     def disconnect(self, name: str) -> None:
         known = self.devices.pop(name, None)
         if known is not None:
-            self._pipe.tell(MessageKind.DISCONNECT, known.number)
+            self._pipe.send(MessageKind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
         """Send a device's values (columns,); replaces unsent ones."""
-        self._feed(name, MessageKind.VALUES, values_to(values))
+        self._feed(name, MessageKind.VALUES, encode_values(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
         """Send the haptic data for a device's script."""
@@ -122,16 +122,16 @@ class LiveClient:
         They are for the devices that are connected now. What was foreseen of a scene before is
         forgotten.
         """
-        worn = tuple(
+        rendered = tuple(
             RenderedDevice(
                 each.number, each.configuration, each.folder, each.has_script, each.scheme
             )
             for each in self.devices.values()
         )
-        body = scene_to(SceneMessage(header, body_id, worn))
+        body = encode_scene(SceneMessage(header, body_id, rendered))
         self._pipe.void(EVERY_DEVICE)
         self._pipe.places = {stream: k for k, stream in enumerate(header.streams)}
-        self._pipe.tell(MessageKind.SCENE, body=body)
+        self._pipe.send(MessageKind.SCENE, body=body)
 
     def show(self, moment: LiveFrame) -> None:
         """Send the current samples for every device; replaces what was not sent yet.
@@ -150,7 +150,7 @@ class LiveClient:
             if not gain and self._gains.get(number, 1.0):
                 self._pipe.void(EVERY_DEVICE)
                 self._pipe.void(number)
-                self._pipe.tell(MessageKind.PAUSE, number)
+                self._pipe.send(MessageKind.PAUSE, number)
         self._gains = gains
 
     def send_lookahead(self, body: bytes, *, is_scene: bool) -> None:
@@ -162,23 +162,23 @@ class LiveClient:
             A :class:`~hfx_blender.engine.keyed_scene.KeyedScene`, which replaces the one
             before and all that came with it, or a ``KeyedBlock`` of it; as ``packed`` makes it.
         """
-        self._pipe.tell(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
+        self._pipe.send(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
         if name in self.devices:
-            self._pipe.tell(
-                MessageKind.PULSE, self.devices[name].number, json_to({"actuator": actuator})
+            self._pipe.send(
+                MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
             )
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         if name in self.devices:
             number = self.devices[name].number
-            self._pipe.tell(MessageKind.SETTINGS, number, json_to({"offset_ms": offset_ms}))
+            self._pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
         """A sign of life."""
-        self._pipe.tell(MessageKind.HEARTBEAT)
+        self._pipe.send(MessageKind.HEARTBEAT)
         self._pipe.watch()
 
     def pause(self) -> None:
@@ -186,7 +186,7 @@ class LiveClient:
         heartbeat is missed.
         """
         self._pipe.void()
-        self._pipe.tell(MessageKind.PAUSE)
+        self._pipe.send(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
         """Resume playing, from silence; all devices, or one."""
@@ -214,14 +214,14 @@ class LiveClient:
         found = list(self._pipe.events())
         for event in found:
             for state in self.devices.values():
-                state.hear(event)
+                state.update(event)
         return found
 
     def _command(self, kind: MessageKind, name: str | None) -> None:
         if name is None:
-            self._pipe.tell(kind)
+            self._pipe.send(kind)
         elif name in self.devices:
-            self._pipe.tell(kind, self.devices[name].number)
+            self._pipe.send(kind, self.devices[name].number)
 
     def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
         state = self.devices.get(name)

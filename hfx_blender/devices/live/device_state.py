@@ -36,7 +36,7 @@ class DeviceState:
     def is_armed(self) -> bool:
         return self.state == "armed"
 
-    def hear(self, event: Event) -> None:
+    def update(self, event: Event) -> None:
         """Bring it up to date."""
         if event.event == "gone":  # the output process, and all devices with it
             self.state, self.text, self.levels = "lost", event.text, ()

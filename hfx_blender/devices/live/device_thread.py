@@ -33,7 +33,7 @@ PULSE_SHARE: Final = 0.3
 """Strength of a test pulse, as a share of the actuator's limit: it is soft."""
 
 FREEZE_S: Final = 0.26
-"""Time without a sign that the last values still hold, after which a lane is silent, seconds; the
+"""Time without a sign that the last values still hold, after which a device is silent, seconds; the
 limit is 0.3."""
 
 _LEVELS_S: Final = 0.1
@@ -45,12 +45,12 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """Request for the values of a lane's device; its answer may come late.
+    """Request for the values of a device; its answer may come late.
 
     Attributes
     ----------
     generation : int
-        Of the lane, when it was asked: pauses, stops and new beginnings make it void.
+        Of the thread, when it was asked: pauses, stops and new beginnings make it void.
     asked_s : float
         When Blender's message was read.
     number : int
@@ -82,13 +82,13 @@ class DeviceThread:
     number : int
         The device's number in messages.
     open_output : callable
-        Opens the output; called in the lane's thread, as it may take its time.
+        Opens the output; called in this thread, as it may take its time.
     report : callable
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
         How long values are held back, so that they meet sound and picture.
     accounts : callable, optional
-        Finds the device's accounts of time on; called in the lane's thread.
+        Finds the device's accounts of time on; called in this thread.
     """
 
     def __init__(
@@ -310,13 +310,13 @@ class DeviceThread:
                     if is_ours:
                         self._port.release()
             now = self._clock.now()
-            self._guard.fell_silent(now - self._stepped_s, now)
+            self._guard.record_silence(now - self._stepped_s, now)
             if not self._hush.is_set():
                 self._is_quiet.set()
             if self._has_ended:
                 return
 
-    # The lane's own thread.
+    # The thread itself.
 
     def _run(self) -> None:
         try:
@@ -397,8 +397,8 @@ class DeviceThread:
             due = self._next_s()
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
-                self._guard.fell_silent(now - self._stepped_s, now)  # if not reported yet
-                self._guard.rested(now)
+                self._guard.record_silence(now - self._stepped_s, now)  # if not reported yet
+                self._guard.record_rest(now)
                 self._guard.reset()
                 self._ramp.reset()
                 self._pace.reset()
@@ -444,7 +444,7 @@ class DeviceThread:
             output = self._output
             if not self._is_armed or output is None:
                 return False
-            values = self._guard.passed(wanted, step_s)
+            values = self._guard.limited(wanted, step_s)
             self._stepped_s = now
             # Values computed before a pause, or before the computer slept, are not sent.
             if generation != self._generation or self._clock.now() - now > FREEZE_S:
@@ -463,7 +463,7 @@ class DeviceThread:
             was_stopped = not self._is_armed
         if was_stopped:  # meanwhile, without waiting for us
             self._silence()
-        self._tell_levels(values, now)
+        self._report_levels(values, now)
         return is_change
 
     def _with_pulse(self, wanted: F64, now: float) -> F64:
@@ -484,7 +484,7 @@ class DeviceThread:
         wanted[column] = strength.neutral + PULSE_SHARE * softly * reach
         return wanted
 
-    def _tell_levels(self, values: F64, now: float) -> None:
+    def _report_levels(self, values: F64, now: float) -> None:
         """Report the level of each actuator, 0..1, a few times a second."""
         if now < self._levels_at + _LEVELS_S:
             return

@@ -48,15 +48,15 @@ class Guard:
         self._given = self._silent[:, 0].copy()  # (A,) strengths
         self._time_on.begin()
 
-    def fell_silent(self, played_s: float, now_s: float) -> None:
+    def record_silence(self, played_s: float, now_s: float) -> None:
         """Record silence from now on; the last values were played ``played_s`` longer."""
         self._time_on.end(played_s, now_s)
 
-    def rested(self, now_s: float) -> None:
+    def record_rest(self, now_s: float) -> None:
         """Record rest since the device fell silent, before it begins again."""
-        self._time_on.rested(now_s)
+        self._time_on.record_rest(now_s)
 
-    def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
+    def limited(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
         """Values that may be sent, (columns,).
 
         Parameters

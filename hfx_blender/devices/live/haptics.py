@@ -17,7 +17,7 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import Actuator, DeviceConfig
 from ...engine.samples import SampleRun
-from .messages import Array, MessageError, as_row, pack, unpack
+from .messages import Array, MessageError, as_row, decode_arrays, encode_arrays
 
 API_VERSION: Final = 1
 """Changes whenever a script could notice; an approval is for one version."""
@@ -92,7 +92,7 @@ def _strength(effect: Effect) -> float:
 ARRAYS: Final = ("positions", "velocities", "depth_m")
 
 
-def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
+def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
     """Haptic data as bytes.
 
     Parameters
@@ -120,18 +120,18 @@ def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) ->
             found = getattr(run, name)
             if found is not None:
                 arrays[f"{k} {name}"] = found
-    return pack({"time_s": time_s, "effects": effects}, arrays)
+    return encode_arrays({"time_s": time_s, "effects": effects}, arrays)
 
 
-def unpacked(body: bytes, device: DeviceConfig) -> Haptics:
-    """Restore haptic data from :func:`packed` bytes.
+def decode_haptics(body: bytes, device: DeviceConfig) -> Haptics:
+    """Restore haptic data from :func:`encode_haptics` bytes.
 
     Raises
     ------
     MessageError
         The body is not such a one.
     """
-    content, arrays = unpack(body)
+    content, arrays = decode_arrays(body)
     try:
         felt = []
         for k, each in enumerate(content["effects"]):

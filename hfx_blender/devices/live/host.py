@@ -37,9 +37,9 @@ from .messages import (
     Message,
     MessageError,
     MessageKind,
-    json_from,
+    decode_json,
+    decode_values,
     read_message,
-    values_from,
 )
 from .output import Output
 from .outputs import open_output
@@ -95,14 +95,14 @@ class Host:
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
-        self._lanes: dict[int, DeviceThread] = {}
+        self._device_threads: dict[int, DeviceThread] = {}
         self._wake = threading.Condition()
         self._last_sign_s = self._last_turn_s = clock.now()
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
         self._accounts = KeptAccounts(resources.time_on(), clock)
-        threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
+        threading.Thread(target=self._accounts.save_regularly, name="time on", daemon=True).start()
         self._rendering = RenderProcess(
             self._rendered, self._cannot_render, clock, lambda: report("prepared")
         )
@@ -115,7 +115,7 @@ class Host:
                 message = read_message(stream)
                 if message is None:
                     break
-                self.hear(message)
+                self.receive(message)
         except MessageError as error:
             end = f"Blender sent {error}"
         except Exception as error:
@@ -124,10 +124,11 @@ class Host:
         with self._wake:
             self._end = end
             self._wake.notify()
-        for lane in list(self._lanes.values()):  # at once, not when the main thread is up
-            lane.stop(end)
+        # At once, not when the main thread is up.
+        for thread in list(self._device_threads.values()):
+            thread.stop(end)
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Take a message that was read just now, which is also a sign of life."""
         now = self._clock.now()
         self._stop_after_standstill(now)
@@ -135,18 +136,18 @@ class Host:
         self._patience_s = PAUSE_S if is_work else HEARTBEAT_S
         self._last_sign_s = now
         self.take(message, now)
-        for lane in list(self._lanes.values()):
-            lane.sign(now)
+        for thread in list(self._device_threads.values()):
+            thread.sign(now)
 
     def take(self, message: Message, read_s: float) -> None:
         """Execute a message that was read at a given time."""
         kind = message.kind
         if kind is MessageKind.CONNECT:
-            self._connect(message.device, json_from(message.body))
+            self._connect(message.device, decode_json(message.body))
             return
         if kind is MessageKind.MOMENT:
-            playing = [(n, lane) for n, lane in self._lanes.items() if lane.is_armed]
-            questions = {number: lane.question(read_s) for number, lane in playing}
+            playing = [(n, thread) for n, thread in self._device_threads.items() if thread.is_armed]
+            questions = {number: thread.question(read_s) for number, thread in playing}
             self._rendering.show(message.body, questions)
             return
         if kind in (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK):
@@ -155,105 +156,105 @@ class Host:
         if message.device == EVERY_DEVICE:
             if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
                 self._rendering.forget()
-            lanes = list(self._lanes.values())
+            threads = list(self._device_threads.values())
         else:
-            lanes = [x for x in (self._lanes.get(message.device),) if x is not None]
-        for lane in lanes:
+            threads = [x for x in (self._device_threads.get(message.device),) if x is not None]
+        for thread in threads:
             if kind is MessageKind.STOP:
-                lane.stop(message.body.decode(errors="replace") or "stopped by you")
+                thread.stop(message.body.decode(errors="replace") or "stopped by you")
             elif kind is MessageKind.ARM:
-                lane.arm()
+                thread.arm()
             elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
-                lane.pause()
+                thread.pause()
             elif kind is MessageKind.VALUES:
-                lane.feed(values_from(message.body), lane.question(read_s))
-            elif kind is MessageKind.HAPTICS and lane.script is not None:
-                question = lane.question(read_s)
-                lane.script.ask(message.body, partial(lane.feed, question=question))
+                thread.feed(decode_values(message.body), thread.question(read_s))
+            elif kind is MessageKind.HAPTICS and thread.script is not None:
+                question = thread.question(read_s)
+                thread.script.ask(message.body, partial(thread.feed, question=question))
             elif kind is MessageKind.PULSE:
-                lane.pulse(int(json_from(message.body).get("actuator", -1)))
+                thread.pulse(int(decode_json(message.body).get("actuator", -1)))
             elif kind is MessageKind.SETTINGS:
-                lane.set_offset(_offset_s(json_from(message.body)))
+                thread.set_offset(_offset_s(decode_json(message.body)))
             elif kind is MessageKind.DISCONNECT:
-                self._lanes.pop(lane.number, None)
-                lane.close("disconnected")
+                self._device_threads.pop(thread.number, None)
+                thread.close("disconnected")
         if kind is MessageKind.STOP:
             self._report("silent")
         elif kind is MessageKind.SCENE:
             self._rendering.describe(message.body)
         elif kind is MessageKind.ARM:
-            self._rendering.revive()
+            self._rendering.restart()
 
     def _rendered(self, answer: Message, questions: Questions) -> None:
         """Forward rendered values to a device, or haptic data to its script."""
         if answer.device == EVERY_DEVICE:
             self._cannot_render(answer.body.decode(errors="replace"))
             return
-        lane = self._lanes.get(answer.device)
-        if lane is None or not lane.is_armed:
+        thread = self._device_threads.get(answer.device)
+        if thread is None or not thread.is_armed:
             return
         if answer.kind is MessageKind.FAULT:
-            lane.fault(answer.body.decode(errors="replace"))
+            thread.fault(answer.body.decode(errors="replace"))
             return
         question = questions.get(answer.device)
         if question is None:  # it did not exist, or did not play, at the time of the request
             return
         if answer.kind is MessageKind.ANSWER:
-            lane.feed(values_from(answer.body), question)
-        elif answer.kind is MessageKind.HAPTICS and lane.script is not None:
-            lane.script.ask(answer.body, partial(lane.feed, question=question))
+            thread.feed(decode_values(answer.body), question)
+        elif answer.kind is MessageKind.HAPTICS and thread.script is not None:
+            thread.script.ask(answer.body, partial(thread.feed, question=question))
 
     def _cannot_render(self, text: str) -> None:
-        for lane in list(self._lanes.values()):
-            if lane.is_armed:
-                lane.fault(text)
+        for thread in list(self._device_threads.values()):
+            if thread.is_armed:
+                thread.fault(text)
 
-    def _connect(self, number: int, wish: dict[str, Any]) -> None:
-        before = self._lanes.pop(number, None)
+    def _connect(self, number: int, request: dict[str, Any]) -> None:
+        before = self._device_threads.pop(number, None)
         if before is not None:
             before.close("connected anew")
-        if len(self._lanes) >= MAX_DEVICES:
+        if len(self._device_threads) >= MAX_DEVICES:
             self._report("lost", number, text=f"more than {MAX_DEVICES} devices")
             return
-        folder = wish.get("folder")
+        folder = request.get("folder")
         try:
             device = load_device(
-                str(wish.get("configuration")), None if folder is None else Path(str(folder))
+                str(request.get("configuration")), None if folder is None else Path(str(folder))
             )
         except (InputError, OSError) as error:
             self._report("lost", number, text=str(error))
             return
-        output = wish.get("output")
+        output = request.get("output")
 
         def opened() -> Output:
             if before is not None:
                 before.wait_closed()  # it may have the same port
             return open_output(device, output if isinstance(output, dict) else {})
 
-        lane = DeviceThread(
+        thread = DeviceThread(
             number,
             device,
             opened,
             self._report,
-            offset_s=_offset_s(wish),
+            offset_s=_offset_s(request),
             clock=self._clock,
             accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
         )
-        self._add_script(lane, wish)
-        self._lanes[number] = lane
-        lane.start()
+        self._add_script(thread, request)
+        self._device_threads[number] = thread
+        thread.start()
 
     def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
         return [self._accounts.of(each) for each in identities(device, target)]
 
-    def _add_script(self, lane: DeviceThread, wish: dict[str, Any]) -> None:
-        script = wish.get("script")
+    def _add_script(self, thread: DeviceThread, request: dict[str, Any]) -> None:
+        script = request.get("script")
         if not isinstance(script, dict):
             return
-        lane.script = ScriptProcess(
-            {**script, "device": wish.get("configuration"), "folder": wish.get("folder")},
-            lane.fault,
-            lambda text: self._report("log", lane.number, text=text),
+        thread.script = ScriptProcess(
+            {**script, "device": request.get("configuration"), "folder": request.get("folder")},
+            thread.fault,
+            lambda text: self._report("log", thread.number, text=text),
             self._clock,
         )
 
@@ -267,24 +268,24 @@ class Host:
                 left_s = self._last_sign_s + self._patience_s - self._clock.now()
                 wait_s = min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S
                 self._clock.wait(self._wake, wait_s)
-            self.look()
+            self.check_deadlines()
 
-    def look(self) -> None:
+    def check_deadlines(self) -> None:
         """Stop everything that does not answer."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
-        lanes = list(self._lanes.values())
+        threads = list(self._device_threads.values())
         was_frozen = self._is_frozen
         self._is_frozen = now - self._last_sign_s > self._patience_s
         if self._is_frozen and not was_frozen:
-            for lane in lanes:
-                lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+            for thread in threads:
+                thread.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
         if self._rendering.is_overdue(now):
             self._cannot_render("the samples could not be rendered in time")
-        for lane in lanes:
-            if lane.is_stuck(now):
-                lane.fault("its output does not answer")
+        for thread in threads:
+            if thread.is_stuck(now):
+                thread.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
         """Stop all devices if this process stood still: its state and unread messages are old.
@@ -293,24 +294,24 @@ class Host:
         """
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
-            for lane in list(self._lanes.values()):
-                lane.stop(f"the computer slept or did not run for {gap_s:.1f} s")
+            for thread in list(self._device_threads.values()):
+                thread.stop(f"the computer slept or did not run for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
         """Stop every device and give back its port, at the end."""
-        lanes = list(self._lanes.values())
-        for lane in lanes:
-            lane.stop(reason)
+        threads = list(self._device_threads.values())
+        for thread in threads:
+            thread.stop(reason)
         self._rendering.close()
-        for lane in lanes:
-            lane.close(reason)
-        for lane in lanes:
-            lane.wait_closed()
-        self._accounts.keep()
+        for thread in threads:
+            thread.close(reason)
+        for thread in threads:
+            thread.wait_closed()
+        self._accounts.save()
 
 
-def _offset_s(wish: dict[str, Any]) -> float:
-    found = wish.get("offset_ms", 0.0)
+def _offset_s(request: dict[str, Any]) -> float:
+    found = request.get("offset_ms", 0.0)
     if not isinstance(found, int | float) or isnan(found):
         return 0.0
     return min(max(float(found) / 1000.0, 0.0), MAX_OFFSET_S)

@@ -17,7 +17,7 @@ from ... import own_processes
 from ...engine.samples import Stream
 from ...errors import DeviceError
 from .device_state import Event, event_of
-from .live_frame import LiveFrame, live_frame_to
+from .live_frame import LiveFrame, encode_live_frame
 from .messages import EVERY_DEVICE, MessageKind, message
 
 _MAX_EVENTS: Final = 1000
@@ -82,7 +82,7 @@ class HostPipe:
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()
 
-    def tell(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
+    def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
         """A message; they arrive in their order."""
         if not self.is_running:
             return
@@ -189,7 +189,7 @@ class HostPipe:
         if not isinstance(newest, LiveFrame):
             return newest
         try:
-            return message(MessageKind.MOMENT, EVERY_DEVICE, live_frame_to(newest, places))
+            return message(MessageKind.MOMENT, EVERY_DEVICE, encode_live_frame(newest, places))
         except KeyError:
             return b""  # of the scene before
         except Exception as error:
@@ -202,11 +202,11 @@ class HostPipe:
             buffered = os.fdopen(os.dup(process.stdout.fileno()), "rb")
             with buffered:
                 for line in buffered:
-                    self._hear(line)
+                    self._receive(line)
         if process is self._process:
             self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
 
-    def _hear(self, line: bytes) -> None:
+    def _receive(self, line: bytes) -> None:
         event = event_of(line)
         if event is None:
             return

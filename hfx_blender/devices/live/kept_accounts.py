@@ -113,7 +113,7 @@ class KeptAccounts:
                 known.account.on_begin = self._changed.set
             return known.account
 
-    def keep(self) -> None:
+    def save(self) -> None:
         """Save changed accounts; an unwritable folder is reported once."""
         with self._lock:
             for identity, each in self._kept.items():
@@ -129,12 +129,12 @@ class KeptAccounts:
                 else:
                     each.written = state
 
-    def keep_on(self) -> None:
+    def save_regularly(self) -> None:
         """Save changes for ever, and at once when a device begins; runs in a thread."""
         while True:
             self._changed.wait(KEEP_S)
             self._changed.clear()
-            self.keep()
+            self.save()
 
 
 def _state(account: Account) -> tuple[Any, ...]:

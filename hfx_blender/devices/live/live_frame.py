@@ -21,7 +21,7 @@ from ...engine.samples import Drive, SampleRun, Stream
 from ...engine.track.header import TrackHeader
 from ...engine.track.header_json import from_json, to_json
 from .haptics import ARRAYS
-from .messages import Array, MessageError, json_from, json_to, pack, unpack
+from .messages import Array, MessageError, decode_arrays, decode_json, encode_arrays, encode_json
 from .playhead import Playhead
 
 _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.values())
@@ -79,17 +79,17 @@ class SceneMessage:
     devices: tuple[RenderedDevice, ...]
 
 
-def scene_to(scene: SceneMessage) -> bytes:
+def encode_scene(scene: SceneMessage) -> bytes:
     """A scene as a body."""
     devices = [
         [each.number, each.configuration, each.folder, each.has_script, each.scheme]
         for each in scene.devices
     ]
     header = to_json(scene.header, {}).decode()
-    return json_to({"header": header, "body": scene.body_id, "devices": devices})
+    return encode_json({"header": header, "body": scene.body_id, "devices": devices})
 
 
-def scene_from(body: bytes) -> SceneMessage:
+def decode_scene(body: bytes) -> SceneMessage:
     """The scene of a body.
 
     Raises
@@ -97,7 +97,7 @@ def scene_from(body: bytes) -> SceneMessage:
     MessageError
         It is none.
     """
-    content = json_from(body)
+    content = decode_json(body)
     try:
         header, _ = from_json(content["header"].encode())
         devices = tuple(RenderedDevice(*each) for each in content["devices"])
@@ -106,7 +106,7 @@ def scene_from(body: bytes) -> SceneMessage:
         raise MessageError(f"not a scene: {error}") from None
 
 
-def live_frame_to(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
+def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
     """A moment as a body; ``places`` are those of streams in the scene's header."""
     arrays: dict[str, Array] = {}
     content: dict[str, Any] = {
@@ -119,7 +119,7 @@ def live_frame_to(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
     }
     if moment.play_space is not None:
         arrays["play_space"] = np.asarray(moment.play_space, np.float64)
-    return pack(content, arrays)
+    return encode_arrays(content, arrays)
 
 
 def _felt_count(runs: Iterable[SampleRun]) -> int:
@@ -161,7 +161,7 @@ def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
-def live_frame_from(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
+def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     """The moment of a body.
 
     Raises
@@ -169,7 +169,7 @@ def live_frame_from(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     MessageError
         It is none.
     """
-    content, arrays = unpack(body)
+    content, arrays = decode_arrays(body)
     try:
         playhead = content["playhead"]
         runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)

@@ -47,8 +47,8 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
     except FileExistsError:
         raise OutputLostError(f"{path} exists already; a log starts a new file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        told = getattr(error, "strerror", None) or error
-        raise OutputLostError(f"{path} cannot be written ({told}).") from None
+        reason = getattr(error, "strerror", None) or error
+        raise OutputLostError(f"{path} cannot be written ({reason}).") from None
 
 
 def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:

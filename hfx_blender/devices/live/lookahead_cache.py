@@ -19,7 +19,7 @@ from typing import Final
 
 from ...engine.evaluate import Engine
 from ...engine.keyed_scene import KeyedBlock, KeyedScene
-from ...engine.parallel.serialization import unpacked
+from ...engine.parallel.serialization import decode_object
 from ...engine.samples import SampleRun
 from .live_frame import LiveFrame
 from .playhead import Playhead
@@ -169,7 +169,7 @@ class LookaheadCache:
 
     def _read(self, body: bytes) -> None:
         try:
-            found = unpacked(body)
+            found = decode_object(body)
         except Exception as error:  # without it, devices get the present samples
             _log.warning("looking ahead: %s", error)
             return

@@ -104,7 +104,7 @@ def read_message(stream: IO[bytes]) -> Message | None:
     return None if body is None else Message(known, device, body)
 
 
-def values_to(values: npt.ArrayLike) -> bytes:
+def encode_values(values: npt.ArrayLike) -> bytes:
     """Encode values (columns,); anything but a row of numbers becomes an empty body, a fault."""
     return as_row(values).astype("<f8").tobytes()
 
@@ -119,16 +119,16 @@ def as_row(values: Any) -> F64:
         return np.zeros(0)
 
 
-def values_from(body: bytes) -> F64:
+def decode_values(body: bytes) -> F64:
     """Decode values (columns,); an invalid body gives no values, which the guard rejects."""
     return np.frombuffer(body, "<f8") if len(body) % 8 == 0 else np.zeros(0)
 
 
-def json_to(content: Any) -> bytes:
+def encode_json(content: Any) -> bytes:
     return json.dumps(content, separators=(",", ":")).encode()
 
 
-def json_from(body: bytes) -> dict[str, Any]:
+def decode_json(body: bytes) -> dict[str, Any]:
     """A JSON object.
 
     Raises
@@ -145,18 +145,18 @@ def json_from(body: bytes) -> dict[str, Any]:
     return found
 
 
-def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
+def encode_arrays(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
     """Pack a JSON object and named arrays into one body."""
     parts = [np.ascontiguousarray(each, _dtype(each)) for each in arrays.values()]
     shapes = [
         [name, each.dtype.str, list(each.shape)] for name, each in zip(arrays, parts, strict=True)
     ]
-    head = json_to({"content": content, "arrays": shapes})
+    head = encode_json({"content": content, "arrays": shapes})
     return b"".join((_LENGTH.pack(len(head)), head, *(each.tobytes() for each in parts)))
 
 
-def unpack(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Unpack a body made by :func:`pack`.
+def decode_arrays(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Unpack a body made by :func:`encode_arrays`.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def unpack(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     """
     try:
         (length,) = _LENGTH.unpack_from(body)
-        head = json_from(body[_LENGTH.size : _LENGTH.size + length])
+        head = decode_json(body[_LENGTH.size : _LENGTH.size + length])
         place = _LENGTH.size + length
         arrays: dict[str, Array] = {}
         for name, dtype, shape in head["arrays"]:

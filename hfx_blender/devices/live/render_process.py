@@ -28,7 +28,7 @@ MOMENT_S: Final = 0.25
 
 
 Questions = Mapping[int, Question]
-"""Requests to the lanes, by the device's number."""
+"""Requests to the device threads, by the device's number."""
 
 
 class RenderProcess:
@@ -61,14 +61,14 @@ class RenderProcess:
         self._moment: tuple[bytes, Questions] | None = None
         self._questions: Questions = {}  # in progress
         self._lookahead: list[tuple[MessageKind, bytes]] = []  # a scene and its blocks
-        self._told = 0  # number of these already sent
+        self._sent_count = 0  # number of these already sent
         self._deadline_s: float | None = None  # while it is busy
 
     def describe(self, scene: bytes) -> None:
         """Set another scene: later moments belong to it."""
         with self._wake:
             self._known = self._scene = scene
-            self._lookahead, self._told = [], 0
+            self._lookahead, self._sent_count = [], 0
             self.forget()
             self._start()
             self._wake.notify()
@@ -83,7 +83,7 @@ class RenderProcess:
         """Add upcoming state of the last scene: a new beginning, or more of it."""
         with self._wake:
             if kind is MessageKind.KEYED_SCENE:
-                self._lookahead, self._told = [], 0
+                self._lookahead, self._sent_count = [], 0
             self._lookahead.append((kind, body))
             self._wake.notify()
 
@@ -92,7 +92,7 @@ class RenderProcess:
         with self._wake:
             self._moment = None
 
-    def revive(self) -> None:
+    def restart(self) -> None:
         """Start again, if it had to be ended."""
         with self._wake:
             if self._process is None and self._known is not None:
@@ -155,10 +155,10 @@ class RenderProcess:
                     (body, self._questions), self._moment = self._moment, None
                     self._deadline_s = self._clock.now() + MOMENT_S
                     return message(MessageKind.MOMENT, body=body)
-                if self._deadline_s is None and self._told < len(self._lookahead):
-                    kind, body = self._lookahead[self._told]
+                if self._deadline_s is None and self._sent_count < len(self._lookahead):
+                    kind, body = self._lookahead[self._sent_count]
                     self._questions = {}
-                    self._told += 1
+                    self._sent_count += 1
                     self._deadline_s = self._clock.now() + MOMENT_S
                     return message(kind, body=body)
                 self._wake.wait()

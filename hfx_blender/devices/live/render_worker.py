@@ -22,16 +22,16 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...engine.samples import SampleRun
 from ..configuration import load_device
-from .haptics import packed
-from .live_frame import LiveFrame, RenderedDevice, SceneMessage, live_frame_from, scene_from
+from .haptics import encode_haptics
+from .live_frame import LiveFrame, RenderedDevice, SceneMessage, decode_live_frame, decode_scene
 from .lookahead_cache import LookaheadCache
 from .messages import (
     EVERY_DEVICE,
     Message,
     MessageError,
     MessageKind,
+    encode_values,
     message,
-    values_to,
 )
 from .playhead import latencies_ms
 from .tones import Tones, frame_of, of_partials
@@ -47,27 +47,30 @@ _KEYED: Final = (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK)
 class _Rendered:
     """Device with its renderer."""
 
-    worn: RenderedDevice
+    rendered: RenderedDevice
     device: DeviceConfig
     renderer: MomentRenderer
     numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
     width: int  # actuators that take a waveform
 
     def answer(self, moment: LiveFrame, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
-        """Message for the device's lane, or for its script."""
+        """Message for the device's thread, or for its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, later)
-        gain = moment.gains.get(self.worn.number, 1.0)
+        gain = moment.gains.get(self.rendered.number, 1.0)
         values = with_gain(values, self.device, gain)
-        if self.worn.has_script and gain:  # a muted script is not called
+        if self.rendered.has_script and gain:  # a muted script is not called
             felt = self.renderer.felt(moment.runs)
             return message(
-                MessageKind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values)
+                MessageKind.HAPTICS,
+                self.rendered.number,
+                encode_haptics(moment.time_s, felt, values),
             )
         tones = of_partials(partials, self.numbers, self.width)
         louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
-        return message(MessageKind.ANSWER, self.worn.number, values_to(frame_of(values, louder)))
+        frame = encode_values(frame_of(values, louder))
+        return message(MessageKind.ANSWER, self.rendered.number, frame)
 
 
 def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
@@ -89,17 +92,17 @@ class Renderers:
         self.faults: list[bytes] = []
         names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
         numbers = {name: k for k, name in enumerate(names)}
-        for worn in scene.devices:
+        for rendered in scene.devices:
             try:
-                folder = None if worn.folder is None else Path(worn.folder)
-                device = load_device(worn.configuration, folder).rendered_by(worn.scheme)
+                folder = None if rendered.folder is None else Path(rendered.folder)
+                device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
                 renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
                 renderer.prepare()
             except Exception as error:  # one device's fault is not another's
-                self.faults.append(_fault(worn.number, error))
+                self.faults.append(_fault(rendered.number, error))
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
-            self._rendered[worn.number] = _Rendered(worn, device, renderer, numbers, width)
+            self._rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
         late = {ms for each in self._rendered.values() for ms in latencies_ms(each.device)}
         self.lookahead = LookaheadCache(tuple(late))
 
@@ -111,7 +114,7 @@ class Renderers:
         MessageError
             The body is no moment.
         """
-        moment = live_frame_from(body, self._streams)
+        moment = decode_live_frame(body, self._streams)
         found = []
         with self.lookahead.answering(moment) as later:
             for number, each in self._rendered.items():
@@ -138,7 +141,7 @@ def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None
     if asked.kind is MessageKind.SCENE:
         if renderers is not None:
             renderers.lookahead.close()
-        renderers = Renderers(scene_from(asked.body))
+        renderers = Renderers(decode_scene(asked.body))
         return renderers, renderers.faults
     if renderers is None:
         return None, []

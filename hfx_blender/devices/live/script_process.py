@@ -23,7 +23,7 @@ from ...engine.arrays import F64
 from .approval import Approval
 from .clock import SYSTEM, Clock
 from .device_thread import PATIENCE_S, ScriptRefusedError
-from .messages import MessageError, MessageKind, json_to, message, read_message, values_from
+from .messages import MessageError, MessageKind, decode_values, encode_json, message, read_message
 
 READY_S: Final = 10.0
 """Time limit of a script's start, seconds: it may import what it needs."""
@@ -53,14 +53,14 @@ class ScriptProcess:
 
     def __init__(
         self,
-        wish: Mapping[str, Any],
+        request: Mapping[str, Any],
         fault: Callable[[str], None],
         log: Callable[[str], None],
         clock: Clock = SYSTEM,
     ) -> None:
-        self._wish = dict(wish)
+        self._request = dict(request)
         self._fault, self._log, self._clock = fault, log, clock
-        self._approval = Approval(str(wish.get("fingerprint")))
+        self._approval = Approval(str(request.get("fingerprint")))
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
         self._is_ready = False
@@ -100,7 +100,7 @@ class ScriptProcess:
                 threading.Thread(
                     target=self._watch_approval, args=(self._process,), daemon=True
                 ).start()
-            self._send(message(MessageKind.HEARTBEAT, 0, json_to(self._wish)))
+            self._send(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
         """Send the newest haptic data, as soon as the last have been answered.
@@ -199,7 +199,7 @@ class ScriptProcess:
                         answer, self._answer = self._answer, None
                         self._ask_next()
                     if is_answer and answer is not None:
-                        answer(values_from(found.body))
+                        answer(decode_values(found.body))
         except (MessageError, OSError, ValueError) as error:
             text = f"its script's process sent {error}"
         with self._lock:

@@ -21,8 +21,8 @@ from typing import Any, BinaryIO, Final
 from ...engine.rendering.device import DeviceConfig
 from ..configuration import load_device
 from .approval import fingerprint_of, how_to_approve, may_run
-from .haptics import as_values, unpacked
-from .messages import Message, MessageKind, json_from, message, read_message, values_to
+from .haptics import as_values, decode_haptics
+from .messages import Message, MessageKind, decode_json, encode_values, message, read_message
 from .worker_input import messages_of_owner
 
 MAX_MEMORY: Final = 4 << 30
@@ -38,15 +38,15 @@ class _Outlet:
         self._lock = threading.Lock()
         self._since, self._count = 0.0, 0
 
-    def tell(self, kind: MessageKind, body: bytes = b"", number: int = 0) -> None:
+    def send(self, kind: MessageKind, body: bytes = b"", number: int = 0) -> None:
         with self._lock:
             self._stream.write(message(kind, number, body))
             self._stream.flush()
 
     def fault(self, text: str) -> None:
-        self.tell(MessageKind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
+        self.send(MessageKind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
 
-    def printed(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
+    def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
         """Takes the place of ``print``."""
         now = time.monotonic()
         if now - self._since > 1.0:
@@ -54,7 +54,7 @@ class _Outlet:
         self._count += 1
         if self._count <= _LOGS_PER_S:
             text = (" " if sep is None else sep).join(map(str, parts))
-            self.tell(MessageKind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
+            self.send(MessageKind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
 
 
 def main() -> None:
@@ -64,40 +64,41 @@ def main() -> None:
     source = os.fdopen(os.dup(0), "rb")
     for number in (0, 1, 2):  # its output there is discarded
         os.dup2(nowhere, number)
-    _restrain()
+    _limit_resources()
     first = read_message(source)
     if first is None:
         os._exit(0)
     try:
         device, render = _load(first, outlet)
     except BaseException as error:
-        outlet.fault(_told(error))
+        outlet.fault(_described(error))
         os._exit(1)
     waiting = messages_of_owner(source)
-    outlet.tell(MessageKind.READY)
+    outlet.send(MessageKind.READY)
     while True:
         asked = waiting.get()
         try:
-            haptics = unpacked(asked.body, device)
+            haptics = decode_haptics(asked.body, device)
             values = as_values(render(haptics), haptics)
         except BaseException as error:
-            outlet.fault(_told(error))
+            outlet.fault(_described(error))
             os._exit(1)
-        outlet.tell(MessageKind.ANSWER, values_to(values), asked.device)  # the question's number
+        # The number is the question's.
+        outlet.send(MessageKind.ANSWER, encode_values(values), asked.device)
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
-    wish = json_from(first.body)
-    path, configuration = Path(wish["path"]), Path(wish["configuration"])
+    request = decode_json(first.body)
+    path, configuration = Path(request["path"]), Path(request["configuration"])
     source = path.read_bytes()
-    name, folder = wish["device"], wish.get("folder")
+    name, folder = request["device"], request.get("folder")
     mark = fingerprint_of(source, configuration.read_bytes())
-    if mark != wish["fingerprint"]:
+    if mark != request["fingerprint"]:
         raise PermissionError(f"{path.name} has changed since it was approved")
     if not may_run(path, mark):
         raise PermissionError(f"{path.name} is not approved; {how_to_approve(name)}")
     device = load_device(name, None if folder is None else Path(folder))
-    builtins.print = outlet.printed
+    builtins.print = outlet.log_print
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     exec(compile(source, str(path), "exec"), names)
     render = names.get("render")
@@ -106,7 +107,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     return device, render
 
 
-def _restrain() -> None:
+def _limit_resources() -> None:
     """Limit the process's memory and priority, where the system can."""
     with suppress(ImportError, OSError, ValueError):
         import resource
@@ -117,7 +118,7 @@ def _restrain() -> None:
         os.nice(5)
 
 
-def _told(error: BaseException) -> str:
+def _described(error: BaseException) -> str:
     """Describe an error in one line: type, text, and its place in the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""

@@ -59,7 +59,7 @@ class Account:
         self._others = others
         self.idle_since_s = idle_since_s
         self.unknown_s = unknown_s
-        self.on_begin: Callable[[], None] = _nothing
+        self.on_begin: Callable[[], None] = _no_callback
         self.players: dict[TimeOn, Bool] = {}  # players, and the actuators that each has on
 
     def fit(self, count: int) -> None:
@@ -103,7 +103,7 @@ class TimeOn:
         self._is_on = np.zeros(self._count, np.bool_)
         self._paid_s = np.zeros(self._count)  # ahead, for the actuators that are on now
 
-    def rested(self, now_s: float) -> None:
+    def record_rest(self, now_s: float) -> None:
         """Record the time until ``now_s`` as rest, since the last player fell silent."""
         with self._lock:
             for account in self._accounts:
@@ -194,5 +194,5 @@ class TimeOn:
         is_resting &= filled > 0.0
 
 
-def _nothing() -> None:
+def _no_callback() -> None:
     """Do nothing: the default of callbacks."""

@@ -127,7 +127,7 @@ class Sounding:
         count = len(rows)
         numbers = np.nan_to_num(rows[:, 0]).astype(np.int64)
         tones = Tones(numbers, rows[:, 1 : 1 + len(self)], rows[:, 1 + len(self) :])
-        self._from, self._to = self._here, tones if count else self._lone(values)
+        self._from, self._to = self._here, tones if count else self._plain_tones(values)
         return values
 
     def totals(self, share: float, wanted: F64) -> F64:
@@ -166,7 +166,7 @@ class Sounding:
         with np.errstate(over="ignore", invalid="ignore"):
             amplitudes *= np.where(plays, given / np.where(plays, asked, 1.0), 0.0)
         amplitudes = np.minimum(np.nan_to_num(amplitudes), self._highest)
-        alone = self._lone(passed)  # output without a tone: a test pulse
+        alone = self._plain_tones(passed)  # output without a tone: a test pulse
         is_alone = ~amplitudes.any(axis=0)
         numbers = self._here.numbers
         if LONE not in numbers:
@@ -185,7 +185,7 @@ class Sounding:
             np.clip(tones.frequencies_hz, self._lowest_hz, self._highest_hz),
         )
 
-    def _lone(self, values: F64) -> Tones:
+    def _plain_tones(self, values: F64) -> Tones:
         """Tone of plain values, one for each actuator."""
         return Tones(
             np.array([LONE], np.int64), values[None, self.columns], values[None, self.columns + 1]

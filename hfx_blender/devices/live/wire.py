@@ -59,7 +59,7 @@ class Frame:
     payload: bytes
 
 
-def cobs(content: bytes) -> bytes:
+def encode_cobs(content: bytes) -> bytes:
     """Encode content without zero bytes (COBS), at most one byte in 254 longer."""
     found = bytearray()
     for piece in content.split(b"\0"):
@@ -72,8 +72,8 @@ def cobs(content: bytes) -> bytes:
     return bytes(found)
 
 
-def uncobs(content: bytes) -> bytes | None:
-    """Decode :func:`cobs` content; None if it is not valid."""
+def decode_cobs(content: bytes) -> bytes | None:
+    """Decode :func:`encode_cobs` content; None if it is not valid."""
     found = bytearray()
     at = 0
     while at < len(content):
@@ -90,13 +90,15 @@ def uncobs(content: bytes) -> bytes | None:
     return bytes(found) if content else None
 
 
-def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
+def encode_frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
     """Encode a frame. The zero in front ends whatever was cut off before it."""
     content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
-    return b"\0" + cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
+    return b"\0" + encode_cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
 
 
-def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0) -> bytes:
+def encode_configuration(
+    session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0
+) -> bytes:
     """Payload of CONFIGURE; values refer to its CRC-32.
 
     Parameters
@@ -115,12 +117,14 @@ def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int 
     return payload + _REST.pack(min(rest_ms, 0xFFFFFFFF)) if rest_ms else payload
 
 
-def values(configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS) -> bytes:
+def encode_values(
+    configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS
+) -> bytes:
     """Payload of VALUES: levels 0..65535, valid for ``live_ms`` after they arrive."""
     return _VALUES.pack(configuration_crc, live_ms) + struct.pack(f"<{len(levels)}H", *levels)
 
 
-def ready(payload: bytes) -> tuple[int, int] | None:
+def decode_ready(payload: bytes) -> tuple[int, int] | None:
     """CRC of the configuration and number of channels of a READY; None: garbled."""
     if len(payload) != _READY.size:
         return None
@@ -128,7 +132,7 @@ def ready(payload: bytes) -> tuple[int, int] | None:
     return crc, channels
 
 
-def stopped(payload: bytes) -> int | None:
+def decode_stopped(payload: bytes) -> int | None:
     """Reason of a STOPPED; None: garbled."""
     return payload[0] if len(payload) == _STOPPED.size else None
 
@@ -145,7 +149,7 @@ class Receiver:
         found = []
         for byte in content:
             if byte == 0:
-                each = None if self._is_skipping else parsed(bytes(self._waiting))
+                each = None if self._is_skipping else decode_frame(bytes(self._waiting))
                 if each is not None:
                     found.append(each)
                 self._waiting.clear()
@@ -157,9 +161,9 @@ class Receiver:
         return found
 
 
-def parsed(content: bytes) -> Frame | None:
+def decode_frame(content: bytes) -> Frame | None:
     """Parse a frame without its zeros; None for other versions and damaged ones."""
-    plain = uncobs(content)
+    plain = decode_cobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None
     body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])

@@ -3,28 +3,15 @@
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import F64, I64, U8, Bool
 from ..native.bounds import Outline
-from ..native.library import (
-    BYTES,
-    DOUBLE,
-    DOUBLES,
-    INTEGER,
-    LONGS,
-    POINTER,
-    f64,
-    i64,
-    loaded,
-    pointer_to,
-    structure,
-)
+from ..native.declarations import structure
+from ..native.library import f64, loaded
 from ..native.skin import PosedBones, UsedBones
 from .compiled_target import PlacedTarget
 
@@ -33,41 +20,6 @@ COVERED: Final = 1
 BY_VERTEX: Final = 2
 WHOLE: Final = 3
 """Kind of test for the cells of a pair."""
-
-_Pairs = structure(
-    "hfx_pairs",
-    count=INTEGER,
-    **{"clusters": LONGS, "rows": LONGS, "how": BYTES, "steps": LONGS},
-)
-_Broad = structure(
-    "hfx_broad",
-    **{"outline": POINTER, "clusters": INTEGER, "row": LONGS, "all": LONGS},
-    **dict.fromkeys(("low", "high", "of_rows", "of_clusters"), DOUBLES),
-    **dict.fromkeys(("follows", "reported"), BYTES),
-    edge_m=DOUBLE,
-    is_split=INTEGER,
-    is_always=INTEGER,
-    **{"at": LONGS, "flags": BYTES, "near": LONGS},
-    near_count=INTEGER,
-)
-_Given = structure(
-    "hfx_given",
-    **{"places": DOUBLES, "own": DOUBLES, "at": LONGS, "starts": LONGS},
-    **{"place_count": INTEGER, "cell_count": INTEGER},
-)
-_Posed = structure("hfx_posed", posed=DOUBLES, all=INTEGER, bones=LONGS, own=POINTER)
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_overlaps.argtypes = [POINTER, POINTER, LONGS]
-    found.hfx_reach.argtypes = [
-        *(POINTER, POINTER, POINTER, POINTER, BYTES),
-        *(POINTER, POINTER, POINTER, LONGS, LONGS),
-    ]
-    found.hfx_overlaps.restype, found.hfx_reach.restype = INTEGER, None
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +33,19 @@ class Pairs:
     rows: I64  # (p,)
     how: U8  # (p,) NOT, COVERED, BY_VERTEX or WHOLE
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
-    found: ctypes.Structure | None = None  # ``hfx_pairs`` where the library has filled them in
+    found: Any = None  # ``hfx_pairs`` where the library has filled them in
 
     @property
-    def pointers(self) -> ctypes.Structure:
+    def pointers(self) -> Any:
         """``hfx_pairs``."""
         if self.found is not None:
             return self.found
-        return _Pairs(len(self.clusters), self.clusters, self.rows, self.how, self.steps)
+        arrays = self.clusters, self.rows, self.how, self.steps
+        return structure("hfx_pairs")(len(self.clusters), *arrays)
 
 
-class Given:
-    """Places of skin that no bones move, in the body's own space; ``hfx_given``.
+class SurfacePlaces:
+    """Places of skin that no bones move, in the body's own space; ``hfx_surface_places``.
 
     Parameters
     ----------
@@ -108,8 +61,7 @@ class Given:
 
     def __init__(self, places: F64, own: F64 | None, at: I64, starts: I64) -> None:
         counts = places.shape[1], 0 if own is None else own.shape[1]
-        own = None if own is None else f64(own)
-        self.pointers = _Given(f64(places), own, at, starts, *counts)
+        self.pointers = structure("hfx_surface_places")(places, own, at, starts, *counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +74,7 @@ class Reached:
     by_vertex: I64  # those whose vertices suffice
     most_steps: int  # of any pair
     bones: PosedBones | None  # to shape space; only bones that move any of these clusters
-    given: Given | None  # where there are none
+    surface: SurfacePlaces | None  # where there are none
 
 
 class CompiledBroadPhase:
@@ -170,19 +122,15 @@ class CompiledBroadPhase:
         self._flags = np.empty(count * clusters, np.uint8)
         self.at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
         self._target = target
-        follows, reported = (np.ascontiguousarray(each, np.bool_) for each in (follows, reported))
-        self._pointers: Any = _Broad(
-            *(outline and outline.address, clusters, target.rows, i64(rows), *map(f64, boxes)),
-            *(follows, reported, edge_m, int(is_split), int(is_always), self.at, self._flags),
-            self._near,
+        self._pointers = structure("hfx_broad")(
+            *(outline and outline.pointers, clusters, target.rows, rows, *boxes),
+            *(follows, reported, edge_m, is_split, is_always, self.at, self._flags, self._near),
         )
-        self._outline = outline
 
     def overlaps(self) -> I64:
         """Clusters whose boxes the volume's meets anywhere, ascending; to be called first."""
         met = np.empty(len(self._near), np.int64)
-        shared = ctypes.byref(self._pointers), ctypes.byref(self._target.pointers)
-        count = _calls().hfx_overlaps(*shared, met)
+        count = loaded().hfx_overlaps(self._pointers, self._target.pointers, met)
         return met[:count]
 
     @property
@@ -209,31 +157,34 @@ class CompiledBroadPhase:
         count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):
             raise IndexError(f"row {self._target.rows[-1]} of a pose of {len(posed)}")
-        bones = PosedBones(posed, self._target.rows, None, used)
-        where = _Posed(posed, posed.shape[1], used.ids, own and own.address)
+        bones = PosedBones(count, used, posed.shape[1])
+        where = structure("hfx_posed")(posed, posed.shape[1], used.ids, own and own.pointers)
         is_used = np.empty(len(used.ids), np.uint8)
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
 
-    def reach_given(self, given: Given) -> Reached:
+    def reach_surface(self, surface: SurfacePlaces) -> Reached:
         """Finish the broad phase of a body that no bones move; to be called once."""
-        return self._reached(None, given, (None, None, None, given.pointers), None)
+        return self._reached(None, surface, (None, None, None, surface.pointers), None)
 
     def _reached(
-        self, bones: PosedBones | None, given: Given | None, body: tuple[Any, ...], groups: Any
+        self,
+        bones: PosedBones | None,
+        surface: SurfacePlaces | None,
+        body: tuple[Any, ...],
+        groups: Any,
     ) -> Reached:
         near, count = self.near_count, self._target.count
         clusters, rows, steps = np.empty((3, near * count), np.int64)
         how = np.empty(near * count, np.uint8)
-        pairs: Any = Pairs(clusters, rows, how, steps).pointers
+        pairs = Pairs(clusters, rows, how, steps).pointers
         lists, counts = np.empty((3, near), np.int64), np.empty(4, np.int64)
         where, posed, is_used, places = body
-        shared = map(pointer_to, (self._pointers, self._target.pointers, where, posed))
-        _calls().hfx_reach(
-            *shared,
-            *(is_used, pointer_to(places), groups, ctypes.byref(pairs), lists, counts),
+        loaded().hfx_reach(
+            *(self._pointers, self._target.pointers, where, posed, is_used, places, groups),
+            *(pairs, lists, counts),
         )
         *numbers, most_steps = counts.tolist()
         every, wide, by_vertex = (each[:some] for each, some in zip(lists, numbers, strict=True))
         total = pairs.count
         known = Pairs(clusters[:total], rows[:total], how[:total], steps[:total], pairs)
-        return Reached(known, every, wide, by_vertex, most_steps, bones, given)
+        return Reached(known, every, wide, by_vertex, most_steps, bones, surface)

@@ -17,7 +17,7 @@ from ..arrays import F64, I32, I64, Weights
 from ..native import gathering
 from ..skin.skinned_model import SkinnedModel
 from . import compiled_narrow_phase as native
-from .compiled_broad_phase import CompiledBroadPhase, Given, Reached
+from .compiled_broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays, Details
 from .contact_query import ContactQuery
@@ -66,7 +66,8 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)
     else:
         assert bounds.places is not None
-        reached = broad.reach_given(Given(bounds.places, bounds.own, broad.at, table.starts))
+        places = bounds.places, bounds.own, broad.at, table.starts
+        reached = broad.reach_surface(SurfacePlaces(*places))
     if not len(reached.clusters):
         return _nothing
     pairs, posing = reached.pairs, _posing(query, reached)
@@ -74,7 +75,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
     weights: Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
     drifts = _drifts(target, pairs.steps[pairs.steps > 1]) if reached.most_steps > 1 else {}
-    looked = native.look_at_skin(
+    looked = native.narrow_phase(
         *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )
 
@@ -103,7 +104,7 @@ def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
     if len(reached.wide):
         table.need(reached.wide)
     if not isinstance(skin.surface, SkinnedModel):
-        return native.Posing(given=reached.given)
+        return native.Posing(surface=reached.surface)
     if len(reached.wide):
         skin.surface.native_clusters(reached.wide, table)
     own = None

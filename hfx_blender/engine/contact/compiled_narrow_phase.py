@@ -3,30 +3,19 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from ..arrays import F64, I64, Weights
-from ..native.library import (
-    ANY,
-    DOUBLES,
-    INTEGER,
-    LONGS,
-    POINTER,
-    f64,
-    loaded,
-    pointer_to,
-    structure,
-)
+from ..native.declarations import structure
+from ..native.library import loaded
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
-from .compiled_broad_phase import Given, Pairs
+from .compiled_broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays
 
@@ -37,35 +26,6 @@ if TYPE_CHECKING:
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
 
 
-_Drift = structure(
-    "hfx_drift", before=POINTER * _STEP_KINDS, after=POINTER * _STEP_KINDS, intervals=INTEGER
-)
-_Found = structure(
-    "hfx_found",
-    weights=ANY,
-    column_of=LONGS,
-    columns=INTEGER,
-    is_single=INTEGER,
-    posed=INTEGER,
-)
-
-
-_Details = structure(
-    "hfx_details",
-    **dict.fromkeys(("places", "since", "entries", "ways", "samples"), DOUBLES),
-    contacts=LONGS,
-    **{"count": INTEGER, "room": INTEGER},
-)
-
-
-@cache
-def _library() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_look_at_skin.argtypes = [POINTER] * 10 + [DOUBLES] * 2
-    found.hfx_look_at_skin.restype = None
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class Posing:
     """Source of the positions of cluster-row pairs: matrices of bones, or known places."""
@@ -73,10 +33,10 @@ class Posing:
     clusters: Clusters | None = None
     own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
-    given: Given | None = None
+    surface: SurfacePlaces | None = None
 
 
-def look_at_skin(
+def narrow_phase(
     pairs: Pairs,
     table: Table,
     posing: Posing,
@@ -106,43 +66,42 @@ def look_at_skin(
     details : DetailArrays, optional
         Filled in, for the same columns.
     threads : Threads, optional
-        Threads that look while this one goes on, each at clusters of its own.
+        Threads that compute while this one goes on, each for clusters of its own.
 
     Returns
     -------
     callable
-        Waits until all is looked at, and tells how many places were posed. Without threads it
-        has been by now.
+        Waits until all is computed, which without threads it is by now; gives the number of
+        places posed.
     """
-    drift = _drift_of(drifts, target.count - 1) if drifts else _STRAIGHT
-    shared = table_of(table), posing, target, drift, weights, column_of
+    drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
+    shared = posing, target, drift, weights, column_of
     if details is not None:
-        count = _look_for_details(_Look(pairs, table, *shared), weights, details, target)
+        count = _with_details(_NarrowPhaseCall(pairs, table, *shared), weights, details, target)
         return lambda: count
     if threads is None:
-        count = _Look(pairs, table, *shared).take()
+        count = _NarrowPhaseCall(pairs, table, *shared).run()
         return lambda: count
-    looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
-    begun = [threads.submit(look.take) for look in looks]
+    calls = [_NarrowPhaseCall(part, table, *shared) for part in _parts(pairs, table)]
+    begun = [threads.submit(call.run) for call in calls]
     return lambda: sum(each.result() for each in begun)
 
 
-_STRAIGHT: Final = _Drift()
 _SAMPLES: Final = 1 << 18
 """Samples of contacts that there is room for at first."""
 
 
-def _look_for_details(
-    look: _Look, weights: Weights, details: DetailArrays, target: PlacedTarget
+def _with_details(
+    call: _NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
 ) -> int:
     room = _SAMPLES
     while True:
         samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)
-        made: Any = _Details(
+        made = structure("hfx_details")(
             *(details.places, details.since, details.entries, details.ways),
             *(samples, contacts, 0, room),
         )
-        count = look.take(made)
+        count = call.run(made)
         if made.count <= room:
             break
         room = made.count
@@ -152,15 +111,12 @@ def _look_for_details(
     return count
 
 
-def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> ctypes.Structure:
-    each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
-    for number, places in drifts.items():
-        for way, matrices in zip(each_way, places, strict=True):
-            way[number.bit_length() - 1] = f64(matrices)
-    addresses = ([None if m is None else DOUBLES.address(m) for m in way] for way in each_way)
-    drift: Any = _Drift(*((POINTER * _STEP_KINDS)(*way) for way in addresses), intervals)
-    drift.arrays = each_way
-    return drift
+def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> Any:
+    ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
+    for number, matrices in drifts.items():
+        for way, each in zip(ways, matrices, strict=True):
+            way[number.bit_length() - 1] = each
+    return structure("hfx_drift")(*ways, intervals)
 
 
 _WORTH: Final = 1 << 16
@@ -185,38 +141,36 @@ def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
     ]
 
 
-class _Look:
+class _NarrowPhaseCall:
     """One call of the library for some pairs, with its arguments."""
 
     def __init__(
         self,
         pairs: Pairs,
         table: Table,
-        pointers: Any,
         posing: Posing,
         target: PlacedTarget,
         drift: Any,
         weights: Weights,
         column_of: I64,
     ) -> None:
+        skin = table_of(table)
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
-        room = np.empty(2 * pointers.most_room + 27 * most_bones + 2)
+        room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
-        self._kept = pairs, pointers, posing, target, drift, weights, column_of
-        is_single = int(weights.dtype == np.float32)
-        self._found = _Found(weights, column_of, weights.shape[1], is_single, 0)
+        is_single = weights.dtype == np.float32
+        self._found = structure("hfx_found")(weights, column_of, weights.shape[1], is_single)
         self._arguments = (
-            *(pointer_to(pairs.pointers), pointer_to(pointers)),
-            *(each and each.table for each in (posing.clusters, posing.own)),
-            None if posing.bones is None else pointer_to(posing.bones.pointers),
-            None if posing.given is None else pointer_to(posing.given.pointers),
-            *(pointer_to(target.pointers), pointer_to(drift), pointer_to(self._found)),
+            *(pairs.pointers, skin, posing.clusters and posing.clusters.table),
+            *(posing.own and posing.own.table, posing.bones and posing.bones.pointers),
+            *(posing.surface and posing.surface.pointers, target.pointers, drift, self._found),
         )
+        self._kept = posing, target  # their structures hold addresses alone
         self._room = room, events
 
-    def take(self, details: ctypes.Structure | None = None) -> int:
+    def run(self, details: Any = None) -> int:
         """Run the call without the interpreter lock; returns the number of positions posed."""
         self._found.posed = 0
-        _library().hfx_look_at_skin(*self._arguments, pointer_to(details), *self._room)
+        loaded().hfx_narrow_phase(*self._arguments, details, *self._room)
         count: int = self._found.posed
         return count

@@ -4,26 +4,15 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cache, lru_cache
-from typing import Any, Final
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..kinematics.motion import Motion
-from ..native.library import (
-    BYTES,
-    DOUBLE,
-    DOUBLES,
-    INTEGER,
-    INTS,
-    LONGS,
-    POINTER,
-    f64,
-    i64,
-    loaded,
-    structure,
-)
+from ..native.declarations import structure
+from ..native.library import f64, i64, loaded
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.mesh import MeshVolume
 from ..volume.placing_matrix import world_bounds
@@ -36,30 +25,6 @@ _KINDS: Final[dict[type[Shape], int]] = {
 }
 _SWEPT_PARTS: Final = 8
 """Parts of the way of a turning mesh; see ``reach.c``."""
-
-_Target = structure(
-    "hfx_target",
-    rows=INTEGER,
-    kinds=LONGS,
-    **dict.fromkeys(("halves", "to_shape", "to_world"), DOUBLES),
-    is_flat=INTEGER,
-    is_smooth=INTEGER,
-    share=DOUBLE,
-    amplitude=DOUBLE,
-    **dict.fromkeys(("matrices", "body_to_shape", "boxes", "turns"), DOUBLES),
-    **{"meshes": LONGS, "swept": DOUBLES, "is_usable": BYTES},
-)
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_place.argtypes = [
-        *(POINTER, LONGS, DOUBLES, DOUBLES, INTS, LONGS),
-        *(DOUBLES, DOUBLES, INTEGER, DOUBLE),
-    ]
-    found.hfx_place.restype = INTEGER
-    return found
 
 
 def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
@@ -133,23 +98,19 @@ class PlacedTarget:
         self.count = count = len(rows)
         self.rows = rows = i64(rows)
         self._room, self.is_usable = np.empty(count * _ENDS[-1]), np.zeros(count, np.bool_)
-        first = DOUBLES.address(self._room)
+        first = self._room.ctypes.data
         places = [first + count * end * self._room.itemsize for end in _ENDS[:-1]]
-        rises = int(falloff.is_flat), int(falloff.kind is FalloffKind.SMOOTH), falloff.share
-        self.pointers: Any = _Target(
+        rises = falloff.is_flat, falloff.kind is FalloffKind.SMOOTH, falloff.share
+        self.pointers = structure("hfx_target")(
             *(count, *places[:4], *rises, amplitude, *places[4:], None, self.is_usable)
         )
-        matrices, to_world = f64(matrices), f64(to_world)
-        if shape_index is not None:
-            shape_index = np.ascontiguousarray(shape_index, np.int32)
         shortest = min(len(each) for each in (matrices, to_world, shape_index) if each is not None)
         if count and not 0 <= rows[0] <= rows[-1] < shortest:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")
-        self._shapes, self._falloff, self._kept = shapes, falloff, np.zeros(0)
+        self._shapes, self._falloff = shapes, falloff
         self._which = np.zeros(count, np.int64) if shape_index is None else shape_index[rows]
         known = rows, matrices, to_world, shape_index, *_formulas(shapes)
-        own = ctypes.byref(self.pointers)
-        _calls().hfx_place(own, *known, len(shapes), farthest)
+        loaded().hfx_place(self.pointers, *known, len(shapes), farthest)
 
     @property
     def shapes(self) -> list[Shape]:
@@ -174,7 +135,8 @@ class PlacedTarget:
         for k in np.unique(self._which[is_mesh]).tolist():
             shape, mine = self._shapes[k], self._which == k
             assert isinstance(shape, MeshVolume)
-            meshes[mine] = shape.compiled(not self._falloff.is_flat).address
+            mesh = shape.compiled(not self._falloff.is_flat)  # which the shape keeps
+            meshes[mine] = ctypes.addressof(mesh.pointers)
             rows = np.flatnonzero(turning & mine)
             motion = Motion.between(matrices[rows - 1], matrices[rows])
             for part in range(1, _SWEPT_PARTS if len(rows) else 0):
@@ -182,8 +144,7 @@ class PlacedTarget:
                 low[rows] = np.minimum(low[rows], ends[:, 0])
                 high[rows] = np.maximum(high[rows], ends[:, 1])
         if turning.any():
-            self._kept = np.stack([low, high], axis=1)
-            self.pointers.swept = DOUBLES.address(self._kept)
+            self.pointers.put("swept", np.stack([low, high], axis=1))
 
     def part(self, name: str) -> F64:
         """``to_shape``, ``to_world``, ``matrices`` or ``body_to_shape`` (n, 4, 4), ``boxes``

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..arrays import F64
+from ..matmul import affine_inverse
 from ..native import kinematics as native
 from ..native.library import f64
 
@@ -101,7 +102,7 @@ class Rig:
     """
 
     def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
-        inverse = np.linalg.inv(rest)
+        inverse = affine_inverse(rest)
         self._rest, self._inverse = _elements(rest), _elements(inverse)
         self._parents = np.array(parents, np.int64)
         self._rows: tuple[F64, F64] = f64(rest[:, :3]), f64(inverse[:, :3])

@@ -3,35 +3,15 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
 from typing import Final
 
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
+from .declarations import structure
+from .library import i64, loaded
 
 _ROOM: Final = 22  # numbers for each bone
-
-_Outline = structure(
-    "hfx_outline",
-    bone_count=INTEGER,
-    clusters=INTEGER,
-    **dict.fromkeys(("bones", "starts", "slots", "pair_bones"), LONGS),
-    **dict.fromkeys(("centres", "halves", "boxes"), DOUBLES),
-)
-
-
-@cache
-def _library() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_bounds.argtypes = [
-        *(POINTER, INTEGER, INTEGER, DOUBLES, LONGS),
-        *[DOUBLES] * 7,
-    ]
-    found.hfx_bounds.restype = None
-    return found
 
 
 class Outline:
@@ -51,16 +31,15 @@ class Outline:
 
     Attributes
     ----------
-    address : int
-        Of ``hfx_outline``, as long as this lives.
+    pointers : Structure
+        ``hfx_outline``.
     """
 
     def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:
         bones, slots, boxes = i64(bones), i64(slots), np.stack([centres, halves], axis=2)
-        arrays = bones, i64(starts), slots, bones[slots], f64(centres), f64(halves), boxes
         self._size = len(bones), len(starts) - 1
-        self._structure = _Outline(*self._size, *arrays)
-        self.address = ctypes.addressof(self._structure)
+        arrays = bones, starts, slots, bones[slots], centres, halves, boxes
+        self.pointers = structure("hfx_outline")(*self._size, *arrays)
 
     def bounds(
         self, posed: F64, rows: I64, to_target: F64, margins: F64 | None
@@ -90,11 +69,8 @@ class Outline:
         bones, clusters = self._size
         low, high = np.empty((2, len(rows), clusters, 3))
         of_rows, of_clusters = np.empty((len(rows), 2, 3)), np.empty((clusters, 2, 3))
-        posed, rows, to_target = f64(posed), i64(rows), f64(to_target)
-        margins = None if margins is None else f64(margins)
-        arrays = low, high, of_rows, of_clusters
-        _library().hfx_bounds(
-            *(self.address, len(rows), posed.shape[1], posed, rows, to_target, margins),
-            *(np.empty(_ROOM * bones), *arrays),
+        loaded().hfx_bounds(
+            *(self.pointers, len(rows), posed.shape[1], posed, rows, to_target, margins),
+            *(np.empty(_ROOM * bones), low, high, of_rows, of_clusters),
         )
         return low, high, of_rows, of_clusters

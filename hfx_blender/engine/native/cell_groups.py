@@ -3,37 +3,17 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import I64
 from ..indexing import lacking
-from .library import DOUBLES, INTEGER, INTS, LONGS, POINTER, loaded, structure
+from .declarations import structure
+from .library import loaded
 from .skin_binding import Clusters
-from .skin_mesh import Mesh, mesh_of
-from .skin_table import Table, table_of
-
-_FIELDS: Final = {
-    **{"starts": LONGS, "distances": DOUBLES, "boxes": DOUBLES},
-    **{"bones": LONGS, "shares": DOUBLES, "changes": DOUBLES},
-}
-_Groups = structure("hfx_groups", **_FIELDS, count=INTEGER)
-_Found = structure("hfx_found_groups", first_groups=LONGS, first_pairs=LONGS, **_FIELDS)
-
-
-@cache
-def _library() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_cell_groups.argtypes = [
-        *(POINTER, POINTER, INTS, POINTER, POINTER, INTEGER),
-        *(LONGS, LONGS, LONGS, DOUBLES, POINTER),
-    ]
-    found.hfx_cell_groups.restype = None
-    return found
+from .skin_table import Mesh, Table, mesh_of, table_of
 
 
 class CellGroups:
@@ -51,18 +31,14 @@ class CellGroups:
     """
 
     def __init__(self, count: int) -> None:
-        self.table: Any = (_Groups * count)()
+        self.table: Any = (structure("hfx_groups") * count)()
         self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
         self._is_known = np.zeros(count, np.bool_)
-        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._kept: list[npt.NDArray[Any]] = []
 
     def lacking(self, clusters: I64) -> I64:
         """Clusters that are not filled in yet, ascending."""
         return lacking(self._is_known, clusters)
-
-    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """Arrays filled in for a cluster, in the order of ``hfx_groups``."""
-        return tuple(self._kept[cluster])
 
     def add(
         self, clusters: I64, table: Table, mesh: Mesh, surface: Clusters, own: Clusters | None
@@ -97,15 +73,10 @@ class CellGroups:
             np.empty(pairs),
             np.empty(pairs),
         ]
-        _library().hfx_cell_groups(
-            ctypes.byref(table_of(table)),
-            ctypes.byref(mesh_of(mesh)),
-            table.vertices,
-            surface.table,
-            None if own is None else own.table,
-            len(clusters),
-            *(clusters, place, counts, room),
-            ctypes.byref(_Found(*firsts, *arrays)),
+        loaded().hfx_cell_groups(
+            *(table_of(table), mesh_of(mesh), surface.table, own and own.table),
+            *(len(clusters), clusters, place, counts, room),
+            structure("hfx_found_groups")(*firsts, *arrays),
         )
         of_groups, of_pairs = firsts
         before = np.arange(len(clusters) + 1)
@@ -113,7 +84,6 @@ class CellGroups:
         for field, (array, at) in enumerate(zip(arrays, ends, strict=True)):
             kept = array[: at[-1]].copy()
             self._rows[clusters, field] = kept.ctypes.data + at[:-1] * array.strides[0]
-            for k, cluster in enumerate(clusters.tolist()):
-                self._kept.setdefault(cluster, []).append(kept[at[k] : at[k + 1]])
+            self._kept.append(kept)
         self._rows[clusters, len(arrays)] = np.diff(of_groups)
         self._is_known[clusters] = True

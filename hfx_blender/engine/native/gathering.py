@@ -3,37 +3,14 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..arrays import I32, I64, Bool, Weights
-from .library import ANY, BYTES, INTEGER, INTS, LONGS, loaded
+from .library import loaded
 from .skin_table import Table
-
-_REALS: Final = {4: "single", 8: "double"}
-
-
-@cache
-def _library() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_columns.argtypes = [
-        *(INTEGER, LONGS, INTEGER, LONGS, INTEGER),
-        *(INTS, BYTES, LONGS, INTS, LONGS),
-    ]
-    found.hfx_columns.restype = INTEGER
-    for real in _REALS.values():
-        gather = getattr(found, f"hfx_gather_{real}")
-        gather.argtypes = [
-            *(INTEGER, INTEGER, ANY, BYTES, INTS, INTEGER),
-            *(LONGS, LONGS, LONGS, INTS, ANY, LONGS),
-        ]
-        gather.restype = None
-    return found
-
 
 _MOST_COLUMNS: Final = 32
 _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
@@ -54,11 +31,9 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
     count = len(table.cells)
     is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
     columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
-    counted = table.cells, is_needed, place_of, columns, column_of
-    found = _library().hfx_columns(
-        len(clusters),
-        *(clusters, len(table.unit_counts), table.cell_starts, count),
-        *counted,
+    found = loaded().hfx_columns(
+        *(len(clusters), clusters, len(table.unit_counts), table.cell_starts, count),
+        *(table.cells, is_needed, place_of, columns, column_of),
     )
     return columns[:found].copy(), column_of
 
@@ -73,18 +48,11 @@ def gathered(
     rows, sets, offsets, vertices, weights
     """
     count, width = weights.shape
-    at, sets, offsets = (
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count + 1, np.int64),
-    )
+    (at, sets), offsets = np.empty((2, count), np.int64), np.empty(count + 1, np.int64)
     vertices, values = np.empty(weights.size, np.int32), np.empty(weights.size, weights.dtype)
-    counts, reported = np.empty(3, np.int64), np.ascontiguousarray(reported, np.bool_)
-    getattr(_library(), f"hfx_gather_{_REALS[weights.dtype.itemsize]}")(
-        count,
-        width,
-        *(weights, reported, columns),
-        int(own_sets),
+    counts = np.empty(3, np.int64)
+    loaded().hfx_gather(
+        *(count, width, weights, weights.dtype == np.float32, reported, columns, own_sets),
         *(at, sets, offsets, vertices, values, counts),
     )
     felt, set_count, total = counts.tolist()

@@ -3,24 +3,10 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-
 import numpy as np
 
 from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, f64, library
-
-
-@cache
-def _calls() -> ctypes.CDLL | None:
-    """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_from_quaternions.argtypes = [INTEGER, DOUBLES, DOUBLES]
-        found.hfx_rig_pose.argtypes = [INTEGER, INTEGER, LONGS, LONGS] + [DOUBLES] * 6
-        found.hfx_from_quaternions.restype = found.hfx_rig_pose.restype = None
-    return found
+from .library import library
 
 
 def from_quaternions(quaternions: F64) -> F64 | None:
@@ -28,10 +14,9 @@ def from_quaternions(quaternions: F64) -> F64 | None:
 
     Those of :func:`~hfx_blender.engine.kinematics.bone_hierarchy.from_quaternions`.
     """
-    found = _calls()
+    found = library()
     if found is None:
         return None
-    quaternions = f64(quaternions)
     turned = np.zeros((*quaternions.shape[:-1], 3, 3))
     found.hfx_from_quaternions(turned.size // 9, quaternions, turned)
     return turned
@@ -53,10 +38,9 @@ def rig_pose(
     locations, scales : (T, B, 3) float64
     turned : (T, B, 3, 3) float64
     """
-    found = _calls()
+    found = library()
     if found is None:
         return None
-    locations, turned, scales = f64(locations), f64(turned), f64(scales)
     skinning = np.zeros((*locations.shape[:2], 3, 4))
     arrays = (order, parents, rest, inverse, locations, turned, scales, skinning)
     found.hfx_rig_pose(len(locations), len(order), *arrays)

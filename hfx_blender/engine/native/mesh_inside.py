@@ -3,39 +3,18 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
 from typing import Final
 
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from .library import BYTES, DOUBLE, DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
+from .declarations import structure
+from .library import loaded
 
 SPAN: Final = 16
 """Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
 slopes in x of the edges low to high, low to middle, middle to high (3); the same in z (5); +1 or
 -1, which way it faces; two unused."""
-
-_Grid = structure(
-    "hfx_grid",
-    **{"box": DOUBLES, "axes": LONGS, "scale": DOUBLES},
-    **dict.fromkeys(("cells", "codes", "offsets", "beyond", "listed", "bounds"), LONGS),
-    spans=DOUBLES,
-)
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_mesh_inside.argtypes = [POINTER, DOUBLES, INTEGER, BYTES]
-    found.hfx_mesh_bounds.argtypes = [
-        *(DOUBLES, LONGS, LONGS, INTEGER, INTEGER, INTEGER),
-        *(DOUBLE, LONGS),
-    ]
-    found.hfx_mesh_inside.restype = found.hfx_mesh_bounds.restype = None
-    return found
 
 
 def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
@@ -57,11 +36,9 @@ def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margi
     (n,) int64
         As the compiled test reads them.
     """
-    corners, listed, columns = f64(corners), i64(listed), i64(columns)
     bounds = np.empty(len(listed), np.int64)
-    _calls().hfx_mesh_bounds(
-        *(corners, listed, columns, len(listed), int(cells[1]), int(cells[2])),
-        *(margin, bounds),
+    loaded().hfx_mesh_bounds(
+        *(corners, listed, columns, len(listed), int(cells[1]), int(cells[2]), margin, bounds)
     )
     return bounds
 
@@ -94,8 +71,8 @@ class NativeGrid:
 
     Attributes
     ----------
-    address : int
-        Of ``hfx_grid``, as long as this lives.
+    pointers : Structure
+        ``hfx_grid``.
     """
 
     def __init__(
@@ -112,15 +89,12 @@ class NativeGrid:
         spans: F64,
     ) -> None:
         assert bounds.shape == listed.shape and spans.shape[1:] == (SPAN,)
-        self._structure = _Grid(
-            *(f64(box), i64(axes), f64(scale), i64(cells), i64(codes)),
-            *(i64(offsets), i64(beyond), i64(listed), i64(bounds), f64(spans)),
+        self.pointers = structure("hfx_grid")(
+            *(box, axes, scale, cells, codes, offsets, beyond, listed, bounds, spans)
         )
-        self.address = ctypes.addressof(self._structure)
 
     def contains(self, points: F64) -> Bool:
         """Inside test of points (3, N), (N,) bool; NaN is outside."""
-        points = f64(points)
         inside = np.empty(points.shape[1], np.bool_)
-        _calls().hfx_mesh_inside(self.address, points, points.shape[1], inside)
+        loaded().hfx_mesh_inside(self.pointers, points, points.shape[1], inside)
         return inside

@@ -3,26 +3,10 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64
-from .library import DOUBLES, INTEGER, INTS, LONGS, SINGLES, library
-
-
-@cache
-def _calls() -> ctypes.CDLL | None:
-    """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_strongest.argtypes = [
-            *(INTEGER, LONGS, INTS, SINGLES, INTEGER, LONGS, INTS, SINGLES),
-            *(INTEGER, DOUBLES),
-        ]
-        found.hfx_strongest.restype = None
-    return found
+from .library import library
 
 
 def strongest(
@@ -52,16 +36,12 @@ def strongest(
     -------
     (n, actuator_count) float64, or None where there is no library.
     """
-    found = _calls()
+    found = library()
     if found is None:
         return None
-    offsets = np.ascontiguousarray(offsets, np.int64)
-    vertices = np.ascontiguousarray(vertices, np.int32)
-    weights = np.ascontiguousarray(weights, np.float32)
     gains = np.zeros((len(offsets) - 1, actuator_count))
     found.hfx_strongest(
-        *(len(gains), offsets, vertices, weights),
-        *(len(starts) - 1, starts, reached, factors),
+        *(len(gains), offsets, vertices, weights, len(starts) - 1, starts, reached, factors),
         *(actuator_count, gains),
     )
     return gains

@@ -1,37 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matrices of bones, and bounds of clusters that they move; ``skin.c``."""
+"""Bones that move skin, and their matrices; ``skin.h``."""
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
-from ..arrays import F64, I64
-from .library import DOUBLES, INTEGER, LONGS, POINTER, f64, i64, loaded, structure
+from ..arrays import I64
+from .declarations import structure
 from .skin_binding import Clusters as Clusters
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_bone_matrices.argtypes = [
-        *(INTEGER, INTEGER, INTEGER, DOUBLES, LONGS, LONGS),
-        *(DOUBLES, DOUBLES, DOUBLES),
-    ]
-    found.hfx_cell_means.argtypes = [
-        *(POINTER, POINTER, INTEGER, LONGS, INTEGER, LONGS, DOUBLES),
-    ]
-    for name in ("bone_matrices", "cell_means"):
-        getattr(found, f"hfx_{name}").restype = None
-    return found
-
-
-_Bones = structure("hfx_bones", matrices=DOUBLES, stretches=DOUBLES, slots=LONGS, count=INTEGER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,52 +36,29 @@ class UsedBones:
 
 
 class PosedBones:
-    """Matrices of bones at some rows, from rest to target space, and bounds of their stretch.
+    """Room for matrices of bones at some rows, from rest to target space, and for their stretch.
 
     Parameters
     ----------
-    posed : (T, B, 3, 4) float64
-        Rest space to posed armature space.
-    rows : (n,) int64
-        Of these.
-    to_target : (n, 4, 4) float64, optional
-        From armature space. Without it, room is made for what is found out later.
+    count : int
+        Number of rows.
     bones : UsedBones
-        Those that matter; B is one that rests.
+        Those that matter.
+    given : int
+        Number of bones of the pose; that bone is one that rests.
 
     Attributes
     ----------
     matrices : (n, k, 3, 4) float64
-        Rest to target space.
+        Rest to target space; only of bones that move anything that is near.
     stretches : (n, k) float64
         No less than what each matrix stretches any direction by.
     pointers : Structure
         ``hfx_bones``.
     """
 
-    def __init__(self, posed: F64, rows: I64, to_target: F64 | None, bones: UsedBones) -> None:
-        calls = _calls()
-        count, used, given = len(rows), bones.ids, posed.shape[1]
-        self.matrices = np.empty((count, len(used), 3, 4))
-        self.stretches = np.empty((count, len(used)))
+    def __init__(self, count: int, bones: UsedBones, given: int) -> None:
+        self.matrices = np.empty((count, len(bones.ids), 3, 4))
+        self.stretches = np.empty((count, len(bones.ids)))
         found = self.matrices, self.stretches
-        self.pointers = _Bones(*found, bones.slots(given), len(used))
-        if to_target is not None:
-            arrays = f64(posed), i64(rows), i64(used), f64(to_target)
-            calls.hfx_bone_matrices(count, len(used), given, *arrays, *found)
-
-    def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
-        """Upper bounds of the mean distance of cells' skin from their vertex, target space (m, k);
-        see :class:`..skin.cell_sizes.CellSizes`.
-
-        ``groups`` are ``hfx_groups`` of all clusters, filled in for these; ``rows`` (m,) are some
-        of these rows.
-        """
-        calls = _calls()
-        rows, clusters = i64(rows), i64(clusters)
-        means = np.empty((len(rows), len(clusters)))
-        calls.hfx_cell_means(
-            ctypes.byref(self.pointers),
-            *(groups, len(rows), rows, len(clusters), clusters, means),
-        )
-        return means
+        self.pointers = structure("hfx_bones")(*found, bones.slots(given), len(bones.ids))

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,34 +11,9 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32, I64
 from ..indexing import lacking
-from .library import BYTES, DOUBLES, INTEGER, INTS, LONGS, POINTER, f64, i64, loaded, structure
+from .declarations import structure
+from .library import i64, loaded
 from .skin_table import Table, table_of
-
-_Bound = structure(
-    "hfx_bound",
-    **{"offsets": LONGS, "bones": LONGS, "values": DOUBLES, "rest": DOUBLES},
-    **{"starts": LONGS, "members": INTS, "count": INTEGER, "bone_count": INTEGER},
-)
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    """The library, with the arguments of these functions."""
-    found = loaded()
-    found.hfx_bone_boxes.argtypes = [
-        *(POINTER, BYTES, DOUBLES, LONGS, LONGS, DOUBLES, DOUBLES),
-    ]
-    found.hfx_bone_boxes.restype = INTEGER
-    found.hfx_bind.argtypes = [
-        *(POINTER, LONGS, LONGS, INTEGER, LONGS, LONGS),
-        *(LONGS, DOUBLES, LONGS, DOUBLES, DOUBLES),
-    ]
-    found.hfx_find_links.argtypes = [
-        *(POINTER, POINTER, INTEGER, LONGS, LONGS),
-        *(DOUBLES, DOUBLES, DOUBLES),
-    ]
-    found.hfx_bind.restype = found.hfx_find_links.restype = None
-    return found
 
 
 class BoundClusters:
@@ -74,8 +48,8 @@ class BoundClusters:
         np.cumsum(self.place_counts, out=starts[1:])
         self._members = np.concatenate([np.zeros(0, np.int32), *clusters])
         self._offsets, self._starts = i64(offsets), starts
-        arrays = self._offsets, i64(bones), f64(values), f64(rest), starts, self._members
-        self.structure = _Bound(*arrays, len(clusters), bone_count)
+        arrays = self._offsets, bones, values, rest, starts, self._members
+        self.pointers = structure("hfx_bound")(*arrays, len(clusters), bone_count)
 
     @cached_property
     def weight_counts(self) -> I64:
@@ -100,32 +74,9 @@ class BoundClusters:
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
         low, high = np.empty((2, most, 3))
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
-        found = _calls().hfx_bone_boxes(
-            ctypes.byref(self.structure),
-            *(is_there, room, starts, bones, low, high),
-        )
+        arrays = is_there, room, starts, bones, low, high
+        found = loaded().hfx_bone_boxes(self.pointers, *arrays)
         return starts, bones[:found].copy(), low[:found].copy(), high[:found].copy()
-
-
-class ClusterPointers(ctypes.Structure):
-    """``hfx_cluster``."""
-
-    _fields_ = [
-        *(
-            (name, POINTER)
-            for name in (
-                "entry_bones",
-                "weights",
-                "firsts",
-                "rest",
-                "bones",
-                "moved",
-                "distances",
-                "differences",
-            )
-        ),
-        ("bone_count", INTEGER),
-    ]
 
 
 class Clusters:
@@ -140,7 +91,7 @@ class Clusters:
 
     Attributes
     ----------
-    table : array of ClusterPointers
+    table : array of ``hfx_cluster``
         Of all clusters; only those are filled in that :meth:`add` was given.
     most_bones : int
         Of any cluster.
@@ -148,19 +99,15 @@ class Clusters:
 
     def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
         count = len(bound.place_counts)
-        self.table: Any = (ClusterPointers * count)()
+        self.table: Any = (structure("hfx_cluster") * count)()
         self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
         self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
         self._bone_counts = np.diff(self._starts)
         self.most_bones = int(self._bone_counts.max(initial=0))
         most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
         self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
-        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._kept: list[npt.NDArray[Any]] = []
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
-
-    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """Arrays filled in for a cluster, in the order of ClusterPointers."""
-        return tuple(self._kept[cluster])
 
     def add(self, clusters: I64, table: Table | None) -> None:
         """Fill in some clusters, and the neighbours of those whose skin is filled."""
@@ -183,44 +130,33 @@ class Clusters:
             np.empty(first_at[-1], np.int64),
             np.empty(self._bound.bone_count, np.int64),
         )
-        _calls().hfx_bind(
-            ctypes.byref(self._bound.structure),
-            *(self._starts, self._bones, len(clusters)),
+        loaded().hfx_bind(
+            *(self._bound.pointers, self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
-        some = self._starts[clusters]
-        arrays = (
-            (entry_bones, entry_at[:-1], entry_at[1:]),
-            (weights, entry_at[:-1], entry_at[1:]),
-            (firsts, first_at[:-1], first_at[1:]),
-            (rest, place_at[:-1], place_at[1:]),
-            (self._bones, some, some + bones),
-            (moved, pair_at[:-1], pair_at[1:]),
-            (self._unlinked, np.zeros_like(places), places),
-            (self._unlinked, np.zeros_like(places), places),
-        )
-        for field, (array, first, _) in enumerate(arrays):
-            self._rows[clusters, field] = array.ctypes.data + first * array.strides[0]
+        none = np.zeros_like(places)
+        arrays = entry_bones, weights, firsts, rest, self._bones, moved, *2 * (self._unlinked,)
+        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, none, none
+        self._point_to(clusters, dict(enumerate(zip(arrays, at, strict=True))))
         self._rows[clusters, len(arrays)] = bones
-        for k, cluster in enumerate(clusters.tolist()):
-            self._kept[cluster] = [array[first[k] : last[k]] for array, first, last in arrays]
         self._is_known[clusters] = True
+
+    def _point_to(self, clusters: I64, fields: dict[int, tuple[npt.NDArray[Any], I64]]) -> None:
+        """Point fields of clusters, by number, to arrays, from the given places on."""
+        for field, (array, at) in fields.items():
+            self._rows[clusters, field] = array.ctypes.data + at[: len(clusters)] * array.strides[0]
+            self._kept.append(array)
 
     def _link(self, clusters: I64, table: Table) -> None:
         units = table.unit_counts[clusters]
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
-        arrays = distances, differences = [np.empty(last) for last in at[:, -1]]
+        distances, differences = (np.empty(last) for last in at[:, -1])
         room = np.empty(2 * self.most_bones)
-        _calls().hfx_find_links(
-            ctypes.byref(table_of(table)),
-            self.table,
-            len(clusters),
+        loaded().hfx_find_links(
+            *(table_of(table), self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
-        for field, array, first in zip((6, 7), arrays, at, strict=True):
-            self._rows[clusters, field] = array.ctypes.data + first[:-1] * array.itemsize
-            for k, cluster in enumerate(clusters.tolist()):
-                self._kept[cluster][field] = array[first[k] : first[k + 1]]
+        self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
         self._is_linked[clusters] = True
 
 

@@ -3,32 +3,13 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import I32, I64, U8, U32, Bool
-from .library import ANY, BYTES, INTEGER, INTS, LONGS, library
-
-Arrays = tuple[npt.NDArray[Any], ...]
-
-
-@cache
-def _calls() -> ctypes.CDLL | None:
-    """The library, with the arguments of these functions."""
-    found = library()
-    if found is not None:
-        found.hfx_track_changes.argtypes = [
-            *(INTEGER, LONGS, INTS, BYTES),
-            *(BYTES, INTS, INTS, BYTES),
-        ]
-        found.hfx_track_changes.restype = INTEGER
-        found.hfx_track_repeats.argtypes = [INTEGER, LONGS, INTS, ANY, INTEGER, BYTES]
-        found.hfx_track_repeats.restype = None
-    return found
+from .library import library
 
 
 def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | None:
@@ -50,16 +31,13 @@ def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | Non
     changes : (total,) uint8
         Weights minus the same vertex's weight before, modulo 256.
     """
-    found = _calls()
+    found = library()
     if found is None or (len(vertices) and int(vertices.min()) < 0):
         return None
-    sizes = np.ascontiguousarray(sizes, np.int64)
-    vertices = np.ascontiguousarray(vertices, np.int32)
     last = np.zeros(int(vertices.max(initial=0)) + 1, np.uint8)
     counts, gaps = np.zeros(len(sizes), np.uint32), np.zeros(2 * len(vertices), np.uint32)
     differences = np.zeros(len(vertices), np.uint8)
-    weights = np.ascontiguousarray(weights, np.uint8)
-    arrays: Arrays = (sizes, vertices, weights, last, counts, gaps, differences)
+    arrays = sizes, vertices, weights, last, counts, gaps, differences
     total = found.hfx_track_changes(len(sizes), *arrays)
     return counts, gaps[:total], differences
 
@@ -79,11 +57,9 @@ def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | No
     -------
     (m,) bool, or None where there is no library.
     """
-    found = _calls()
+    found = library()
     if found is None:
         return None
-    offsets = np.ascontiguousarray(offsets, np.int64)
-    vertices, weights = np.ascontiguousarray(vertices, np.int32), np.ascontiguousarray(weights)
     same = np.zeros(len(offsets) - 1, np.bool_)
     found.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
     return same

@@ -3,21 +3,10 @@
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-
 import numpy as np
 
 from ..arrays import F64, Bool
-from .library import BYTES, DOUBLES, INTEGER, f64, loaded
-
-
-@cache
-def _calls() -> ctypes.CDLL:
-    found = loaded()
-    found.hfx_volume_boxes.argtypes = [INTEGER, INTEGER] + [DOUBLES] * 4 + [BYTES]
-    found.hfx_volume_boxes.restype = None
-    return found
+from .library import loaded
 
 
 def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
@@ -39,7 +28,6 @@ def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Boo
         Else the volume may be anywhere.
     """
     count, rows = levels.shape
-    arrays = f64(matrices), f64(levels), f64(bounds)
     boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)
-    _calls().hfx_volume_boxes(count, rows, *arrays, boxes, is_sure)
+    loaded().hfx_volume_boxes(count, rows, matrices, levels, bounds, boxes, is_sure)
     return boxes[:, 0], boxes[:, 1], is_sure

@@ -26,7 +26,7 @@ from ..samples import SampleRun
 from ..scene import AnimationBlock, HapticSurface, HapticVolume
 from ..volume.mesh import MeshVolume
 from .overlapping import short_turns
-from .serialization import packed, receive, send, unpacked
+from .serialization import decode_object, encode_object, receive, send
 
 Answer = tuple[list[SampleRun], list[Touches], Counters]
 
@@ -68,13 +68,13 @@ def evaluated(
         See :data:`WORTH_S`.
     """
     is_alone = processes < 2 or not _may_be_split(engine)
-    begun: deque[_Begun] = deque()
+    begun: deque[_PendingBlock] = deque()
     wanted, spent_s, done = 0, 0.0, 0
     # Work that a block leaves to threads goes on while the next one is read and begun.
     ahead = int(engine.threads is not None)
     with short_turns() if ahead else nullcontext():
         for number, block in enumerate(blocks):
-            begun.append(_Begun(engine, block))
+            begun.append(_PendingBlock(engine, block))
             if len(begun) <= ahead:
                 continue
             head = begun.popleft()
@@ -85,7 +85,7 @@ def evaluated(
                 continue
             spent_s, done = spent_s + head.taken_s, done + count
             if spent_s / max(done, 1) * samples > worth_s:
-                wanted = min(processes, MOST) - 1 - _helping(engine, spent_s)
+                wanted = min(processes, MOST) - 1 - _threads_in_use(engine, spent_s)
                 is_alone = wanted < 1
             if wanted > 0:
                 break
@@ -101,13 +101,13 @@ def evaluated(
             helper.close()
 
 
-def _helping(engine: Engine, spent_s: float) -> int:
+def _threads_in_use(engine: Engine, spent_s: float) -> int:
     """Number of processors that the engine's threads use while this thread works for a time."""
     busy_s = 0.0 if engine.threads is None else engine.threads.busy_s
     return int(busy_s > _HELP * spent_s)
 
 
-class _Begun:
+class _PendingBlock:
     """Block whose evaluation has begun; its counters are added when it ends."""
 
     def __init__(self, engine: Engine, block: AnimationBlock) -> None:
@@ -157,7 +157,7 @@ def _shared(
             is_read = block is None
             if block is not None:
                 tasks.append(_Task(block))
-                _hand_out(tasks, helpers)
+                _assign(tasks, helpers)
         if not tasks:
             return
         head = tasks[0]
@@ -165,25 +165,25 @@ def _shared(
             free = next((task for task in tasks if task.answer is None), None)
             if free is not None:
                 free.answer = Future()
-                free.answer.set_result(_here(engine, free.block))
-                _hand_out(tasks, helpers)
+                free.answer.set_result(_evaluate_here(engine, free.block))
+                _assign(tasks, helpers)
                 continue
-        answer = head.result() or _here(engine, head.block)
+        answer = head.result() or _evaluate_here(engine, head.block)
         tasks.popleft()
-        _hand_out(tasks, helpers)
+        _assign(tasks, helpers)
         yield head.block, _settled(engine, answer)
 
 
-def _hand_out(tasks: deque[_Task], helpers: list[_Helper]) -> None:
+def _assign(tasks: deque[_Task], helpers: list[_Helper]) -> None:
     for task in tasks:
         if task.answer is None:
             able = [helper for helper in helpers if helper.waiting < _AHEAD and helper.is_alive]
             if not able:
                 return
-            task.answer = min(able, key=lambda helper: helper.waiting).ask(task.block)
+            task.answer = min(able, key=lambda helper: helper.waiting).submit(task.block)
 
 
-def _here(engine: Engine, block: AnimationBlock) -> Answer:
+def _evaluate_here(engine: Engine, block: AnimationBlock) -> Answer:
     """Evaluate a block in this process, without counting yet."""
     before = engine.counters.copy()
     engine.responses.defers = True
@@ -214,7 +214,7 @@ def _settled(engine: Engine, answer: Answer) -> list[SampleRun]:
 
 
 def _helpers(engine: Engine, count: int) -> list[_Helper]:
-    settings = packed((engine.scene, engine.record, engine.tolerance))
+    settings = encode_object((engine.scene, engine.record, engine.tolerance))
     found = []
     with suppress(OSError):  # a process that cannot be started is left out
         for _ in range(count):
@@ -286,7 +286,7 @@ class _Helper:
         """Number of blocks without an answer."""
         return len(self._asked)
 
-    def ask(self, block: AnimationBlock) -> Future[Answer | None]:
+    def submit(self, block: AnimationBlock) -> Future[Answer | None]:
         """Hand the helper a block; the answer is None where it cannot evaluate it."""
         answer: Future[Answer | None] = Future()
         with self._lock:
@@ -295,8 +295,8 @@ class _Helper:
                 return answer
             self._asked.append(answer)
         kept, fresh = self._meshes.of(block)
-        self._send(packed((kept, fresh)))
-        self._send(packed(block, self._meshes.numbers))
+        self._send(encode_object((kept, fresh)))
+        self._send(encode_object(block, self._meshes.numbers))
         return answer
 
     def close(self) -> None:
@@ -320,7 +320,7 @@ class _Helper:
         try:
             with suppress(OSError, ValueError), stdout:
                 while (body := receive(stdout)) is not None:
-                    found: Any = unpacked(body)
+                    found: Any = decode_object(body)
                     self._asked[0].set_result(found)
                     self._asked.popleft()
         finally:  # on any error: nobody may wait for ever

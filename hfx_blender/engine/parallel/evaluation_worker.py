@@ -17,7 +17,7 @@ from typing import IO
 
 from ..evaluate import Engine
 from ..volume.mesh import MeshVolume
-from .serialization import packed, receive, send, unpacked
+from .serialization import decode_object, encode_object, receive, send
 
 _log = logging.getLogger(__name__)
 
@@ -29,23 +29,23 @@ def main() -> None:
     waiting: SimpleQueue[bytes] = SimpleQueue()
     source = os.fdopen(os.dup(0), "rb")
     threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
-    description, record, tolerance = unpacked(waiting.get())
+    description, record, tolerance = decode_object(waiting.get())
     engine = Engine(description, record=record, tolerance=tolerance)
     engine.responses.defers = True
     known: dict[int, MeshVolume] = {}
     while True:
-        kept, fresh = unpacked(waiting.get())
+        kept, fresh = decode_object(waiting.get())
         known = {number: known[number] for number in kept if number in known} | fresh
         try:
-            block = unpacked(waiting.get(), known)
+            block = decode_object(waiting.get(), known)
             before = engine.counters.copy()
             runs = engine.evaluate(block)
             counted = engine.counters.since(before)
-            answer = packed((runs, engine.responses.take_deferred(), counted))
+            answer = encode_object((runs, engine.responses.take_deferred(), counted))
         except Exception:  # the caller tries it itself, and reports
             _log.info("a block could not be evaluated", exc_info=True)
             engine.responses.take_deferred()
-            answer = packed(None)
+            answer = encode_object(None)
         send(out, answer)
 
 

@@ -67,28 +67,28 @@ class _Worker(Generic[Made, Done]):
                 return
             yield item[0]
 
-    def give(self, item: tuple[Made] | None) -> None:
+    def put(self, item: tuple[Made] | None) -> None:
         """Put an item into the queue, None at the end, as soon as there is room."""
         while True:
-            self._tell_error()
+            self._raise_error()
             try:
                 return self._made.put(item, timeout=_LOOK_S)
             except Full:
                 continue
 
-    def taken_out(self) -> list[Done]:
+    def results_since(self) -> list[Done]:
         """Results since the last call."""
         found = []
         while not self._done.empty():
             found.append(self._done.get())
         return found
 
-    def is_over(self) -> bool:
+    def wait_for_end(self) -> bool:
         """Wait a little, and test for the end of the work."""
         self._thread.join(_LOOK_S)
         if self._thread.is_alive():
             return False
-        self._tell_error()
+        self._raise_error()
         return True
 
     def stop(self) -> None:
@@ -96,7 +96,7 @@ class _Worker(Generic[Made, Done]):
         self._is_stopped = True
         self._thread.join()
 
-    def _tell_error(self) -> None:
+    def _raise_error(self) -> None:
         error, self._error = self._error, None
         try:
             if error is not None:
@@ -119,17 +119,17 @@ def overlapped(
         worker = _Worker(work)
         try:
             for item in source:
-                worker.give((item,))
-                yield worker.taken_out()
-            worker.give(None)
-            while not worker.is_over():
-                yield worker.taken_out()
+                worker.put((item,))
+                yield worker.results_since()
+            worker.put(None)
+            while not worker.wait_for_end():
+                yield worker.results_since()
         finally:
             worker.stop()
-        yield worker.taken_out()
+        yield worker.results_since()
 
 
-def in_turn(
+def sequentially(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
     """Sequential version of :func:`overlapped`, in this thread."""

@@ -50,15 +50,15 @@ def receive(stream: IO[bytes]) -> bytes | None:
     return None if head is None else read_exactly(stream, _LENGTH.unpack(head)[0])
 
 
-def packed(value: object, meshes: Mapping[MeshVolume, int] | None = None) -> bytes:
+def encode_object(value: object, meshes: Mapping[MeshVolume, int] | None = None) -> bytes:
     """A value as bytes; of the meshes named, only their numbers."""
     file = io.BytesIO()
     _Pickler(file, meshes or {}).dump(value)
     return file.getvalue()
 
 
-def unpacked(body: bytes, meshes: Mapping[int, MeshVolume] | None = None) -> Any:
-    """Restore a value from :func:`packed` bytes; meshes by their numbers.
+def decode_object(body: bytes, meshes: Mapping[int, MeshVolume] | None = None) -> Any:
+    """Restore a value from :func:`encode_object` bytes; meshes by their numbers.
 
     Raises
     ------

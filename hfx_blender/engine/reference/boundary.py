@@ -59,22 +59,6 @@ def nearest(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64, F64]:
     return places, normals, np.where(inside, depths, 0.0)
 
 
-def normals_at(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Outward unit normals (3, N), world space, of a convex shape at points of its boundary."""
-    directions = points.copy()
-    if isinstance(shape, Cuboid):
-        directions[np.abs(points) < np.abs(points).max(axis=0)] = 0.0
-    elif isinstance(shape, Cylinder):
-        is_cap = np.abs(points[2]) > np.hypot(points[0], points[1])
-        directions[:2, is_cap] = 0.0
-        directions[2, ~is_cap] = 0.0
-    elif isinstance(shape, Capsule):
-        directions[2] -= np.clip(points[2], -shape.half_segment, shape.half_segment)
-    normals = np.linalg.inv(to_world[:3, :3]).T @ directions
-    unit: F64 = normals / np.linalg.norm(normals, axis=0)
-    return unit
-
-
 def support(shape: Shape, directions: F64) -> F64:
     """Largest ``w . x`` of any x in a convex shape, for directions w (3, ...)."""
     x, y, z = np.abs(directions)

@@ -11,7 +11,7 @@ from ..scene import ActuatorArea, SceneDescription
 from ..track import TrackHeader, TrackReader
 from .actuator_vertices import rows_of
 from .device import DeviceConfig
-from .dispatch import ModelLoader, shown_as
+from .dispatch import ModelLoader, rendered_modalities
 from .raster import Raster
 from .render import Renderer, blocks
 
@@ -48,7 +48,7 @@ def misfits(
     for device in devices:
         try:
             for modality, model_id in felt:
-                shown = shown_as(device, modality)
+                shown = rendered_modalities(device, modality)
                 actuators = [each for each in device.actuators if each.type.modality in shown]
                 if actuators:
                     rows_of(device, actuators, models(model_id))
@@ -57,7 +57,7 @@ def misfits(
     return found
 
 
-def renderers_given(
+def renderers_of_track(
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,

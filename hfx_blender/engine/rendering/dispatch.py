@@ -20,13 +20,13 @@ from .actuator_vertices import on_parts
 from .coverage import ActuatorCells
 from .device import DeviceConfig, RoomPlace
 from .focus import FocusPanning, focus_panning
-from .room import PlaySpace, room_gains, stands
+from .room import PlaySpace, has_place, room_gains
 from .schemes import cells_of, unpanned
 
 ModelLoader = Callable[[str], PerceptualModel]
 
 
-def shown_as(device: DeviceConfig, modality: str) -> set[str]:
+def rendered_modalities(device: DeviceConfig, modality: str) -> set[str]:
     """Modalities that a device renders for a modality: itself, and its substitution."""
     substitution = device.substitutions.get(modality)
     return {modality} if substitution is None else {modality, substitution.target}
@@ -54,7 +54,7 @@ class ActuatorGroup:
         self._focus: dict[str, FocusPanning | None] = {}
         members = [i for i, each in enumerate(device.actuators) if each.type.modality == modality]
         self._actuators = [device.actuators[i] for i in members]
-        self._standing = [k for k, each in enumerate(self._actuators) if stands(each)]
+        self._standing = [k for k, each in enumerate(self._actuators) if has_place(each)]
         self.play_space = PlaySpace.of_settings({})
         self.strength_columns: I64 = device.strength_columns[members]
         self.takes_waveform: Bool = np.array([a.type.takes_waveform for a in self._actuators])
@@ -63,9 +63,9 @@ class ActuatorGroup:
         self.lowest: F64 = np.array([each.lowest for each in strengths], np.float64)
         self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
 
-    def answers_to(self, modality: str) -> bool:
+    def renders(self, modality: str) -> bool:
         """Test that the actuators render a modality: their own, or one that they substitute."""
-        return self.modality in shown_as(self._device, modality)
+        return self.modality in rendered_modalities(self._device, modality)
 
     def cells_on(self, model_id: str) -> ActuatorCells:
         """Vertices that the actuators reach on a model; cached.

@@ -9,7 +9,7 @@ from ...sentences import counted
 from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .device import DeviceConfig
-from .dispatch import shown_as
+from .dispatch import rendered_modalities
 
 
 class MissingActuators:
@@ -19,12 +19,12 @@ class MissingActuators:
         self._device = device
         self._found: dict[str, dict[str, None]] = {}  # by effect, each once
 
-    def look_at(self, run: SampleRun) -> None:
+    def add(self, run: SampleRun) -> None:
         """Take the next samples of an effect."""
         drive = run.drive
         if drive is None or drive.device_id != self._device.id:
             return  # that an effect is of another device is a shortfall of its own
-        shown = shown_as(self._device, run.stream.modality)
+        shown = rendered_modalities(self._device, run.stream.modality)
         there = {each.id for each in self._device.actuators if each.type.modality in shown}
         is_on = (drive.values > 0.0).any(axis=0).tolist()
         found = self._found.setdefault(run.stream.effect_id, {})

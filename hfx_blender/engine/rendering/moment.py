@@ -97,7 +97,7 @@ class MomentRenderer:
         """
         for group in self._renderer.groups:
             for effect in self._effects:
-                if group.answers_to(effect.modality):
+                if group.renders(effect.modality):
                     group.cells_on(effect.model_id)
                     if effect.kind == "spot":
                         group.panning_on(effect.model_id)

@@ -58,7 +58,7 @@ class Shortfall:
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class FeltStream:
     """Samples of a stream on the wearer, and the part that the device rendered."""
 
     stream: Stream
@@ -83,7 +83,7 @@ class Raster:
     values: F64  # (T, columns) finite and within the device's limits
     neutral: F64  # (columns,) given while nothing is rendered
     shortfalls: tuple[Shortfall, ...]
-    felt: tuple[Felt, ...]
+    felt: tuple[FeltStream, ...]
     waveform_actuators: tuple[str, ...] = ()  # that play the sum of all partials
     partials: tuple[Partial, ...] = ()
 
@@ -117,7 +117,7 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
     list of Unrendered
         Effects of which something is missing, in the order of the rasters' streams.
     """
-    found: dict[tuple[str, str], Felt] = {}
+    found: dict[tuple[str, str], FeltStream] = {}
     rates: dict[tuple[str, str], float] = {}
     for raster in rasters:
         for felt in raster.felt:
@@ -125,7 +125,7 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
             before = found.get(key)
             if before is not None:
                 is_rendered = before.is_rendered | felt.is_rendered
-                felt = Felt(felt.stream, felt.indices, felt.strengths, is_rendered)
+                felt = FeltStream(felt.stream, felt.indices, felt.strengths, is_rendered)
             found[key], rates[key] = felt, float(raster.rate_hz)
     missing = []
     for key, felt in found.items():

@@ -29,7 +29,7 @@ from .latency import advanced, rows_of
 from .limits import DeviceLimits, limited
 from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
-from .raster import Felt, Raster, Reason, Shortfall, columns_of
+from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
 
@@ -94,7 +94,7 @@ class _Tally:
 
 
 @dataclass(eq=False)
-class _Played:
+class _GroupShare:
     """Contribution of a run to a block, at the actuators of one group."""
 
     run: SampleRun
@@ -195,11 +195,11 @@ class Renderer:
         is_over = [np.zeros(len(run), np.bool_) for run in runs]
         is_faint = [np.zeros(len(run), np.bool_) for run in runs]
         for group in self._groups:
-            played: list[tuple[int, _Played]] = []
+            played: list[tuple[int, _GroupShare]] = []
             for k, run in enumerate(runs):
-                if group.answers_to(run.stream.modality):
+                if group.renders(run.stream.modality):
                     positions = np.searchsorted(rows, run.indices)
-                    played.append((k, _Played(run, positions, group.gains(run))))
+                    played.append((k, _GroupShare(run, positions, group.gains(run))))
             if not played:
                 continue
             mixed = self._mixed(group, [each for _, each in played], rows)
@@ -211,7 +211,7 @@ class Renderer:
                 is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
                 is_faint[k] |= group.is_faint(each.run, self._device.gain * each.gains)
         for run in runs:
-            self._missing.look_at(run)
+            self._missing.add(run)
         for run, rendered, off, over, faint in zip(
             runs, is_rendered, is_off, is_over, is_faint, strict=True
         ):
@@ -259,7 +259,7 @@ class Renderer:
             )
         return model
 
-    def _mixed(self, group: ActuatorGroup, played: Sequence[_Played], rows: I64) -> Mixed:
+    def _mixed(self, group: ActuatorGroup, played: Sequence[_GroupShare], rows: I64) -> Mixed:
         mixes = []
         vibrations: list[tuple[str, F64, F64]] = []  # who, (R, A) m/s^2, (R,) Hz
         for modality in MODALITIES:
@@ -294,7 +294,7 @@ class Renderer:
         )
         return Mixed(mixed.strengths, frequencies)
 
-    def _contribution(self, played: _Played, row_count: int) -> Contribution:
+    def _contribution(self, played: _GroupShare, row_count: int) -> Contribution:
         run = played.run
         strengths = np.zeros((row_count, played.gains.shape[1]))
         strengths[played.positions] = played.gains * run.levels[:, None]
@@ -334,11 +334,11 @@ class Renderer:
             try:
                 found[:, members] = group.gains(run)
             except InputError:
-                if group.answers_to(run.stream.modality):
+                if group.renders(run.stream.modality):
                     raise  # its places need not fit other modalities' models
         return found
 
-    def told(self) -> F64:
+    def script_input(self) -> F64:
         """Values for a device's script, (T, columns), as they would be sent without it; after all
         blocks.
 
@@ -355,8 +355,8 @@ class Renderer:
         Parameters
         ----------
         answers : (T, columns) float64, optional
-            What a device's script has made of :meth:`told`. It is what the device plays: held
-            between updates and limited as any values are. What it does not change is rendered
+            What a device's script has made of :meth:`script_input`. It is what the device plays:
+            held between updates and limited as any values are. What it does not change is rendered
             as without it; of what is felt where it does, all is, or nothing if it is silent.
         """
         time = self._header.time
@@ -372,7 +372,7 @@ class Renderer:
             partials = ()  # a script says one frequency for each actuator
             is_changed, is_on = self._changes(without)
             if is_changed.any():
-                felt = tuple(_decided(each, is_changed, is_on) for each in felt)
+                felt = tuple(_with_script_changes(each, is_changed, is_on) for each in felt)
                 # How far a script has compensated limits of the actuators is unknown.
                 shortfalls = tuple(
                     each for each in self._shortfalls(felt) if each.reason in _UNPLAYED
@@ -451,11 +451,11 @@ class Renderer:
             return "device"
         return "place" if can else "modality"
 
-    def _shortfalls(self, felt: Iterable[Felt]) -> Iterator[Shortfall]:
+    def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
         for each in felt:
             tally = self._tallies[each.stream]
             lost = int(np.count_nonzero(~each.is_rendered))
-            can = any(group.answers_to(each.stream.modality) for group in self._groups)
+            can = any(group.renders(each.stream.modality) for group in self._groups)
             losses: list[tuple[Reason, int]] = [
                 (self._why_not(each.stream, can), lost),
                 ("frequency", tally.off_frequency),
@@ -475,8 +475,8 @@ class Renderer:
                     )
 
 
-def _felt(stream: Stream, tally: _Tally) -> Felt:
-    return Felt(
+def _felt(stream: Stream, tally: _Tally) -> FeltStream:
+    return FeltStream(
         stream,
         np.concatenate([np.zeros(0, np.int64), *tally.indices]),
         np.concatenate([np.zeros(0), *tally.strengths]),
@@ -488,7 +488,7 @@ _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
 """Reasons for which something does not play at all."""
 
 
-def _decided(felt: Felt, is_changed: Bool, is_on: Bool) -> Felt:
+def _with_script_changes(felt: FeltStream, is_changed: Bool, is_on: Bool) -> FeltStream:
     """Felt samples, with the rendered part decided anew where a script has changed rows (T,)."""
     changed, on = is_changed[felt.indices], is_on[felt.indices]
     return replace(felt, is_rendered=np.where(changed, on, felt.is_rendered))

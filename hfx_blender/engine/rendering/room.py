@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I64, Bool
+from ..matmul import affine_inverse
 from ..samples import SampleRun
 from .device import Actuator, DeviceConfig, RoomPlace
 
@@ -35,7 +36,7 @@ class PlaySpace:
 
     def __init__(self, indices: I64, matrices: F64) -> None:
         self._indices = indices
-        self._inverses = np.linalg.inv(matrices)
+        self._inverses = affine_inverse(matrices)
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> PlaySpace:
@@ -71,13 +72,12 @@ class PlaySpace:
     def move(self, matrix: F64) -> None:
         """Set the pose from now on, for a renderer of moments; an unusable pose is ignored."""
         if np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-12:
-            self._indices, self._inverses = np.zeros(1, np.int64), np.linalg.inv(matrix)[None]
+            self._indices, self._inverses = np.zeros(1, np.int64), affine_inverse(matrix[None])
 
     def pose(self, index: int) -> F64:
         """Play space to world at a sample, (4, 4)."""
-        place = int(np.searchsorted(self._indices, index, side="right")) - 1
-        found: F64 = np.linalg.inv(self._inverses[max(place, 0)])
-        return found
+        place = max(int(np.searchsorted(self._indices, index, side="right")) - 1, 0)
+        return affine_inverse(self._inverses[place][None])[0]
 
     def local(self, run: SampleRun) -> F64:
         """Positions of a run's entries in the play space, (total, 3)."""
@@ -89,14 +89,14 @@ class PlaySpace:
         return np.einsum("nij,nj->ni", inverse[:, :3, :3], points) + inverse[:, :3, 3]
 
 
-def stands(actuator: Actuator) -> bool:
+def has_place(actuator: Actuator) -> bool:
     """Test for an actuator with a place in the room, which may be out of reach."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
 def needs_positions(devices: Sequence[DeviceConfig]) -> bool:
     """Test for devices that need the positions of samples."""
-    return any(stands(actuator) for device in devices for actuator in device.actuators)
+    return any(has_place(actuator) for device in devices for actuator in device.actuators)
 
 
 def reaches(place: RoomPlace, points: F64) -> Bool:

@@ -163,7 +163,7 @@ class Limbs:
         near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
         return np.flatnonzero(near)
 
-    def seated(self, points: F64, posed: F64) -> F64:
+    def with_joints_joined(self, points: F64, posed: F64) -> F64:
         """Points (V, 3) moved along the limbs until no joint has slid farther than rigs differ.
 
         Parameters
@@ -171,13 +171,13 @@ class Limbs:
         posed : (V, 3) float64
             Where posing put them: the canonical joints lie at the rig's.
         """
-        seated = points.copy()
+        moved = points.copy()
         for name, ring in self.rings.items():
             slack = SLACK_M[name.partition(".")[0]]
             slide = float(ring.slide(points - posed))
             back = slack * np.tanh(slide / slack) - slide
-            seated += back * ring.carried[:, None] * ring.axis
-        return seated
+            moved += back * ring.carried[:, None] * ring.axis
+        return moved
 
     def offsets_m(
         self, nearest: npt.NDArray[np.int64], posed: F64, placed: F64, surface: TargetSurface

@@ -109,7 +109,7 @@ def warping(
             vertices = yield from within(shaping, 0.3, 0.65)
         pulling = pull(vertices, triangles, shares, limbs.axes, surface)
         vertices = yield from within(pulling, 0.65, 1.0)
-        vertices = limbs.seated(vertices, start)
+        vertices = limbs.with_joints_joined(vertices, start)
     normals = vertex_normals(vertices, triangles)
     return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
 
@@ -138,7 +138,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     quality : Quality
         How well it fits, part by part.
     """
-    places, before, is_there = _land(model, warped)
+    places, before, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
     scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
     corners, weights = warped.target.triangles[places.triangle], places.weights
@@ -179,7 +179,7 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
     return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
 
 
-def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64, npt.NDArray[np.bool_]]:
+def _project(model: PerceptualModel, warped: Warp) -> tuple[Places, F64, npt.NDArray[np.bool_]]:
     """Project the vertices onto the target; returns their places, those before, and which of them
     the target has skin for.
     """

@@ -112,7 +112,7 @@ def shape(
         slope = np.einsum("kv,v->k", weighted, gap) - prior @ shares
         shares += np.linalg.solve(normal + prior, slope)
         yield (number + 1) / _ROUNDS
-    return limbs.seated(posed + np.einsum("k,kvi->vi", shares, moves), posed)
+    return limbs.with_joints_joined(posed + np.einsum("k,kvi->vi", shares, moves), posed)
 
 
 @lru_cache(maxsize=1)

@@ -81,13 +81,6 @@ class BoundWeights:
         firsts = np.repeat(np.cumsum(counts) - counts, counts)
         return np.repeat(self.offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
 
-    def factors(self, ids: I32) -> tuple[I64, I64, F64]:
-        """Skin weights of some vertices: bones, owners, and weight times homogeneous rest position
-        (E, 4)."""
-        entries, owners = self.entries(ids)
-        factors: F64 = self.values[entries, None] * self.rest[ids[owners]]
-        return self.bones[entries], owners, factors
-
     def clusters(self, clusters: list[I32]) -> native.BoundClusters:
         """Clusters of the vertices, for the native library."""
         arrays = self.offsets, self.bones, self.values, self.rest

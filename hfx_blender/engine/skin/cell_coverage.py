@@ -20,11 +20,11 @@ from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import ramp, sorted_by
+from ..native import clusters as native
 from ..native import library
-from ..native import skin_outline as native
 from ..native.bounds import Outline
-from ..native.skin import PosedBones, UsedBones
-from ..scene import PoseBlock, SkinBinding, SurfaceBinding
+from ..native.skin import UsedBones
+from ..scene import SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
 from .cell_sizes import CellSizes
 from .posing import PosableModel
@@ -195,13 +195,6 @@ class BodySkin:
         if self.skin.outlines is self.skin.clusters:
             return self.surface
         return self._bind(self.skin.model, self.skin.clusters)
-
-    def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
-        """Matrices of the bones that move the skin, to target space; None without bones."""
-        if not isinstance(self.surface, SkinnedModel):
-            return None
-        assert pose.bones is not None
-        return PosedBones(pose.bones, rows, to_target, self.used_bones)
 
     @cached_property
     def own_outline(self) -> Outline | None:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
 from ..arrays import F64, I32, I64
 from ..scene import PoseBlock
 
@@ -33,32 +31,5 @@ class PosableModel(Protocol):
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 
-    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        """Clusters posed at some rows, see :class:`PosedClusters`."""
-
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
-
-
-class PosedClusters(Protocol):
-    """Clusters of a model at some rows. ``at`` (m,) are places among these rows."""
-
-    def points(self, cluster: int, at: I64) -> F64:
-        """Positions of a cluster's vertices, (3, m, Vc), target space."""
-
-    def all_points(self, clusters: I64, at: I64) -> F64:
-        """Positions of several clusters' vertices, one after the other, (3, N)."""
-
-
-def runs(clusters: I64) -> list[tuple[int, int]]:
-    """Start and end of the run of pairs of each of ascending clusters."""
-    cuts = (np.flatnonzero(clusters[1:] != clusters[:-1]) + 1).tolist()
-    return list(zip([0, *cuts], [*cuts, len(clusters)], strict=True))
-
-
-def joined(posed: PosedClusters, clusters: I64, at: I64) -> F64:
-    points = [
-        posed.points(int(clusters[first]), at[first:last]).reshape(3, -1)
-        for first, last in runs(clusters)
-    ]
-    return np.concatenate(points, axis=1)

@@ -156,11 +156,11 @@ class SkinTable:
         self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, new: I64) -> None:
-        settings = self._distances, self._closeness, self.is_split, self._most_share
-        filling = native.Filling(self, self.mesh, *settings)
-        count = filling.fill(new, self._sample_count)
+        count = native.fill(
+            *(self, self.mesh, new, self._sample_count, self._spacing, self._most_share)
+        )
         self._make_room(count)
-        filling.place_samples(self._samples)
+        native.place_samples(self, new)
 
     def _make_room(self, count: int) -> None:
         """Make room for samples in a new array, as others may be reading the present one."""
@@ -171,6 +171,8 @@ class SkinTable:
             self._samples = larger
 
     @cached_property
-    def _closeness(self) -> F64:
-        """Reciprocal spacing of vertices, up to a constant factor, (skin vertices,)."""
-        return (1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))).astype(np.float64)
+    def _spacing(self) -> F64:
+        """Distances as given, and the reciprocal spacing of vertices, up to a constant factor,
+        (3, skin vertices)."""
+        closeness = 1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))
+        return np.stack([*self._distances, closeness.astype(np.float64)])

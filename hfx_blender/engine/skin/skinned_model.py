@@ -13,12 +13,9 @@ from ..body.model import PerceptualModel
 from ..matmul import stacked_product
 from ..native import skin as native
 from ..native.bounds import Outline
-from ..native.skin import PosedBones, UsedBones
 from ..native.skin_table import Table
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
-from .posing import PosedClusters
-from .skinned_clusters import SkinnedClusters
 
 
 class SkinnedModel:
@@ -33,9 +30,7 @@ class SkinnedModel:
     ) -> None:
         self.clusters = clusters_of(model) if clusters is None else clusters
         self._weights = BoundWeights.of(model, binding.bone_names)
-        self._still = self._weights.bone_count
         self._factors: dict[int, tuple[I64, F64]] = {}
-        self._sparse: dict[int, tuple[I64, F64, I64]] = {}
 
     @cached_property
     def _boxes(self) -> BoneBoxes:
@@ -50,7 +45,7 @@ class SkinnedModel:
         """Bones that move anything in a cluster, ascending."""
         return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
 
-    def cluster_factors(self, cluster: int) -> tuple[I64, F64]:
+    def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
         """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
         if cluster not in self._factors:
             ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
@@ -63,19 +58,14 @@ class SkinnedModel:
             self._factors[cluster] = bones, factors.reshape(len(ids), -1)
         return self._factors[cluster]
 
-    def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]:
-        """Weights of a cluster one by one: bone, weight times homogeneous rest position (E, 4), and
-        the start of each vertex's weights."""
-        if cluster not in self._sparse:
-            ids = self.clusters[cluster]
-            bones, owners, factors = self._weights.factors(ids)
-            self._sparse[cluster] = bones, factors, np.searchsorted(owners, np.arange(len(ids)))
-        return self._sparse[cluster]
-
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
-        return PosedBones(pose.bones, rows, to_target, UsedBones(bones)).matrices
+        still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))
+        posed = np.concatenate([pose.bones[rows], still], axis=1)[:, bones]
+        matrices: F64 = to_target[:, None, :3, :3] @ posed
+        matrices[..., 3] += to_target[:, None, :3, 3]
+        return matrices
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         assert pose.bones is not None
@@ -100,21 +90,10 @@ class SkinnedModel:
         return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones = self.cluster_bones(cluster)
-        return self.posed_by(cluster, self.bone_matrices(pose, rows, to_target, bones))
-
-    def posed_by(self, cluster: int, matrices: F64) -> F64:
-        """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
-        factors = self.cluster_factors(cluster)[1]
-        count = len(matrices)
+        bones, factors = self._cluster_factors(cluster)
+        matrices, count = self.bone_matrices(pose, rows, to_target, bones), len(rows)
         stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(1, 3 * count, -1)
         return stacked_product(stacked, factors).reshape(3, count, -1)
-
-    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        is_used = np.zeros(self._still + 1, np.bool_)
-        is_used[np.concatenate([self.cluster_bones(c) for c in clusters.tolist()])] = True
-        matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
-        return SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
 
     @property
     def used_bones(self) -> I64:
@@ -129,16 +108,13 @@ class SkinnedModel:
         self._native.add(clusters, table)
         return self._native
 
-    @property
-    def pairs(self) -> tuple[I64, I64, F64, F64]:
-        """Cluster-bone pairs with boxes at rest of what each bone moves: each cluster's first pair
-        (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
-        return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
-
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
+        if not len(vertices):
+            return np.zeros((3, 0))
         entries, owners = self._weights.entries(vertices)
         bones, slot = np.unique(self._weights.bones[entries], return_inverse=True)
         matrices = self.bone_matrices(pose, np.array([row]), to_target[None], bones)[0]
-        blended = np.zeros((len(vertices), 3, 4))
-        np.add.at(blended, owners, self._weights.values[entries, None, None] * matrices[slot])
-        return np.einsum("vij,vj->iv", blended, self._weights.rest[vertices])
+        factors = self._weights.values[entries, None] * self._weights.rest[vertices[owners]]
+        moved = np.einsum("eij,ej->ie", matrices[slot], factors)
+        points: F64 = np.add.reduceat(moved, np.searchsorted(owners, np.arange(len(vertices))), 1)
+        return points

@@ -5,7 +5,6 @@ see :mod:`.posing`."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +14,6 @@ from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..reference.pose import by_bones
 from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
-from .posing import PosedClusters, joined
 
 
 class PointwiseModel(ABC):
@@ -46,9 +44,6 @@ class PointwiseModel(ABC):
         local = self._local(self.clusters[cluster], pose, rows)
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
-
-    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        return _PointwiseClusters(self, pose, rows, to_target)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         local = self._local(vertices, pose, np.array([row]))[0]
@@ -114,19 +109,3 @@ class SurfaceModel(PointwiseModel):
         centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(linear), half)
         return centre - reach, centre + reach
-
-
-@dataclass(frozen=True, eq=False)
-class _PointwiseClusters:
-    """Clusters of a model at some rows."""
-
-    model: PointwiseModel
-    pose: PoseBlock
-    rows: I64
-    to_target: F64
-
-    def points(self, cluster: int, at: I64) -> F64:
-        return self.model.cluster_points(cluster, self.pose, self.rows[at], self.to_target[at])
-
-    def all_points(self, clusters: I64, at: I64) -> F64:
-        return joined(self, clusters, at)

@@ -109,19 +109,19 @@ class _Voice:
     ) -> _Voice:
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
-        hearing, heard = panner.hearing, source.frequencies_hz
+        hearing, at_listener_hz = panner.hearing, source.frequencies_hz
         if hearing.with_doppler:
-            heard = doppler_hz(heard, np.nan_to_num(distances), raster_hz)
+            at_listener_hz = doppler_hz(at_listener_hz, np.nan_to_num(distances), raster_hz)
         amplitudes = np.nan_to_num(source.amplitudes)
         if hearing.air > 0.0:
-            loss_db = hearing.air * absorption_db_m(heard) * np.nan_to_num(distances)
+            loss_db = hearing.air * absorption_db_m(at_listener_hz) * np.nan_to_num(distances)
             amplitudes *= 10.0 ** (-loss_db / 20.0)
         dry, wet = dry * amplitudes[:, None], wet * amplitudes
-        frequencies = np.append(heard, heard[-1:])
+        frequencies = np.append(at_listener_hz, at_listener_hz[-1:])
         steps = 0.5 * (frequencies[1:] + frequencies[:-1]) / raster_hz
         turns = np.concatenate([[0.0], np.cumsum(steps)])
         turns[1:] = np.mod(turns[1:], 1.0)
-        apart = _quadrature(dry, reverberators, heard)
+        apart = _quadrature(dry, reverberators, at_listener_hz)
         silence = np.zeros((1, dry.shape[1]))
         return cls(
             np.vstack([dry, silence]),

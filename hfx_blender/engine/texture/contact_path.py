@@ -59,7 +59,7 @@ class ContactPaths:
         return len(self.ids)
 
     @property
-    def way_m(self) -> F64:
+    def length_m(self) -> F64:
         """Length of each path in surface coordinates, (n,)."""
         steps = self.ends_m[1::2] - self.ends_m[::2]
         steps *= steps

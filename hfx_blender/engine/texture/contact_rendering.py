@@ -59,7 +59,7 @@ class ContactRenderer:
         Contacts that rest, and new ones, are silent; so are those that are only carried.
         """
         drive, frequency = np.zeros(len(paths)), np.zeros(len(paths))
-        moves = paths.way_m > REST_M_S * self._step_s
+        moves = paths.length_m > REST_M_S * self._step_s
         moves[: paths.carried] = False
         felt = moves.nonzero()[0]
         if self._field is None:

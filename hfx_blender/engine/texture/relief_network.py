@@ -77,7 +77,7 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
     weights = stored_weights() if weights is None else weights
     colours = np.asarray(srgb, np.float32)
     found = of_all_turns(colours, weights, tiles)
-    half = _halved(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
+    half = _pooled_by_two(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
     ratio = of_all_turns(half, weights, tiles).slope.mean() / found.slope.mean()
     return found._replace(slope=found.slope * np.sqrt(ratio))
 
@@ -97,9 +97,9 @@ def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
 def forward(x: F32, weights: Weights, tiles: bool) -> F32:
     """Outputs (3, H, W) of inputs (3, H, W): heights, slope, roughness."""
 
-    def layer(x: F32, name: str, *, bent: bool = True) -> F32:
+    def layer(x: F32, name: str, *, activated: bool = True) -> F32:
         made = convolved(x, weights[f"{name}.weight"], weights[f"{name}.bias"], tiles)
-        return _bent(made) if bent else made
+        return _leaky_relu(made) if activated else made
 
     def up(x: F32, name: str) -> F32:
         matrix = weights[f"{name}.weight"][:, :, 0, 0]
@@ -112,26 +112,26 @@ def forward(x: F32, weights: Weights, tiles: bool) -> F32:
         return x
 
     one = deeper(_unshuffled(x), "first")
-    two = deeper(_halved(one), "second")
-    three = deeper(_halved(two), "third")
-    four = deeper(_halved(three), "fourth")
+    two = deeper(_pooled_by_two(one), "second")
+    three = deeper(_pooled_by_two(two), "third")
+    four = deeper(_pooled_by_two(three), "fourth")
     overall = weights["overall.weight"] @ four.mean((1, 2)) + weights["overall.bias"]
-    four += _bent(overall)[:, None, None]
+    four += _leaky_relu(overall)[:, None, None]
     three += up(four, "to_third")
     three += layer(three, "back3")
     two += up(three, "to_second")
     two += layer(two, "back2")
     one += up(two, "to_first")
     one += layer(one, "back1")
-    height, slope, rough = _shuffled(layer(one, "last", bent=False))
+    height, slope, rough = _shuffled(layer(one, "last", activated=False))
     return np.stack([4.0 * height, np.logaddexp(0.0, slope - 2.0), 1.0 / (1.0 + np.exp(-rough))])
 
 
-def _bent(x: F32) -> F32:
+def _leaky_relu(x: F32) -> F32:
     return np.maximum(x, np.float32(0.1) * x)
 
 
-def _halved(x: F32) -> F32:
+def _pooled_by_two(x: F32) -> F32:
     channels, rows, columns = x.shape
     return x.reshape(channels, rows // 2, 2, columns // 2, 2).mean((2, 4))
 

@@ -60,14 +60,14 @@ class Section:
     drive: F32 | None = None  # (n, A)
 
 
-def weights_to_bytes(weights: F32) -> npt.NDArray[np.uint8]:
+def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
     """Encode weights in (0, 1] as 1..255: no contact becomes 0."""
     steps: F64 = np.rint(weights.astype(np.float64) * 255.0)
     return np.maximum(steps, 1.0).astype(np.uint8)
 
 
-def weights_from_bytes(stored: npt.NDArray[np.uint8]) -> F32:
-    """Decode weights to (0, 1], exactly as :func:`weights_to_bytes` rounded them."""
+def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
+    """Decode weights to (0, 1], exactly as :func:`encode_weights` rounded them."""
     weights: F32 = _WEIGHT_OF_BYTE[stored]
     return weights
 

@@ -54,13 +54,13 @@ class StreamIndex:
         self.channels = tuple(name for name in CHANNELS if name in both)
 
 
-def index_to_json(chunks: list[int], streams: list[StreamIndex]) -> bytes:
+def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
     """The index as UTF-8 JSON."""
     content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
     return json.dumps(content, sort_keys=True, allow_nan=False).encode() + b"\n"
 
 
-def index_from_json(text: bytes) -> tuple[list[int], list[StreamIndex]]:
+def decode_index(text: bytes) -> tuple[list[int], list[StreamIndex]]:
     """The chunk numbers, ascending, and an entry for each stream.
 
     Raises

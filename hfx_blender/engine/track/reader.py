@@ -20,7 +20,7 @@ from ...errors import InputError
 from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
-from .codec import Cursor, Section, decode, read_head, weights_from_bytes
+from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header_json import from_json, get
 
 # Exceptions of zipfile and zlib for damaged containers, as found by changing bytes.
@@ -96,7 +96,7 @@ class TrackReader:
             self.samples_per_chunk = self._parsed(_samples_per_chunk, encoding)
             self.full_precision = self._parsed(_full_precision, encoding)
             index = self._entry(layout.INDEX, layout.MAX_JSON_BYTES)
-            self.chunks, self.index = self._parsed(layout.index_from_json, index)
+            self.chunks, self.index = self._parsed(layout.decode_index, index)
             self._check_index()
         except BaseException:
             self._archive.close()
@@ -224,7 +224,7 @@ class TrackReader:
             parameters=section.parameters[kept],
             offsets=offsets,
             vertices=section.vertices[picked],
-            weights=weights if self.full_precision else weights_from_bytes(weights),
+            weights=weights if self.full_precision else decode_weights(weights),
             sets=None if channels else sets - used.start,
             positions=channels.get("positions"),
             velocities=channels.get("velocities"),

@@ -26,9 +26,9 @@ from .codec import (
     FOCUS_COLUMNS,
     MAX_ENTRIES,
     Section,
+    decode_weights,
     encode,
-    weights_from_bytes,
-    weights_to_bytes,
+    encode_weights,
 )
 from .header import TrackEffect, TrackHeader
 from .header_json import to_json
@@ -94,7 +94,7 @@ class TrackWriter:
             return
         with self._finishing:
             self._write_chunks(sorted(self._open))
-            index = layout.index_to_json(self._chunks, self._index)
+            index = layout.encode_index(self._chunks, self._index)
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
     def append(self, runs: Iterable[SampleRun]) -> None:
@@ -220,7 +220,7 @@ class _SectionBuilder:
         low, high = int(offsets[0]), int(offsets[-1])
         weights: npt.NDArray[Any] = run.weights[low:high].astype(np.float32)
         if not self._full_precision:
-            weights = weights_to_bytes(weights)
+            weights = encode_weights(weights)
         vertices = run.vertices[low:high].astype(np.int32)
         is_new = np.diff(sets, prepend=-1) != 0
         if present:  # each sample has a set of its own
@@ -311,11 +311,11 @@ class _SectionBuilder:
         )
 
 
-def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
+def as_stored(run: SampleRun, *, full_precision: bool) -> SampleRun:
     """Copy of a run with the weights that reading it from a track will give."""
     if full_precision:
         return run
-    return replace(run, weights=weights_from_bytes(weights_to_bytes(run.weights)))
+    return replace(run, weights=decode_weights(encode_weights(run.weights)))
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:

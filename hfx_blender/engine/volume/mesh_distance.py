@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..native import mesh_distance as native
-from ..native import mesh_tree as native_tree
+from ..native import mesh_tree as native
 from ..native.library import library
 
 _PAIRS_AT_ONCE: Final = 2**18
@@ -40,8 +39,8 @@ class TriangleTree:
         self.corners = corners
         self.compiled = None
         if library() is not None:
-            self.order = native_tree.leaf_order(corners) if order is None else order
-            self.compiled = native_tree.NativeTree(corners, self.order)
+            self.order = native.leaf_order(corners) if order is None else order
+            self.compiled = native.NativeTree(corners, self.order)
         else:
             self.order = leaf_order(corners) if order is None else order
 
@@ -68,7 +67,7 @@ class TriangleTree:
     def distances(self, points: F64) -> F64:
         """Distance of each point of (3, N) to the nearest triangle, (N,)."""
         if self.compiled is not None:
-            return native.nearest(self.compiled, points)[1]
+            return self.compiled.nearest(points)[1]
         distances: F64 = np.sqrt(self._squared(points, self._first_guess(points, _FEW))[0])
         return distances
 
@@ -78,7 +77,7 @@ class TriangleTree:
         -1 and infinity where none is so near.
         """
         if self.compiled is not None:
-            leaves, distances = native.nearest(self.compiled, points, reach)
+            leaves, distances = self.compiled.nearest(points, reach)
         else:
             rounding = 1e-12 * float(np.abs(self.corners).max())  # of a place near its box
             bound = self._first_guess(points, _FEW) * (1.0 + 1e-12) + rounding**2
@@ -91,7 +90,7 @@ class TriangleTree:
         For points within ``limit`` the result only says that they are within it.
         """
         if self.compiled is not None:
-            return native.distances_beyond(self.compiled, points, limit, slack, _MANY)
+            return self.compiled.distances_beyond(points, limit, slack, _MANY)
         squared = self._first_guess(points, _MANY)
         far = squared > limit * limit
         squared[far] = self._squared(points[:, far], squared[far], (1.0 + slack) ** -2)[0]

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64
+from ..matmul import inverse_3x3
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .shape import Shape
 
@@ -35,7 +36,7 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
     """
     depths = shape.depth_m(points, to_world)
     linear = to_world[:3, :3]
-    back = np.linalg.inv(linear)
+    back = inverse_3x3(linear[None])[0]
     world = linear @ points + to_world[:3, 3:]
     normals = boundary_normals(shape, points, to_world)
     asked = np.flatnonzero(depths > 1e-9 * np.abs(linear).max())
@@ -72,7 +73,7 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
         normals[2] -= np.clip(points[2], -shape.half_segment, shape.half_segment)
     else:
         return _by_neighbours(shape, points, to_world)
-    world = np.linalg.inv(to_world[:3, :3]).T @ normals
+    world = inverse_3x3(to_world[None, :3, :3])[0].T @ normals
     length = np.sqrt(np.einsum("in,in->n", world, world))
     unit: F64 = world / np.where(length > 0.0, length, 1.0)
     return unit
@@ -89,7 +90,7 @@ def _by_neighbours(shape: Shape, points: F64, to_world: F64) -> F64:
     probes = points[:, :, None] + radius * directions[:, None]
     inside = shape.contains(probes.reshape(3, -1)).reshape(points.shape[1], -1)
     outwards = -(inside[None] * directions[:, None]).sum(axis=2)
-    world = np.linalg.inv(to_world[:3, :3]).T @ outwards
+    world = inverse_3x3(to_world[None, :3, :3])[0].T @ outwards
     length = np.sqrt(np.einsum("in,in->n", world, world))
     unit: F64 = world / np.where(length > 0.0, length, 1.0)
     return unit

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, Bool
+from ..matmul import inverse_3x3
 from .shape import Shape
 
 FLATTEST: Final = 1e-6
@@ -22,24 +23,6 @@ def _exponents(magnitudes: F64) -> npt.NDArray[np.int32]:
     """Power of two that brings each magnitude into [0.5, 1); 0 for zero."""
     exponents: npt.NDArray[np.int32] = np.frexp(magnitudes)[1].astype(np.int32)
     return exponents
-
-
-def _inverse(matrices: F64) -> F64:
-    """Inverses of balanced matrices (T, 3, 3) by cofactors.
-
-    LAPACK wakes all threads for every call, which costs more than everything else here.
-    """
-    next_rows, last_rows = matrices[:, [1, 2, 0]], matrices[:, [2, 0, 1]]
-    crosses = (
-        next_rows[:, :, [1, 2, 0]] * last_rows[:, :, [2, 0, 1]]
-        - next_rows[:, :, [2, 0, 1]] * last_rows[:, :, [1, 2, 0]]
-    )
-    cofactors = crosses.transpose(0, 2, 1)
-    determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
-    inverses = cofactors / determinants[:, None, None]
-    # One step of Newton's iteration removes the errors of cancellation.
-    inverses = inverses @ (2.0 * np.eye(3) - matrices @ inverses)
-    return np.asarray(inverses)
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
@@ -88,7 +71,7 @@ def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
     inverses = np.full((len(matrices), 4, 4), np.nan)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        back = np.ldexp(_inverse(balanced), -columns[:, :, None] - rows[:, None, :])
+        back = np.ldexp(inverse_3x3(balanced), -columns[:, :, None] - rows[:, None, :])
         offset = -np.einsum("tij,tj->ti", back, matrices[:, :3, 3])
     usable &= np.isfinite(back).all(axis=(1, 2)) & np.isfinite(offset).all(axis=1)
     inverses[usable, :3, :3] = back[usable]

@@ -55,8 +55,8 @@ def sections_of(
     found["TIME"] = records(
         "TIME", [(float(time.rate_hz), start_s, time.sample_count, texts.add(title))]
     )
-    found["CLIP"], told = _clips(header, texts)
-    return found, told
+    found["CLIP"], left_out = _clips(header, texts)
+    return found, left_out
 
 
 def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Records:

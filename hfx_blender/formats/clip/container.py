@@ -136,10 +136,10 @@ def encoded(sections: Sections, name: str) -> bytes:
         at += gap + len(content)
     if at > _MOST_BYTES:
         raise InputError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
-    return sealed(_HEAD.pack(_MAGIC, VERSION, at, 0, len(kept)) + table + b"".join(parts))
+    return with_checksum(_HEAD.pack(_MAGIC, VERSION, at, 0, len(kept)) + table + b"".join(parts))
 
 
-def sealed(content: bytes) -> bytes:
+def with_checksum(content: bytes) -> bytes:
     """A clip with its size and checksum set right."""
     content = content[:_SIZE_AT] + struct.pack("<I", len(content)) + content[_SIZE_AT + 4 :]
     checksum = struct.pack("<I", zlib.crc32(content[_CHECKED_FROM:]))

@@ -60,7 +60,9 @@ def sections_of(
     found = bodies.sections()
     found |= _effects(effects, bodies, texts)
     found |= _reactions(played, bodies, {each.effect.modality for each in effects})
-    standing = [f"{x.name}: {each.id}" for x, _ in played for each in x.actuators if _stands(each)]
+    standing = [
+        f"{x.name}: {each.id}" for x, _ in played for each in x.actuators if _has_fixed_place(each)
+    ]
     lost += counted(standing, "actuators at a place in the room follow no avatar")
     return found, Written(notes=lost)
 
@@ -305,8 +307,8 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
     for device, raster in played:
         for number, actuator in enumerate(device.actuators, first):
             for source in _MODALITIES:
-                shown = _shown(device, source, actuator.type.modality)
-                if shown is None or source not in felt or _stands(actuator):
+                shown = _substitute(device, source, actuator.type.modality)
+                if shown is None or source not in felt or _has_fixed_place(actuator):
                     continue
                 for (body_id, _), (model, rank, whole) in bodies.kept.items():
                     if body_id != raster.body_id or whole.modality != MODALITIES[source].model:
@@ -329,12 +331,12 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
     }
 
 
-def _stands(actuator: Actuator) -> bool:
+def _has_fixed_place(actuator: Actuator) -> bool:
     """Test for an actuator at a fixed place in the room."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
-def _shown(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
+def _substitute(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
     """Scale and frequency with which a device shows one modality as another; None: not at all."""
     if source == target:
         return device.gain, 0.0

@@ -32,16 +32,16 @@ def write(
     """
     texts = Texts()
     path = stem.with_name(stem.name + SUFFIX)
-    sections, told = baked.sections_of(header, played, texts, stem.name)
+    sections, loss = baked.sections_of(header, played, texts, stem.name)
     if scene is not None:
-        of_scene, told_of_scene = spatial.sections_of(scene, played, texts)
-        sections, told = {**sections, **of_scene}, told + told_of_scene
+        of_scene, scene_loss = spatial.sections_of(scene, played, texts)
+        sections, loss = {**sections, **of_scene}, loss + scene_loss
     sections["TEXT"] = texts.records
     content = encoded(sections, str(path))
     with atomic_file(path) as file:
         file.write(content)
-    notes = tuple(note for _, raster in played for note in losses.one_frequency(raster))
-    return Written((path,), notes=notes) + told
+    notes = tuple(note for _, raster in played for note in losses.several_frequencies(raster))
+    return Written((path,), notes=notes) + loss
 
 
 def facts(content: bytes, name: str) -> dict[str, Any]:

@@ -80,7 +80,7 @@ def with_tool(finding: Finding) -> Finding:
     return finding
 
 
-def standardized(shape: Shape, value: Any, name: str = "") -> Any:
+def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
     """A value in the standard's form, as far as its meaning is clear; the rest as it is.
 
     Old names of members and old choices become the standard's; unknown members are left out,
@@ -91,7 +91,7 @@ def standardized(shape: Shape, value: Any, name: str = "") -> Any:
     if isinstance(shape, Items):
         if not isinstance(value, list):
             return value
-        items = [standardized(shape.item, each) for each in value]
+        items = [in_standard_form(shape.item, each) for each in value]
         if name == "composition":  # the standard's schema lets anything be in it
             return [each for each in items if _is_effect(shape.item, each)]
         if isinstance(shape.item, Text) and shape.item.choices:
@@ -114,7 +114,7 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
         if name == "block_length" and not _is_length(item):
             continue  # of other bands, in files from before the standard
         if name in members:
-            found[name] = standardized(members[name], item, name)
+            found[name] = in_standard_form(members[name], item, name)
     if value.get("band_type") == "Wave" and value.get("encoding_modality") in _ENCODINGS:
         found["band_type"] = _ENCODINGS[value["encoding_modality"]]
     for name in shape.required:

@@ -18,13 +18,20 @@ from ...sentences import counted
 from .. import losses
 from ..checking import clean
 from ..curves import CurveTolerance
-from ..signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, heard, joined_times
+from ..signals import (
+    DEFAULT_TOLERANCE,
+    MAX_HZ,
+    FrequencyRange,
+    Signal,
+    frequencies_through_silence,
+    joined_times,
+)
 from ..written import Written
 from . import text
 from .body_parts import place_mask
 from .envelopes import Dense, timescale_of
 from .model import Hjif, Perception
-from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, vanished
+from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
 
 _SAMPLING_HZ: Final = 8000  # that the length of the original is told in
 
@@ -44,7 +51,7 @@ def write(
     """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
-    notes = (*losses.one_frequency(raster), *counted(weak, TOO_WEAK))
+    notes = (*losses.several_frequencies(raster), *counted(weak, TOO_WEAK))
     return _write(document, stem, tolerance) + Written((), left_out, notes)
 
 
@@ -72,7 +79,7 @@ def _compose(
             pitch = None
             if modality == "vibration":
                 hertz = raster.values[:, columns[actuator.id, "frequency_hz"]]
-                pitch = heard(strength, np.clip(hertz, 0.0, MAX_HZ))
+                pitch = frequencies_through_silence(strength, np.clip(hertz, 0.0, MAX_HZ))
                 pitch = np.append(pitch, pitch[-1])
             mask = place_mask(actuator.place, is_mirrored=device.is_mirrored)
             dense = Dense(times, np.append(strength, strength[-1]), pitch)
@@ -80,7 +87,7 @@ def _compose(
         perceptions.append(
             perception_of(len(perceptions), modality, places, (device,), timescale, tolerance)
         )
-        weak += vanished(perceptions[-1], places)
+        weak += too_weak_places(perceptions[-1], places)
     return document_of(clean(name), perceptions, timescale), weak
 
 
@@ -105,7 +112,7 @@ def write_signals(
     perception = _lasting(perception, max((each.duration_s for each in signals), default=0.0))
     document = document_of(clean(stem.name), [perception], timescale)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
-    notes = counted(vanished(perception, places), TOO_WEAK)
+    notes = counted(too_weak_places(perception, places), TOO_WEAK)
     return _write(document, stem, tolerance) + Written((), left_out, notes)
 
 

@@ -43,7 +43,7 @@ from .perceptions import (
     Place,
     document_of,
     perception_of,
-    vanished,
+    too_weak_places,
 )
 
 _WEIGHT_CLASSES: Final = 8
@@ -67,7 +67,7 @@ def write(
     OutputError
         A file cannot be written; none is left half written.
     """
-    document, meshes, told = compose(track, models, stem.name, devices, tolerance)
+    document, meshes, loss = compose(track, models, stem.name, devices, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
     for model in meshes:
@@ -81,7 +81,7 @@ def write(
         f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
     )
-    return Written(tuple(files), notes=notes) + told
+    return Written(tuple(files), notes=notes) + loss
 
 
 def compose(
@@ -126,7 +126,7 @@ def compose(
             for place in _places(stream, found[stream], track, masks[model_id])
         ]
         perceptions.append(perception_of(k, modality, places, devices, timescale, tolerance))
-        weak += vanished(perceptions[-1], places)
+        weak += too_weak_places(perceptions[-1], places)
         if modality == "wind":
             turning += [each.title for each in places if each.direction is None]
         perceptions[-1] = replace(
@@ -149,8 +149,8 @@ def compose(
             "painted areas that change are written as they are at first",
         ),
     )
-    told = Written((), tuple(map(clean, left_out)), tuple(map(clean, counted(weak, TOO_WEAK))))
-    return document, [loaded[id] for id in avatars], told
+    loss = Written((), tuple(map(clean, left_out)), tuple(map(clean, counted(weak, TOO_WEAK))))
+    return document, [loaded[id] for id in avatars], loss
 
 
 def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:

@@ -47,7 +47,7 @@ UNITS: Final = {  # of full scale
 PITCH_HZ: Final = 1.0
 
 TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
-"""Remark on :func:`vanished` places."""
+"""Remark on :func:`too_weak_places` places."""
 
 
 @dataclass(eq=False)
@@ -154,7 +154,7 @@ def perception_of(
     )
 
 
-def vanished(perception: Perception, places: Sequence[Place]) -> list[str]:
+def too_weak_places(perception: Perception, places: Sequence[Place]) -> list[str]:
     """Places of a perception so weak beside the strongest that nothing is left of them."""
     library = {each.id: each for each in perception.effect_library}
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..checking import Report, check, parse, read_bytes, refuse_errors
-from ..leniency import Told, refuse_but
-from .foreign import standardized
+from ..leniency import ToleratedFaults, refuse_but
+from .foreign import in_standard_form
 from .model import Hjif, from_json
 from .rules import DOCUMENT, findings
 
@@ -32,18 +32,18 @@ def read(path: Path) -> Hjif:
 
 def decode(content: bytes, name: str) -> Hjif:
     """:func:`read` from bytes."""
-    return decode_telling(content, name)[0]
+    return decode_with_notes(content, name)[0]
 
 
-def decode_telling(content: bytes, name: str) -> tuple[Hjif, Told]:
+def decode_with_notes(content: bytes, name: str) -> tuple[Hjif, ToleratedFaults]:
     """:func:`read` from bytes, and what about them is not valid but was read."""
     found = parse(content, name)
     faults = findings(found)
     if any(each.code in _STRUCTURAL and each.severity == "error" for each in faults):
-        found = standardized(DOCUMENT, found)
+        found = in_standard_form(DOCUMENT, found)
         report = Report("HJIF")
         check(DOCUMENT, found, report)
         refuse_errors([each for each in report.findings if each.code in _FATAL], name)
-    told = refuse_but(faults, name, lambda each: True)
+    notes = refuse_but(faults, name, lambda each: True)
     document: Hjif = from_json(found)
-    return document, told
+    return document, notes

@@ -16,7 +16,7 @@ from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
 from ..waveforms import Waveform, added, piece_of
 from . import bands, wavelets
 from .model import Band, Channel, Hjif, Perception
-from .reader import decode_telling
+from .reader import decode_with_notes
 from .unfolding import Unfolding
 
 VIBRATIONS: Final = ("Vibrotactile", "Other")
@@ -49,7 +49,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read, or unfolds to more effects than is sane.
     """
-    document, told = decode_telling(content, name)
+    document, notes = decode_with_notes(content, name)
     signals = []
     lost: Counter[str] = Counter()  # channels that are no signal, by the reason
     for each in envelopes(document, name):
@@ -67,11 +67,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     if signals:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
         if any(each.perception_modality == "Other" for each in document.perceptions):
-            told += ("modality Other is taken as vibration",)
+            notes += ("modality Other is taken as vibration",)
         if any(_is_placed(one) for each in document.perceptions for one in each.channels):
-            told += ("where on the body its channels are is not kept",)
+            notes += ("where on the body its channels are is not kept",)
         first = signals[0]
-        signals[0] = replace(first, left_out=left_out + first.left_out, notes=told)
+        signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
     hertz = [
         float(f)
         for each in signals

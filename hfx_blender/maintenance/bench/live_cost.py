@@ -26,7 +26,7 @@ import numpy as np
 
 from ... import blender_session, resources
 from ...devices.live.client import LiveClient
-from ...devices.live.live_frame import LiveFrame, live_frame_to
+from ...devices.live.live_frame import LiveFrame, encode_live_frame
 from ...engine.body.model import load_model
 from ...engine.rendering.moment import moment_header
 from ...engine.samples import SampleRun, Stream
@@ -292,7 +292,7 @@ def _in_blender(
             live_handlers.stop_listening()  # called directly, in its place
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
-                live.beat()
+                live.exchange_heartbeat()
                 time.sleep(0.005)
                 if time.monotonic() > end:
                     raise InputError("The demo's devices do not play.")
@@ -308,7 +308,7 @@ def _in_blender(
                 live.update(scene)
                 work.append(time.thread_time() - worked)
                 ended = time.perf_counter()
-                live.beat()
+                live.exchange_heartbeat()
                 if not all(each.is_armed for each in live.states.values()):
                     live.arm()
                 evaluated.append(between - begun)
@@ -329,7 +329,7 @@ def _read_lookahead(live: Live, context: bpy.types.Context) -> list[float]:
     end = time.monotonic() + _READING_S
     while not live.lookahead.is_read:
         begun = time.perf_counter()
-        live.beat()
+        live.exchange_heartbeat()
         found.append(time.perf_counter() - begun)
         time.sleep(0.005)
         if time.monotonic() > end:
@@ -344,5 +344,5 @@ def _packing(evaluation: Evaluation) -> float:
     places = {stream: k for k, stream in enumerate(streams)}
     runs = evaluation.runs()
     begun = time.perf_counter()
-    live_frame_to(LiveFrame(0.0, runs), places)
+    encode_live_frame(LiveFrame(0.0, runs), places)
     return time.perf_counter() - begun

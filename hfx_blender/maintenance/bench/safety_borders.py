@@ -51,7 +51,7 @@ class _Mutes(Rounds):
         """Act as a timer of Blender's, and as a surface that is stroked."""
         from ...playback.live import live
 
-        live.beat()
+        live.exchange_heartbeat()
         if not live.is_armed:
             live.arm()
         live.send_vibration(10.0, 100.0)

@@ -17,15 +17,15 @@ from typing import Final
 import numpy as np
 
 from ...devices.live.device_thread import FREEZE_S
-from ...devices.live.haptics import packed
+from ...devices.live.haptics import encode_haptics
 from ...devices.live.live_frame import LiveFrame
 from .safety_stops import (
     DEVICE,
     RATE_HZ,
+    BandRounds,
     Log,
     NotPlayedError,
     NotSilentError,
-    OfBand,
     Rounds,
     WithClient,
     connect_scripted,
@@ -59,13 +59,13 @@ class _Pauses(WithClient):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self._wish = scripted(folder, self.name, _SLOW)
+        self._request = scripted(folder, self.name, _SLOW)
         self._log, self._count = Log(folder / "log"), 0
         self._rng = np.random.default_rng(1)
 
     def _feed(self, answers_after_s: float) -> None:
         self._client.events()
-        haptics = packed(answers_after_s, [], np.array(playing()))
+        haptics = encode_haptics(answers_after_s, [], np.array(playing()))
         self._client.send_haptics(self.name, haptics)
         self._client.heartbeat()
 
@@ -75,7 +75,7 @@ class _Pauses(WithClient):
             path = self._folder / f"log{self._count}"
             self._log = Log(path)
             self._client.disconnect(self.name)
-            connect_scripted(self._client, self._folder, self.name, path, self._wish)
+            connect_scripted(self._client, self._folder, self.name, path, self._request)
         self._log.forget()
         feed = partial(self._feed, float(self._rng.uniform(0.003, _SLOWEST_S)))
         self.until_played(self._log.is_loud, feed, self.is_stopped)
@@ -202,7 +202,7 @@ class _NothingNew(_Several):
         return self._silences(dict.fromkeys(self._logs, asked_s + 0.005))
 
 
-class _Sleeps(OfBand):
+class _Sleeps(BandRounds):
     """The computer sleeps: the output process stands still, with old values in its pipe."""
 
     def round(self) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from ... import own_processes, resources
 from ...devices.live import approval
 from ...devices.live.client import LiveClient
-from ...devices.live.haptics import packed
+from ...devices.live.haptics import encode_haptics
 from ...errors import InputError
 from .. import processes
 
@@ -114,7 +114,7 @@ def run(
 
     def work(number: int) -> None:
         own = folder / str(number)
-        tell = progress if number == 0 else _untold
+        tell = progress if number == 0 else _no_progress
         try:
             own.mkdir()
             found.append(rounds_of(name, partial(make, own), -(-rounds // at_a_time), tell))
@@ -138,7 +138,7 @@ def run(
     )
 
 
-def _untold(_share: float) -> None:
+def _no_progress(_share: float) -> None:
     pass
 
 
@@ -322,7 +322,7 @@ class WithClient(Rounds):
         return state is None or state.state in ("stopped", "frozen", "fault", "lost", "closed")
 
 
-class OfBand(WithClient):
+class BandRounds(WithClient):
     """Rounds of one device, which plays at the beginning of each."""
 
     def __init__(self, folder: Path) -> None:
@@ -348,7 +348,7 @@ class OfBand(WithClient):
         self.until_played(self.log.is_loud, partial(self.patiently, self.feed))
 
 
-class _OperatorStops(OfBand):
+class _OperatorStops(BandRounds):
     def round(self) -> float:
         self.play()
         fault_s = time.monotonic()
@@ -364,12 +364,12 @@ class _ScriptFails(WithClient):
     def __init__(self, folder: Path, source: str) -> None:
         super().__init__(folder)
         self._mark = folder / "mark"
-        self._wish = scripted(folder, self.name, source.format(mark=str(self._mark)))
+        self._request = scripted(folder, self.name, source.format(mark=str(self._mark)))
         self._count = 0
 
     def _feed(self, time_s: float) -> None:
         self._client.events()
-        self._client.send_haptics(self.name, packed(time_s, [], np.array(playing())))
+        self._client.send_haptics(self.name, encode_haptics(time_s, [], np.array(playing())))
         self._client.heartbeat()
 
     def round(self) -> float:
@@ -379,7 +379,7 @@ class _ScriptFails(WithClient):
         log = Log(path)
         # Connected anew each time: after three faults it would stay off.
         self._client.disconnect(self.name)
-        connect_scripted(self._client, self._folder, self.name, path, self._wish)
+        connect_scripted(self._client, self._folder, self.name, path, self._request)
         self.until_played(log.is_loud, partial(self.patiently, partial(self._feed, 0.0)))
         fails = partial(self._feed, 1.0)
         self.until_played(self._has_failed, fails, self.is_stopped)
@@ -423,7 +423,7 @@ def gaps(folder: Path, seconds: float) -> Trials:
         "hangs": "def render(haptics):\n    while True: pass\n",
         "floods": _FLOODS,
     }
-    wishes = {name: scripted(folder, name, source) for name, source in hostile.items()}
+    requests = {name: scripted(folder, name, source) for name, source in hostile.items()}
     client = LiveClient()
     path = folder / "log"
     log = Log(path)
@@ -431,12 +431,12 @@ def gaps(folder: Path, seconds: float) -> Trials:
     def feed() -> None:
         client.events()
         client.send("band", playing())
-        for name, wish in wishes.items():
+        for name, request in requests.items():
             state = client.devices.get(name)
             if state is None or state.state in ("fault", "frozen", "stopped"):
                 client.disconnect(name)
-                connect_scripted(client, folder, name, folder / f"log {name}", wish)
-            client.send_haptics(name, packed(1.0, [], np.array(playing())))
+                connect_scripted(client, folder, name, folder / f"log {name}", request)
+            client.send_haptics(name, encode_haptics(1.0, [], np.array(playing())))
         if "did not answer" in client.devices["band"].text:
             client.arm("band")
         client.heartbeat()
@@ -482,14 +482,14 @@ def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
     found = approval.script_of(f"{name}_left", folder)
     assert found is not None
     approval.approve(found)
-    return found.as_wish()
+    return found.as_request()
 
 
 def connect_scripted(
-    client: LiveClient, folder: Path, name: str, log: Path, wish: dict[str, str]
+    client: LiveClient, folder: Path, name: str, log: Path, request: dict[str, str]
 ) -> None:
     output = {"kind": "simulator", "path": str(log)}
-    client.connect(name, f"{name}_left", output, folder=folder, script=wish)
+    client.connect(name, f"{name}_left", output, folder=folder, script=request)
 
 
 KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {

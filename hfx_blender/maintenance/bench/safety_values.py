@@ -49,7 +49,7 @@ def limiter(count: int) -> dict[str, Any]:
     rounds = -(-count // len(controls))
     for k in range(rounds):
         wanted = np.roll(rows[k % _ROWS], int(rng.integers(len(controls))))
-        given = guard.passed(wanted, _STEP_S)
+        given = guard.limited(wanted, _STEP_S)
         is_wrong = ~np.isfinite(given) | (given < lowest) | (given > highest)
         farther = np.abs(given - neutral) - np.abs(before - neutral)
         is_wrong |= is_strength & (farther > rise * (1.0 + 1e-9))
@@ -97,7 +97,7 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
     """
     bpy = blender_session.start()
     mark, path = folder / "was_run", folder / "evil.blend"
-    with blender_session.interrupts_held(), _hushed():
+    with blender_session.interrupts_held(), _without_driver_messages():
         _make_evil(bpy, path, mark)
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=True)
         bpy.context.scene.frame_set(3)
@@ -125,7 +125,7 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
+def _without_driver_messages() -> Iterator[None]:
     """Context without Blender's message about each driver that it did not run."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()

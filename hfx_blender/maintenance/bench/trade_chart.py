@@ -69,7 +69,7 @@ def _panel(
     costs = [row["ms_per_frame"] for row in rows]
     values = [row[name] * scale for row in rows]
     low, high = _decades(costs)
-    top = _nice(max(values))
+    top = _rounded_up(max(values))
     bottom = _TOP + _HEIGHT
 
     def x(cost: float) -> float:
@@ -162,7 +162,7 @@ def _ticks(low: float, high: float) -> list[float]:
     return [tick for tick in found if low <= log10(tick) <= high]
 
 
-def _nice(value: float) -> float:
+def _rounded_up(value: float) -> float:
     """Round number that is no less, so that quarters of it can be read."""
     if value <= 0.0:
         return 1.0

@@ -117,15 +117,15 @@ def build(
     for number, (modality, spacings_mm) in enumerate(targets.items()):
         start, share = 0.05 + 0.9 * number / len(targets), 0.9 / len(targets)
 
-        def part_of_it(
+        def share_of_progress(
             done: float, text: str, at: float = start, by: float = share, what: str = modality
         ) -> None:
             progress(at + by * 0.9 * done, f"{what}: {text}")
 
         spacing_m = np.array(spacings_mm) / 1000.0
-        thinned = {method: _THIN[method](left, spacing_m, part_of_it)}
+        thinned = {method: _THIN[method](left, spacing_m, share_of_progress)}
         if method == "cells":
-            part_of_it(1.0, "quadric decimation, to compare")
+            share_of_progress(1.0, "quadric decimation, to compare")
             other = thinned["quadric"] = _quadric(left, spacing_m, quiet)
             compared[modality] = stats.decimated(other.half, other.gaps_m, other.errors_m)
         seconds[modality] = {f"{way}_s": each.seconds for way, each in thinned.items()}

@@ -88,7 +88,7 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
     mapping: BoneMapping | None = None
     missed = []
     for number in range(PEOPLE):
-        shares = _someone(rng) if number % _AVERAGE_EVERY else source_data.AVERAGE_ADULT
+        shares = _random_person(rng) if number % _AVERAGE_EVERY else source_data.AVERAGE_ADULT
         vertices = base.copy()
         for name, share in shares.items():
             moved, by = offsets(name)
@@ -106,7 +106,7 @@ def source_vertices(avatar: Avatar) -> I64:
     return np.concatenate([np.arange(first, last + 1) for first, last in runs])
 
 
-def _someone(rng: np.random.Generator) -> dict[str, float]:
+def _random_person(rng: np.random.Generator) -> dict[str, float]:
     """Shape targets of a person drawn at random, extremes as likely as the middle."""
     gender, muscle, weight, stature, proportions = rng.beta(0.6, 0.6, 5).tolist()
     age = float(rng.uniform(4.0, 90.0))

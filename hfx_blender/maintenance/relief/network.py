@@ -52,32 +52,32 @@ class ReliefNetwork(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         x = functional.pixel_unshuffle(x, 2)
-        one = _bent(self.first1(x))
-        one = one + _bent(self.first2(one))
-        two = _bent(self.second1(functional.avg_pool2d(one, 2)))
-        two = two + _bent(self.second2(two))
-        three = _bent(self.third1(functional.avg_pool2d(two, 2)))
-        three = three + _bent(self.third2(three))
-        four = _bent(self.fourth1(functional.avg_pool2d(three, 2)))
-        four = four + _bent(self.fourth2(four))
-        four = four + _bent(self.overall(four.mean((2, 3))))[:, :, None, None]
-        three = three + _twice(self.to_third(four))
-        three = three + _bent(self.back3(three))
-        two = two + _twice(self.to_second(three))
-        two = two + _bent(self.back2(two))
-        one = one + _twice(self.to_first(two))
-        one = one + _bent(self.back1(one))
+        one = _leaky_relu(self.first1(x))
+        one = one + _leaky_relu(self.first2(one))
+        two = _leaky_relu(self.second1(functional.avg_pool2d(one, 2)))
+        two = two + _leaky_relu(self.second2(two))
+        three = _leaky_relu(self.third1(functional.avg_pool2d(two, 2)))
+        three = three + _leaky_relu(self.third2(three))
+        four = _leaky_relu(self.fourth1(functional.avg_pool2d(three, 2)))
+        four = four + _leaky_relu(self.fourth2(four))
+        four = four + _leaky_relu(self.overall(four.mean((2, 3))))[:, :, None, None]
+        three = three + _upsampled(self.to_third(four))
+        three = three + _leaky_relu(self.back3(three))
+        two = two + _upsampled(self.to_second(three))
+        two = two + _leaky_relu(self.back2(two))
+        one = one + _upsampled(self.to_first(two))
+        one = one + _leaky_relu(self.back1(one))
         height, slope, rough = functional.pixel_shuffle(self.last(one), 2).unbind(1)
         return torch.stack(
             [4.0 * height, functional.softplus(slope - 2.0), torch.sigmoid(rough)], 1
         )
 
 
-def _bent(x: Tensor) -> Tensor:
+def _leaky_relu(x: Tensor) -> Tensor:
     return functional.leaky_relu(x, 0.1)
 
 
-def _twice(x: Tensor) -> Tensor:
+def _upsampled(x: Tensor) -> Tensor:
     return functional.interpolate(x, scale_factor=2.0, mode="nearest")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A lane on a clock that only the test moves: no threads, no waiting, the same each time."""
+"""A device thread on a clock that only the test moves: no waiting, the same each time."""
 
 from __future__ import annotations
 
@@ -64,16 +64,18 @@ class Port:
 
 
 class Played:
-    """An armed lane, its port and what it reports."""
+    """An armed device thread, its port and what it reports."""
 
     def __init__(self, clock: FakeClock | None = None, device: Any = BAND, **more: Any) -> None:
         self.clock = clock or FakeClock()
         self.port = Port(self.clock)
         self.reports: list[tuple[str, str]] = []
-        self.lane = DeviceThread(1, device, lambda: self.port, self._told, clock=self.clock, **more)
-        self.lane._output, self.lane._is_open = self.port, True  # its threads are this one
-        self.lane._silence = self.port.stop  # type: ignore[method-assign]
-        self.lane.arm()
+        self.thread = DeviceThread(
+            1, device, lambda: self.port, self._told, clock=self.clock, **more
+        )
+        self.thread._output, self.thread._is_open = self.port, True  # its threads are this one
+        self.thread._silence = self.port.stop  # type: ignore[method-assign]
+        self.thread.arm()
 
     def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
         self.reports.append((event, text))
@@ -87,19 +89,19 @@ class Played:
 
 
 def run(played: Iterable[Played], seconds: float) -> None:
-    """Let time pass for lanes that share a clock."""
-    lanes = [each.lane for each in played]
+    """Let time pass for device threads that share a clock."""
+    threads = [each.thread for each in played]
     clock = next(iter(played)).clock
     end = clock.now_s + seconds
     while True:
-        for lane in lanes:
+        for thread in threads:
             for _ in range(100):
-                if lane.due_in_s() > 0.0:
+                if thread.due_in_s() > 0.0:
                     break
-                lane.turn()
+                thread.turn()
             else:
                 raise AssertionError("it never waits")
-        due = min(lane.due_in_s() for lane in lanes)
+        due = min(thread.due_in_s() for thread in threads)
         if clock.now_s + due > end:
             clock.now_s = end
             return

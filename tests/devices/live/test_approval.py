@@ -13,7 +13,7 @@ from live_process import BAND, is_loud, playing, rows_of, wait
 from hfx_blender import cli, resources
 from hfx_blender.devices.live import approval
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.haptics import packed
+from hfx_blender.devices.live.haptics import encode_haptics
 from hfx_blender.errors import InputError
 
 SCRIPT = "def render(haptics):\n    return haptics.values * 0.5\n"
@@ -102,9 +102,9 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
         "one_left",
         {"kind": "simulator", "path": str(log)},
         folder=folder,
-        script=script("one").as_wish(),
+        script=script("one").as_request(),
     )
-    told = packed(1.5, [], playing())
+    told = encode_haptics(1.5, [], playing())
     wait(
         client,
         lambda: any(map(is_loud, rows_of(log))),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A lane: what its output is given, whatever that output and its sender do."""
+"""A device thread: what its output is given, whatever that output and its sender do."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Playing:
-    """A lane with its output and its reports."""
+    """A device thread with its output and its reports."""
 
     def __init__(self) -> None:
         self.output = Recorder()
         self.reports: list[tuple[str, str]] = []
-        self.lane = DeviceThread(0, DEVICE, lambda: self.output, self._told)
-        self.lane.start()
-        self.lane.arm()
+        self.thread = DeviceThread(0, DEVICE, lambda: self.output, self._told)
+        self.thread.start()
+        self.thread.arm()
         self.until(lambda: "armed" in self.events())
 
     def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
@@ -81,11 +81,11 @@ class Playing:
             time.sleep(0.002)
 
     def play(self, values: np.ndarray | None = None) -> None:
-        self.lane.feed(playing() if values is None else values)
+        self.thread.feed(playing() if values is None else values)
         self.until(self.output.loud)
 
     def stop(self) -> None:
-        self.lane.stop("enough")
+        self.thread.stop("enough")
         self.until(lambda: self.output.ends_in_stops())
 
 
@@ -94,7 +94,7 @@ def played() -> Iterator[Playing]:
     found = Playing()
     yield found
     found.output.goes_on.set()
-    found.lane.close("the test is over")
+    found.thread.close("the test is over")
 
 
 def test_values_arrive_and_stay(played: Playing) -> None:
@@ -109,8 +109,8 @@ def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None
     played.stop()
     count = len(played.output.given)
     for _ in range(5):
-        played.lane.feed(playing())
-        played.lane._step(SYSTEM.now(), 0.01, playing(), played.lane._generation)
+        played.thread.feed(playing())
+        played.thread._step(SYSTEM.now(), 0.01, playing(), played.thread._generation)
     assert len(played.output.given) == count
     assert ("stopped", "enough") in played.reports
 
@@ -118,9 +118,9 @@ def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None
 def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing) -> None:
     played.play()
     played.stop()
-    played.lane.feed(playing())
+    played.thread.feed(playing())
     count = len(played.output.given)
-    played.lane.arm()
+    played.thread.arm()
     played.until(lambda: len(played.output.given) > count + 3)
     assert not any(each[::2].any() for each in played.output.given[count:])
 
@@ -134,19 +134,19 @@ def test_an_output_is_stopped_as_soon_as_it_is_open(opening: Opening) -> None:
 def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing) -> None:
     played.play()
     played.stop()
-    played.lane.arm()
+    played.thread.arm()
     count = len(played.output.given)
     played.until(lambda: len(played.output.given) > count + 3)
     assert not any(each[::2].any() for each in played.output.given[count:])
-    played.lane.feed(playing())
+    played.thread.feed(playing())
     played.until(lambda: played.output.given[-1][::2].any())
 
 
 def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
     played.play()
     played.output.hangs.set()
-    played.until(lambda: played.lane.is_stuck(SYSTEM.now()))
-    played.lane.fault("does not answer")
+    played.until(lambda: played.thread.is_stuck(SYSTEM.now()))
+    played.thread.fault("does not answer")
     played.until(lambda: played.output.ends_in_stops())
     assert not played.output.goes_on.is_set()
     # What hung comes after the stop; so the stop comes once more.
@@ -170,7 +170,7 @@ def test_an_output_with_a_fault_is_stopped_and_told(
 @pytest.mark.parametrize("nonsense", [np.full(16, np.nan), np.full(16, np.inf)])
 def test_nonsense_is_silence(played: Playing, nonsense: np.ndarray) -> None:
     played.play()
-    played.lane.feed(nonsense)
+    played.thread.feed(nonsense)
     count = len(played.output.given)
     played.until(lambda: len(played.output.given) > count + 5)
     assert not played.output.given[-1][::2].any()
@@ -183,7 +183,7 @@ def test_more_than_is_allowed_is_cut(played: Playing) -> None:
 
 
 def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
-    played.lane.pulse(2)
+    played.thread.pulse(2)
     played.until(played.output.loud)
     played.until(lambda: not played.output.given[-1][::2].any())
     strengths = np.array([each[::2] for each in played.output.loud()])
@@ -191,9 +191,9 @@ def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
     assert 0.5 * PULSE_SHARE * 15.0 < strengths.max() <= PULSE_SHARE * 15.0
 
 
-def test_a_closed_lane_has_stopped_first(played: Playing) -> None:
+def test_a_closed_thread_has_stopped_first(played: Playing) -> None:
     played.play()
-    played.lane.close("bye")
+    played.thread.close("bye")
     played.until(lambda: played.output.is_closed)
     assert played.output.given[-1] == "stop"
 
@@ -203,22 +203,24 @@ def test_what_cannot_be_opened_is_told() -> None:
         raise OutputLostError("no such port")
 
     reports: list[tuple[str, str]] = []
-    lane = DeviceThread(0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text)))
-    lane.start()
-    lane.arm()
-    lane.wait_closed()
+    thread = DeviceThread(
+        0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text))
+    )
+    thread.start()
+    thread.arm()
+    thread.wait_closed()
     assert reports == [("lost", "no such port")]
 
 
 class Opening:
-    """A lane whose output takes its time to open."""
+    """A device thread whose output takes its time to open."""
 
     def __init__(self) -> None:
         self.opens = threading.Event()
         self.output = Recorder()
         self.events: list[str] = []
-        self.lane = DeviceThread(0, DEVICE, self._open, self._told)
-        self.lane.start()
+        self.thread = DeviceThread(0, DEVICE, self._open, self._told)
+        self.thread.start()
 
     def _open(self) -> Recorder:
         self.opens.wait(PATIENCE_S)
@@ -226,7 +228,7 @@ class Opening:
 
     def _told(self, event: str, _device: int, **_: Any) -> None:
         if event == "connected":  # whoever arms it just now has to wait
-            other = threading.Thread(target=self.lane.arm)
+            other = threading.Thread(target=self.thread.arm)
             other.start()
             other.join(0.05)
         self.events.append(event)
@@ -243,14 +245,14 @@ def opening() -> Iterator[Opening]:
     found = Opening()
     yield found
     found.opens.set()
-    found.lane.close("the test is over")
+    found.thread.close("the test is over")
 
 
 def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from_playing(
     opening: Opening,
 ) -> None:
-    opening.lane.arm()
-    opening.lane.freeze("Blender did not answer")
+    opening.thread.arm()
+    opening.thread.freeze("Blender did not answer")
     opening.opens.set()
     opening.until("armed")
     assert "frozen" not in opening.events
@@ -265,15 +267,15 @@ def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> Non
         opens.wait(PATIENCE_S)
         return output
 
-    lane = DeviceThread(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
-    lane.start()
-    lane.arm()
-    lane.stop("stopped by you")
+    thread = DeviceThread(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
+    thread.start()
+    thread.arm()
+    thread.stop("stopped by you")
     opens.set()
     played.until(lambda: "connected" in events)
-    lane.feed(playing())
-    lane.close("the test is over")
-    lane.wait_closed()
+    thread.feed(playing())
+    thread.close("the test is over")
+    thread.wait_closed()
     assert "armed" not in events and not output.loud()
 
 
@@ -285,18 +287,18 @@ def test_it_is_told_to_be_connected_before_it_is_told_to_play(opening: Opening) 
 
 def test_a_freeze_stops_what_plays(played: Playing) -> None:
     played.play()
-    played.lane.freeze("Blender did not answer for 250 ms")
+    played.thread.freeze("Blender did not answer for 250 ms")
     played.until(lambda: played.output.ends_in_stops())
     assert ("frozen", "Blender did not answer for 250 ms") in played.reports
 
 
-def test_a_lane_that_was_closed_leaves_no_thread_behind() -> None:
+def test_a_thread_that_was_closed_leaves_no_thread_behind() -> None:
     before = threading.active_count()
     for _ in range(5):
         found = Playing()
         found.play()
-        found.lane.close("bye")
-        found.lane._thread.join(PATIENCE_S)
+        found.thread.close("bye")
+        found.thread._thread.join(PATIENCE_S)
     end = time.monotonic() + PATIENCE_S
     while threading.active_count() > before:
         assert time.monotonic() < end, [each.name for each in threading.enumerate()]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A lane in time, on a clock of the test's: offsets, pauses, late answers, and nothing new."""
+"""A device thread on a clock of the test: offsets, pauses, late answers, and nothing new."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ SILENT_WITHIN_S = 0.05
 def stream(played: Played, rate: float, seconds: float, amplitude: float) -> None:
     """Frames as Blender sends them; each is asked for and answered at once."""
     for _ in range(round(seconds * rate)):
-        lane = played.lane
-        lane.feed(frame(amplitude), lane.question(played.clock.now_s))
+        thread = played.thread
+        thread.feed(frame(amplitude), thread.question(played.clock.now_s))
         played.run(1.0 / rate)
 
 
@@ -55,7 +55,7 @@ def test_every_frame_is_played_after_its_offset_as_far_as_the_device_takes_them(
     played = Played(offset_s=1.0)
     began_s = played.clock.now_s
     for k in range(2 * rate):
-        played.lane.feed(frame(1.0 + 10.0 * k / (2 * rate)))
+        played.thread.feed(frame(1.0 + 10.0 * k / (2 * rate)))
         played.run(1.0 / rate)
     played.run(1.3)
     for time_s, strength in played.port.strengths():
@@ -71,7 +71,7 @@ def test_an_offset_that_is_changed_while_it_plays_leaves_nothing_on(
 ) -> None:
     played = Played(offset_s=before_ms / 1000.0)
     stream(played, rate, 1.3, 10.0)
-    played.lane.set_offset(after_ms / 1000.0)
+    played.thread.set_offset(after_ms / 1000.0)
     stream(played, rate, 0.3, 10.0)
     asked_s = played.clock.now_s
     stream(played, rate, after_ms / 1000.0 + 0.3, 0.0)
@@ -94,12 +94,12 @@ def test_no_rate_no_jitter_and_no_change_of_the_offset_leaves_a_device_on(
         nonlocal k
         end = played.clock.now_s + seconds
         while played.clock.now_s < end:
-            played.lane.feed(frame(amplitude))
+            played.thread.feed(frame(amplitude))
             played.run(jitter[k % 7] / rate)
             k += 1
 
     for offset_s in offsets:
-        played.lane.set_offset(offset_s)
+        played.thread.set_offset(offset_s)
         frames(0.3, 10.0)
     asked_s = played.clock.now_s
     frames(1.3, 0.0)
@@ -109,9 +109,9 @@ def test_no_rate_no_jitter_and_no_change_of_the_offset_leaves_a_device_on(
 def test_a_flood_of_frames_takes_only_so_much_memory_and_the_newest_is_played() -> None:
     played = Played(offset_s=MAX_OFFSET_S)
     for k in range(30_000):
-        played.lane.feed(frame(10.0 if k < 29_000 else 0.0))
+        played.thread.feed(frame(10.0 if k < 29_000 else 0.0))
         played.clock.now_s += 0.0001
-    assert len(played.lane._waiting) <= (MAX_OFFSET_S + FREEZE_S) / waiting._LEAST_APART_S + 2
+    assert len(played.thread._waiting) <= (MAX_OFFSET_S + FREEZE_S) / waiting._LEAST_APART_S + 2
     played.run(1.2)
     assert not played.port.is_loud()
 
@@ -136,7 +136,7 @@ def test_a_lone_frame_is_at_full_strength_for_one_update_however_early_the_next_
     played = Played(device=updating_every(*intervals_ms), offset_s=offset_ms / 1000.0)
     before, after = round(0.15 * rate), round((0.15 + offset_ms / 1000.0) * rate)
     for k in range(before + after):
-        played.lane.feed(frame(10.0 if k == before else around[k % len(around)]))
+        played.thread.feed(frame(10.0 if k == before else around[k % len(around)]))
         played.run((0.55 if k == before else 1.0) / rate)
     for actuator in range(len(intervals_ms)):
         given = [(t, float(v[2 * actuator])) for t, v in played.port.given]
@@ -152,12 +152,12 @@ def test_silence_after_changes_that_come_faster_than_updates_is_not_late(
     for early in (0.05, 0.3, 0.7):
         played = Played(device=updating_every(interval_ms))
         for k in range(round(0.2 * rate)):
-            played.lane.feed(frame(8.0 + k % 3))
+            played.thread.feed(frame(8.0 + k % 3))
             played.run(1.0 / rate)
-        played.lane.feed(frame(10.0))
+        played.thread.feed(frame(10.0))
         played.run(max(early / rate, 0.0011))
         asked_s = played.clock.now_s
-        played.lane.feed(frame(0.0))
+        played.thread.feed(frame(0.0))
         played.run(0.2)
         assert played.port.last_loud_s() - asked_s <= SILENT_WITHIN_S + 1e-4
 
@@ -166,7 +166,7 @@ def test_silence_after_changes_that_come_faster_than_updates_is_not_late(
 
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.2, 1.0])
-def test_a_lane_that_gets_nothing_new_is_silent_by_itself(offset_s: float) -> None:
+def test_a_thread_that_gets_nothing_new_is_silent_by_itself(offset_s: float) -> None:
     played = Played(offset_s=offset_s)
     stream(played, 60, 0.5, 10.0)
     last_s = played.clock.now_s - 1.0 / 60
@@ -175,17 +175,17 @@ def test_a_lane_that_gets_nothing_new_is_silent_by_itself(offset_s: float) -> No
     played.run(1.0)
     end_s = played.port.last_loud_s()
     assert last_s + offset_s < end_s <= last_s + offset_s + 0.3
-    assert played.lane.is_armed  # what is new plays
+    assert played.thread.is_armed  # what is new plays
     stream(played, 60, offset_s + 0.1, 8.0)
     assert played.port.is_loud()
 
 
 def test_signs_of_life_keep_on_what_was_asked_last() -> None:
     played = Played()
-    played.lane.feed(frame(), played.lane.question(played.clock.now_s))
+    played.thread.feed(frame(), played.thread.question(played.clock.now_s))
     for _ in range(40):
         played.run(0.05)
-        played.lane.sign(played.clock.now_s)
+        played.thread.sign(played.clock.now_s)
     assert played.port.is_loud()
     played.run(0.3)
     assert not played.port.is_loud()
@@ -193,13 +193,13 @@ def test_signs_of_life_keep_on_what_was_asked_last() -> None:
 
 def test_signs_of_life_keep_nothing_on_whose_answer_is_awaited() -> None:
     played = Played()
-    played.lane.feed(frame(), played.lane.question(played.clock.now_s))
+    played.thread.feed(frame(), played.thread.question(played.clock.now_s))
     played.run(0.05)
-    played.lane.question(played.clock.now_s)
+    played.thread.question(played.clock.now_s)
     began_s = played.clock.now_s
     for _ in range(40):
         played.run(0.05)
-        played.lane.sign(played.clock.now_s)
+        played.thread.sign(played.clock.now_s)
     assert played.port.last_loud_s() <= began_s + 0.3
 
 
@@ -216,15 +216,15 @@ def test_after_a_sleep_nothing_of_before_is_sent(asleep_s: float) -> None:
 
 def test_a_turn_that_slept_before_it_sent_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played()
-    played.lane.feed(frame())
-    paced = played.lane._pace.paced
+    played.thread.feed(frame())
+    paced = played.thread._pace.paced
 
     def sleeps(values: np.ndarray, now_s: float) -> np.ndarray:
         played.clock.now_s = now_s + 3.0
         return paced(values, now_s)
 
-    monkeypatch.setattr(played.lane._pace, "paced", sleeps)
-    played.lane.turn()
+    monkeypatch.setattr(played.thread._pace, "paced", sleeps)
+    played.thread.turn()
     assert not played.port.given
 
 
@@ -241,12 +241,12 @@ def test_a_pause_is_silence_with_the_next_turn_and_cuts_what_waits(
     device = replace(BAND, actuators=tuple(replace(a, type=k) for a, k in parts))
     played = Played(device=device, offset_s=offset_s)
     for _ in range(100):  # up and down, so that a ramp is under way
-        played.lane.feed(frame(10.0))
+        played.thread.feed(frame(10.0))
         played.run(0.011)
-        played.lane.feed(frame(3.0))
+        played.thread.feed(frame(3.0))
         played.run(0.037)
     assert played.port.is_loud()
-    played.lane.pause()
+    played.thread.pause()
     paused_s = played.clock.now_s
     played.run(2.0)
     assert played.port.last_loud_s() <= paused_s + 0.001
@@ -254,12 +254,12 @@ def test_a_pause_is_silence_with_the_next_turn_and_cuts_what_waits(
 
 
 VOIDS = {
-    "a pause": lambda lane: lane.pause(),
-    "a stop": lambda lane: lane.stop("enough"),
-    "a freeze": lambda lane: lane.freeze("Blender did not answer"),
-    "a stop and Play": lambda lane: (lane.stop("enough"), lane.arm()),
-    "a fault and Play": lambda lane: (lane.fault("oops"), lane.arm()),
-    "a disconnection": lambda lane: lane.close("disconnected"),
+    "a pause": lambda thread: thread.pause(),
+    "a stop": lambda thread: thread.stop("enough"),
+    "a freeze": lambda thread: thread.freeze("Blender did not answer"),
+    "a stop and Play": lambda thread: (thread.stop("enough"), thread.arm()),
+    "a fault and Play": lambda thread: (thread.fault("oops"), thread.arm()),
+    "a disconnection": lambda thread: thread.close("disconnected"),
 }
 
 
@@ -267,18 +267,18 @@ VOIDS = {
 @pytest.mark.parametrize("offset_s", [0.0, 0.3])
 def test_what_was_asked_before_is_never_played_after(name: str, offset_s: float) -> None:
     played = Played(offset_s=offset_s)
-    late = [played.lane.question(played.clock.now_s)]
+    late = [played.thread.question(played.clock.now_s)]
     stream(played, 60, 0.5, 10.0)
-    late += [played.lane.question(played.clock.now_s) for _ in range(3)]
-    VOIDS[name](played.lane)
+    late += [played.thread.question(played.clock.now_s) for _ in range(3)]
+    VOIDS[name](played.thread)
     began_s = played.clock.now_s
     for question in late:
-        played.lane.feed(frame(), question)
+        played.thread.feed(frame(), question)
         played.run(0.07)
-        played.lane.sign(played.clock.now_s)
+        played.thread.sign(played.clock.now_s)
     played.run(1.0)
     assert played.port.last_loud_s() <= began_s + 0.001
-    if played.lane.is_armed:
+    if played.thread.is_armed:
         stream(played, 60, offset_s + 0.2, 10.0)
         assert played.port.is_loud()
 
@@ -287,13 +287,13 @@ def test_an_answer_that_comes_after_a_newer_one_is_not_played() -> None:
     """A scene stands still and is to fade, while its last moment is still rendered."""
     played = Played()
     stream(played, 60, 0.2, 10.0)
-    moment = played.lane.question(played.clock.now_s)
-    played.lane.feed(frame(0.0), played.lane.question(played.clock.now_s))
+    moment = played.thread.question(played.clock.now_s)
+    played.thread.feed(frame(0.0), played.thread.question(played.clock.now_s))
     asked_s = played.clock.now_s
-    played.lane.feed(frame(), moment)
+    played.thread.feed(frame(), moment)
     for _ in range(20):
         played.run(0.05)
-        played.lane.sign(played.clock.now_s)
+        played.thread.sign(played.clock.now_s)
     assert played.port.last_loud_s() <= asked_s + SILENT_WITHIN_S
 
 
@@ -301,15 +301,15 @@ def test_a_turn_that_was_under_way_sends_nothing_after_a_pause(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     played = Played()
-    played.lane.feed(frame())
-    paced = played.lane._pace.paced
+    played.thread.feed(frame())
+    paced = played.thread._pace.paced
 
     def paused(values: np.ndarray, now_s: float) -> np.ndarray:
-        played.lane.pause()
+        played.thread.pause()
         monkeypatch.undo()
         return paced(values, now_s)
 
-    monkeypatch.setattr(played.lane._pace, "paced", paused)
+    monkeypatch.setattr(played.thread._pace, "paced", paused)
     played.run(0.2)
     assert played.port.given and played.port.last_loud_s() == -1.0
 
@@ -318,9 +318,9 @@ def test_a_turn_that_was_under_way_sends_nothing_after_a_pause(
 def test_a_wrong_number_of_values_is_a_fault_that_is_told(count: int) -> None:
     played = Played()
     stream(played, 60, 0.1, 10.0)
-    played.lane.feed(np.full(count, 10.0))
+    played.thread.feed(np.full(count, 10.0))
     assert played.reports[-1] == ("fault", f"it was sent {count} values and takes 16")
-    assert not played.lane.is_armed
+    assert not played.thread.is_armed
 
 
 def test_clocks_of_lanes_are_their_own() -> None:

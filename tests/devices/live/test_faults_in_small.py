@@ -32,9 +32,9 @@ from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Message,
     MessageKind,
-    json_to,
+    encode_json,
+    encode_values,
     message,
-    values_to,
 )
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.script_process import ScriptProcess
@@ -64,54 +64,54 @@ class Kept:
 def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
     """A lane that is open, without its threads."""
     output = Kept()
-    lane = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
-    lane._output, lane._is_open = output, True
-    return lane, output
+    thread = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
+    thread._output, thread._is_open = output, True
+    return thread, output
 
 
 def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
-    lane, _ = lane_of(DEVICE)
-    lane.feed(playing())
-    lane.pulse(2)
-    assert not lane._waiting and lane._pulse is None
-    lane.arm()
-    lane.feed(playing())
-    lane.pulse(2)
-    assert len(lane._waiting) == 1 and lane._pulse is not None
+    thread, _ = lane_of(DEVICE)
+    thread.feed(playing())
+    thread.pulse(2)
+    assert not thread._waiting and thread._pulse is None
+    thread.arm()
+    thread.feed(playing())
+    thread.pulse(2)
+    assert len(thread._waiting) == 1 and thread._pulse is not None
 
 
 def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
-    lane, _ = lane_of(DEVICE)
-    lane.arm()
-    lane.feed(playing())
-    lane.stop("enough")
-    assert not lane._waiting
-    lane._waiting.add(playing(), 0.0)  # one that slipped through
-    lane.arm()
-    assert not lane._waiting
+    thread, _ = lane_of(DEVICE)
+    thread.arm()
+    thread.feed(playing())
+    thread.stop("enough")
+    assert not thread._waiting
+    thread._waiting.add(playing(), 0.0)  # one that slipped through
+    thread.arm()
+    assert not thread._waiting
 
 
 def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
-    lane, _ = lane_of(DEVICE)
-    lane._is_open = False
-    lane.arm()
-    assert not lane._is_armed and lane._is_wanted
+    thread, _ = lane_of(DEVICE)
+    thread._is_open = False
+    thread.arm()
+    assert not thread._is_armed and thread._is_wanted
 
 
 def test_after_a_stop_everything_begins_from_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = {n: replace(k, slew_per_s=100.0) for n, k in DEVICE.actuator_types.items()}
     actuators = tuple(replace(a, type=kinds[a.type.name]) for a in DEVICE.actuators)
-    lane, _ = lane_of(replace(DEVICE, actuators=actuators))
+    thread, _ = lane_of(replace(DEVICE, actuators=actuators))
     begun: list[str] = []
     for name in ("_guard", "_ramp", "_pace"):
-        monkeypatch.setattr(getattr(lane, name), "reset", lambda name=name: begun.append(name))
-    lane.arm()
+        monkeypatch.setattr(getattr(thread, name), "reset", lambda name=name: begun.append(name))
+    thread.arm()
 
     def ended(*_: Any) -> None:
-        lane._is_closed = True
+        thread._is_closed = True
 
-    monkeypatch.setattr(lane, "_step", ended)
-    lane.turn()
+    monkeypatch.setattr(thread, "_step", ended)
+    thread.turn()
     assert set(begun) == {"_guard", "_pace", "_ramp"}
 
 
@@ -163,7 +163,7 @@ def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
     now[0] += 5.0
     pipe.watch()
     assert not process.is_killed  # it imports numpy still, and has no port open
-    pipe._hear(b'{"event": "ready", "device": 0, "text": "1"}\n')
+    pipe._receive(b'{"event": "ready", "device": 0, "text": "1"}\n')
     now[0] += STOP_PATIENCE_S + 0.01
     pipe.watch()
     assert process.is_killed
@@ -195,7 +195,7 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
     [b"\xff", b"nonsense", b"[]", b"3", b'{"event": "armed"}', b'{"event": 1, "device": "x"}'],
 )
 def test_a_line_that_is_no_event_is_not_heard(client: LiveClient, line: bytes) -> None:
-    client._pipe._hear(line)
+    client._pipe._receive(line)
     assert client.events() == []
 
 
@@ -227,9 +227,9 @@ def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(host_module, "MAX_DEVICES", 2)
     told: list[tuple[str, int, str]] = []
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
-    wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
+    wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
     for number in (1, 2, 3):
-        host.hear(Message(MessageKind.CONNECT, number, wish))
+        host.receive(Message(MessageKind.CONNECT, number, wish))
     host.silence("the test is over")
     assert ("lost", 3, "more than 2 devices") in told
     assert not any(event == "lost" for event, number, _ in told if number < 3)
@@ -284,7 +284,7 @@ def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
 def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     class Worker:
         stdout = io.BytesIO(
-            message(MessageKind.READY, 0) + message(MessageKind.ANSWER, 0, values_to(playing()))
+            message(MessageKind.READY, 0) + message(MessageKind.ANSWER, 0, encode_values(playing()))
         )
 
     answers: list[Any] = []
@@ -304,7 +304,7 @@ def test_a_script_can_only_take_so_much_memory() -> None:
         "import os, resource\n"
         "from hfx_blender.devices.live import script_worker\n"
         "before = os.nice(0)\n"
-        "script_worker._restrain()\n"
+        "script_worker._limit_resources()\n"
         "print(resource.getrlimit(resource.RLIMIT_AS)[0] == script_worker.MAX_MEMORY,"
         " resource.getrlimit(resource.RLIMIT_CORE)[0], os.nice(0) > before)"
     )
@@ -333,9 +333,9 @@ def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
     board = WireBoard.__new__(WireBoard)
     board._crc, board._channels, board._is_ready = 7, Channels(DEVICE, strengths_only=True), False
     board._name = "/dev/ttyACM0"
-    board._understand_ready(struct.pack("<IB", 6, 8))
+    board._check_ready(struct.pack("<IB", 6, 8))
     assert not board._is_ready
-    board._understand_ready(struct.pack("<IB", 7, 8))
+    board._check_ready(struct.pack("<IB", 7, 8))
     assert board._is_ready
 
 
@@ -355,7 +355,7 @@ def test_a_board_is_not_asked_for_ever() -> None:
 def test_a_buttplug_server_is_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(buttplug, "ANSWER_S", -1.0)
     output = buttplug.ButtplugOutput.__new__(buttplug.ButtplugOutput)
-    output._heard = threading.Condition()
+    output._received = threading.Condition()
     monkeypatch.setattr(output, "_check", lambda: None)
     answers = iter([None, None, {}])  # it would come too late
     with pytest.raises(OutputLostError, match="does not answer"):
@@ -387,10 +387,10 @@ def test_a_port_never_blocks_whatever_the_library_opens(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("actuator", [-1, 8, 10**6])
 def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None:
-    lane, _ = lane_of(DEVICE)
-    lane.arm()
-    lane.pulse(actuator)
-    assert lane._pulse is None
+    thread, _ = lane_of(DEVICE)
+    thread.arm()
+    thread.pulse(actuator)
+    assert thread._pulse is None
 
 
 def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
@@ -398,20 +398,20 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
         raise RuntimeError("of somebody's")
 
     told: list[tuple[str, str]] = []
-    lane = DeviceThread(
+    thread = DeviceThread(
         0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text))
     )
-    lane._run()
+    thread._run()
     assert told == [("lost", "cannot be opened: of somebody's")]
 
 
 def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    lane, _ = lane_of(DEVICE)
+    thread, _ = lane_of(DEVICE)
     told: list[tuple[str, bool]] = []
-    monkeypatch.setattr(lane, "stop", lambda reason: told.append((reason, lane._is_closed)))
-    lane.close("bye")
-    assert told == [("bye", False)] and lane._is_closed
-    lane.close("again")
+    monkeypatch.setattr(thread, "stop", lambda reason: told.append((reason, thread._is_closed)))
+    thread.close("bye")
+    assert told == [("bye", False)] and thread._is_closed
+    thread.close("again")
     assert len(told) == 1
 
 
@@ -459,36 +459,36 @@ class Asked:
 
 
 def test_a_stop_ends_the_script_and_an_arm_starts_it() -> None:
-    lane, _ = lane_of(DEVICE)
-    lane.script = script = Asked()  # type: ignore[assignment]
-    lane.arm()
-    lane.stop("enough")
+    thread, _ = lane_of(DEVICE)
+    thread.script = script = Asked()  # type: ignore[assignment]
+    thread.arm()
+    thread.stop("enough")
     assert script.told == ["start", "close"]
 
 
 def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> None:
-    lane, output = lane_of(DEVICE)
-    lane.script = Asked()  # type: ignore[assignment]
-    lane.arm()
-    lane.feed(playing())
+    thread, output = lane_of(DEVICE)
+    thread.script = Asked()  # type: ignore[assignment]
+    thread.arm()
+    thread.feed(playing())
     told: list[str] = []
 
-    lane.fault = told.append  # type: ignore[method-assign]
-    lane.turn()
+    thread.fault = told.append  # type: ignore[method-assign]
+    thread.turn()
     assert told == ["its script did not answer within 100 ms"] and not output.given
 
 
 def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
     """An output process's heart, and its one lane."""
-    host, lane = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
-    host._lanes[1] = lane  # type: ignore[assignment]
-    return host, lane
+    host, thread = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
+    host._device_threads[1] = thread  # type: ignore[assignment]
+    return host, thread
 
 
 def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    host, lane = host_of(monkeypatch)
+    host, thread = host_of(monkeypatch)
     host.read(io.BytesIO(b""))
-    assert lane.told == ["stop: Blender has gone"]
+    assert thread.told == ["stop: Blender has gone"]
     assert host._end == "Blender has gone"
 
 
@@ -496,16 +496,16 @@ def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.Monkey
     ("content", "told"),
     [
         (b"\xff" * 7, "Blender sent a message of"),
-        (message(MessageKind.PULSE, 1, json_to({"actuator": "x"})), "ValueError"),
+        (message(MessageKind.PULSE, 1, encode_json({"actuator": "x"})), "ValueError"),
         (message(MessageKind.CONNECT, 1, b"[]"), "Blender sent not a JSON object"),
     ],
 )
 def test_messages_that_are_none_stop_every_lane(
     monkeypatch: pytest.MonkeyPatch, content: bytes, told: str
 ) -> None:
-    host, lane = host_of(monkeypatch)
+    host, thread = host_of(monkeypatch)
     host.read(io.BytesIO(content))
-    assert lane.told[-1].startswith(f"stop: {told}")
+    assert thread.told[-1].startswith(f"stop: {told}")
     assert host._end.startswith(told)
 
 
@@ -525,11 +525,11 @@ def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyP
 
 
 def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    host, lane = host_of(monkeypatch)
+    host, thread = host_of(monkeypatch)
     monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
-    wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
-    host.hear(Message(MessageKind.CONNECT, 1, wish))
-    assert lane.told == ["close"] and host._lanes[1] is not lane
+    wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
+    host.receive(Message(MessageKind.CONNECT, 1, wish))
+    assert thread.told == ["close"] and host._device_threads[1] is not thread
 
 
 def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
@@ -537,40 +537,40 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
 ) -> None:
     told: list[tuple[str, int, str]] = []
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
-    host.hear(Message(MessageKind.CONNECT, 5, json_to({"configuration": "none_such"})))
-    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._lanes
+    host.receive(Message(MessageKind.CONNECT, 5, encode_json({"configuration": "none_such"})))
+    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._device_threads
 
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
-    host, lane = host_of(monkeypatch)
+    host, thread = host_of(monkeypatch)
     asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host._rendered(Message(kind, 1, values_to(playing())), asked)
-        host._rendered(Message(kind, 2, values_to(playing())), asked)
-    assert [each.split(":")[0] for each in lane.told] == ["feed", "fault"]
-    lane.told.clear()
-    lane.is_armed = False
+        host._rendered(Message(kind, 1, encode_values(playing())), asked)
+        host._rendered(Message(kind, 2, encode_values(playing())), asked)
+    assert [each.split(":")[0] for each in thread.told] == ["feed", "fault"]
+    thread.told.clear()
+    thread.is_armed = False
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host._rendered(Message(kind, 1, values_to(playing())), asked)
+        host._rendered(Message(kind, 1, encode_values(playing())), asked)
     host._cannot_render("it has ended")
-    assert not lane.told
-    lane.is_armed = True
+    assert not thread.told
+    thread.is_armed = True
     host._cannot_render("it has ended")
-    assert lane.told == ["fault: it has ended"]
+    assert thread.told == ["fault: it has ended"]
 
 
 def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    host, lane = host_of(monkeypatch)
+    host, thread = host_of(monkeypatch)
     done: list[str] = []
-    for name in ("describe", "forget", "show", "revive"):
+    for name in ("describe", "forget", "show", "restart"):
         monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
-    host.hear(Message(MessageKind.SCENE, EVERY_DEVICE, b"{}"))
-    assert lane.told == ["pause"] and done == ["forget", "describe"]
-    host.hear(Message(MessageKind.MOMENT, EVERY_DEVICE, b""))
-    host.hear(Message(MessageKind.STOP, EVERY_DEVICE, b"enough"))
-    host.hear(Message(MessageKind.PAUSE, EVERY_DEVICE, b""))
+    host.receive(Message(MessageKind.SCENE, EVERY_DEVICE, b"{}"))
+    assert thread.told == ["pause"] and done == ["forget", "describe"]
+    host.receive(Message(MessageKind.MOMENT, EVERY_DEVICE, b""))
+    host.receive(Message(MessageKind.STOP, EVERY_DEVICE, b"enough"))
+    host.receive(Message(MessageKind.PAUSE, EVERY_DEVICE, b""))
     assert done[2:] == ["show", "forget", "forget"]
-    assert lane.told == ["pause", "stop: enough", "pause"]
+    assert thread.told == ["pause", "stop: enough", "pause"]
 
 
 def test_events_that_nobody_reads_take_only_so_much_memory() -> None:

@@ -44,7 +44,7 @@ anything = st.one_of(
 @given(st.lists(anything, min_size=16, max_size=16), anything)
 @settings(deadline=None, max_examples=300)
 def test_whatever_is_asked_every_value_is_finite_and_in_range(wanted, step_s):
-    found = Guard(DEVICE).passed(wanted, step_s)
+    found = Guard(DEVICE).limited(wanted, step_s)
     controls = [c for a in DEVICE.actuators for c in a.type.controls]
     assert np.isfinite(found).all()
     assert (found >= [c.lowest for c in controls]).all()
@@ -56,15 +56,15 @@ def test_whatever_is_asked_every_value_is_finite_and_in_range(wanted, step_s):
 )
 def test_what_is_not_one_number_for_each_column_is_silence(wanted: Any):
     guard = Guard(DEVICE)
-    guard.passed(full(guard), STEP)
-    assert np.array_equal(guard.passed(wanted, STEP), guard.neutral)
+    guard.limited(full(guard), STEP)
+    assert np.array_equal(guard.limited(wanted, STEP), guard.neutral)
 
 
 def test_not_a_number_silences_its_actuator_only():
     guard = Guard(DEVICE)
     wanted = full(guard)
     wanted[3] = math.nan  # the second motor's frequency
-    found = guard.passed(wanted, STEP)
+    found = guard.limited(wanted, STEP)
     assert found[2] == 0.0
     assert strengths(found)[[0, 2, 3, 4, 5, 6, 7]].tolist() == [15.0] * 7
 
@@ -72,14 +72,14 @@ def test_not_a_number_silences_its_actuator_only():
 def test_rises_are_slowed_and_falls_are_not():
     guard = Guard(limited_in_time(slew_per_s=100.0))
     for k in range(1, 16):
-        assert strengths(guard.passed(full(guard), STEP)) == pytest.approx(min(k * 1.0, 15.0))
-    assert strengths(guard.passed(guard.neutral, STEP)).tolist() == [0.0] * 8
+        assert strengths(guard.limited(full(guard), STEP)) == pytest.approx(min(k * 1.0, 15.0))
+    assert strengths(guard.limited(guard.neutral, STEP)).tolist() == [0.0] * 8
 
 
 def test_a_clock_that_stands_or_runs_backwards_lets_nothing_rise():
     for step in (0.0, -1.0, math.nan, math.inf):
         guard = Guard(limited_in_time(slew_per_s=100.0))
-        assert not strengths(guard.passed(full(guard), step)).any()
+        assert not strengths(guard.limited(full(guard), step)).any()
 
 
 def test_a_set_point_on_the_other_side_of_neutral_rises_from_neutral():
@@ -96,15 +96,15 @@ def test_a_set_point_on_the_other_side_of_neutral_rises_from_neutral():
     neutral = guard.neutral[column]
     wanted[column] = neutral + 5.0
     for _ in range(10):
-        warm = guard.passed(wanted, STEP)[column]
+        warm = guard.limited(wanted, STEP)[column]
     assert warm == neutral + 5.0
     wanted[column] = neutral - 5.0
-    assert guard.passed(wanted, STEP)[column] == pytest.approx(neutral - 1.0)
+    assert guard.limited(wanted, STEP)[column] == pytest.approx(neutral - 1.0)
 
 
 def test_what_was_on_too_long_rests():
     guard = Guard(limited_in_time(maximum_on_s=0.05, rest_s=0.03))
-    on = [bool(strengths(guard.passed(full(guard), STEP)).any()) for _ in range(20)]
+    on = [bool(strengths(guard.limited(full(guard), STEP)).any()) for _ in range(20)]
     # Five steps on, then silent: the step that is over, and three of rest; and again.
     assert on == ([True] * 5 + [False] * 4) * 2 + [True] * 2
 
@@ -112,17 +112,17 @@ def test_what_was_on_too_long_rests():
 def test_short_pauses_do_not_cheat_the_rest():
     guard = Guard(limited_in_time(maximum_on_s=0.05, rest_s=1.0))
     for _ in range(6):
-        guard.passed(full(guard), STEP)
-    guard.passed(guard.neutral, STEP)
-    assert not strengths(guard.passed(full(guard), STEP)).any()
+        guard.limited(full(guard), STEP)
+    guard.limited(guard.neutral, STEP)
+    assert not strengths(guard.limited(full(guard), STEP)).any()
 
 
 def test_after_a_reset_it_begins_from_silence():
     guard = Guard(limited_in_time(slew_per_s=100.0))
     for _ in range(10):
-        guard.passed(full(guard), STEP)
+        guard.limited(full(guard), STEP)
     guard.reset()
-    assert strengths(guard.passed(full(guard), STEP)) == pytest.approx(1.0)
+    assert strengths(guard.limited(full(guard), STEP)) == pytest.approx(1.0)
 
 
 def test_wild_values_of_a_whole_minute_stay_in_range():
@@ -132,5 +132,5 @@ def test_wild_values_of_a_whole_minute_stay_in_range():
     low, high = np.array([c.lowest for c in controls]), np.array([c.highest for c in controls])
     wild = rng.normal(0, 200, (3000, 16))
     wild[rng.random(wild.shape) < 0.02] = np.nan
-    found = np.array([guard.passed(row, STEP) for row in wild])
+    found = np.array([guard.limited(row, STEP) for row in wild])
     assert np.isfinite(found).all() and (found >= low).all() and (found <= high).all()

@@ -18,7 +18,7 @@ from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
 
 from hfx_blender.devices.live import host
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.messages import MessageKind, json_to, message, values_to
+from hfx_blender.devices.live.messages import MessageKind, encode_json, encode_values, message
 
 SENDER = """
 import sys, time
@@ -207,7 +207,7 @@ def test_a_port_that_stalls_stops_its_device_only(
         while not is_true():
             assert time.monotonic() < end, told
             for number in (1, 2):
-                os.write(writing, message(MessageKind.VALUES, number, values_to(playing())))
+                os.write(writing, message(MessageKind.VALUES, number, encode_values(playing())))
             if any(event == "frozen" and number == 1 for event, number, _ in told):
                 os.write(writing, message(MessageKind.ARM, 1))  # this process was late itself
                 told[:] = [each for each in told if each[0] != "frozen"]
@@ -216,7 +216,7 @@ def test_a_port_that_stalls_stops_its_device_only(
     try:
         wishes = {1: {"kind": "simulator", "path": str(log)}, 2: {"kind": "stalling"}}
         for number, output in wishes.items():
-            wish = json_to({"configuration": BAND, "output": output})
+            wish = encode_json({"configuration": BAND, "output": output})
             os.write(
                 writing,
                 message(MessageKind.CONNECT, number, wish) + message(MessageKind.ARM, number),

@@ -14,7 +14,13 @@ from fake_time import FakeClock, Played, frame, run
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.host import HEARTBEAT_S, PAUSE_S, Host
 from hfx_blender.devices.live.live_frame import LiveFrame
-from hfx_blender.devices.live.messages import EVERY_DEVICE, Message, MessageKind, message, values_to
+from hfx_blender.devices.live.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageKind,
+    encode_values,
+    message,
+)
 from hfx_blender.devices.live.script_process import FAULTS_WITHIN_S, ScriptProcess
 
 WATCH_S = 0.02
@@ -58,13 +64,13 @@ class Session:
         self.host = Host(lambda *_, **__: None, self.clock)  # type: ignore[arg-type]
         self.played = Played(self.clock, offset_s=offset_s)
         self.script = None if script_s is None else SlowScript(self.clock, script_s)
-        self.played.lane.script = self.script
-        self.host._lanes[1] = self.played.lane
+        self.played.thread.script = self.script
+        self.host._device_threads[1] = self.played.thread
         self.shown: list[Any] = []
         self.host._rendering.show = lambda body, questions: self.shown.append(questions)  # type: ignore[method-assign]
 
-    def hear(self, kind: MessageKind, device: int = 1, body: bytes = b"") -> None:
-        self.host.hear(Message(kind, device, body))
+    def receive(self, kind: MessageKind, device: int = 1, body: bytes = b"") -> None:
+        self.host.receive(Message(kind, device, body))
 
     def pass_time(self, seconds: float, beat: bool = False) -> None:
         """Let time pass for the process."""
@@ -74,17 +80,17 @@ class Session:
             if self.script is not None:
                 self.script.work()
             if round(self.clock.now_s * 1000) % 20 == 0:
-                self.host.look()
+                self.host.check_deadlines()
             if beat and round(self.clock.now_s * 1000) % 50 == 0:
-                self.hear(MessageKind.HEARTBEAT, EVERY_DEVICE)
+                self.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)
 
     def stream(self, seconds: float) -> None:
         """Frames at 62.5 Hz."""
         for _ in range(round(seconds / 0.016)):
             if self.script is None:
-                self.hear(MessageKind.VALUES, body=values_to(frame()))
+                self.receive(MessageKind.VALUES, body=encode_values(frame()))
             else:
-                self.hear(MessageKind.HAPTICS)
+                self.receive(MessageKind.HAPTICS)
             self.pass_time(0.016)
 
 
@@ -102,7 +108,7 @@ def test_no_late_answer_of_a_script_is_played_after(
     assert session.played.port.last_loud_s() > 0.0
     for extra_s in (0.0, 0.001, 0.005, 0.013):
         session.pass_time(extra_s)
-        session.hear(kind, device)
+        session.receive(kind, device)
         asked_s = session.clock.now_s
         session.pass_time(0.4, beat=True)
         assert session.played.port.last_loud_s() <= asked_s + 0.001
@@ -117,7 +123,7 @@ def test_many_pauses_of_a_slow_script_are_silent() -> None:
     for k in range(48):
         session.stream(0.08 + 0.016 * (k % 3))
         session.pass_time(0.001 * (k % 16))
-        session.hear(MessageKind.PAUSE, EVERY_DEVICE)
+        session.receive(MessageKind.PAUSE, EVERY_DEVICE)
         asked_s = session.clock.now_s
         session.pass_time(0.06)
         assert session.played.port.last_loud_s() <= asked_s + 0.001, k
@@ -132,9 +138,9 @@ def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float
         session.stream(offset_s + 0.1)
         assert session.played.port.is_loud()
         for _ in range(int(rng.integers(1, 20))):  # pressed again and again
-            session.hear(MessageKind.VALUES, body=values_to(frame()))
+            session.receive(MessageKind.VALUES, body=encode_values(frame()))
             session.pass_time(float(rng.uniform(0.0, 0.003)))
-            session.hear(MessageKind.PAUSE)
+            session.receive(MessageKind.PAUSE)
         asked_s = session.clock.now_s
         session.pass_time(0.06 + offset_s, beat=True)
         assert session.played.port.last_loud_s() <= asked_s + 0.001
@@ -148,26 +154,26 @@ def test_no_late_answer_of_what_renders_is_played_after(
 ) -> None:
     session = Session(0.0)
     monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
-    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
-    session.hear(void, EVERY_DEVICE)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
+    session.receive(void, EVERY_DEVICE)
     if void is MessageKind.STOP:
-        session.played.lane.arm()
-    session.host._rendered(Message(kind, 1, values_to(frame())), session.shown[0])
+        session.played.thread.arm()
+    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[0])
     session.pass_time(0.2, beat=True)
     assert session.played.port.last_loud_s() == -1.0
-    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
-    session.host._rendered(Message(kind, 1, values_to(frame())), session.shown[1])
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
+    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[1])
     session.pass_time(0.1, beat=True)
     assert session.played.port.is_loud()
 
 
 def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
     session = Session()
-    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
     other = Played(session.clock)
-    other.lane.arm()
-    session.host._lanes[1] = other.lane
-    session.host._rendered(Message(MessageKind.ANSWER, 1, values_to(frame())), {})
+    other.thread.arm()
+    session.host._device_threads[1] = other.thread
+    session.host._rendered(Message(MessageKind.ANSWER, 1, encode_values(frame())), {})
     other.run(0.1)
     assert other.port.last_loud_s() == -1.0
 
@@ -181,7 +187,7 @@ def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
     assert session.played.reports[-1] == ("frozen", "Blender did not answer for 250 ms")
     session.stream(0.2)
     assert not session.played.port.is_loud()
-    session.hear(MessageKind.ARM)
+    session.receive(MessageKind.ARM)
     session.stream(0.2)
     assert session.played.port.is_loud()
 
@@ -196,17 +202,17 @@ def test_signs_of_life_keep_what_stands_still_on() -> None:
 def test_a_pause_buys_ten_seconds_of_silence_and_no_more() -> None:
     session = Session()
     session.stream(0.1)
-    session.hear(MessageKind.PAUSE, EVERY_DEVICE)
+    session.receive(MessageKind.PAUSE, EVERY_DEVICE)
     session.pass_time(PAUSE_S - 0.1)
-    assert session.played.lane.is_armed and not session.played.port.is_loud()
+    assert session.played.thread.is_armed and not session.played.port.is_loud()
     session.pass_time(0.2)
-    assert not session.played.lane.is_armed
+    assert not session.played.thread.is_armed
 
 
 FIRST: dict[str, Callable[[Session], None]] = {
     "the lane": lambda session: session.played.run(0.0),
-    "the watch": lambda session: session.host.look(),
-    "the reader": lambda session: session.hear(MessageKind.VALUES, body=values_to(frame())),
+    "the watch": lambda session: session.host.check_deadlines(),
+    "the reader": lambda session: session.receive(MessageKind.VALUES, body=encode_values(frame())),
     "an answer": lambda session: session.script.work(),  # type: ignore[union-attr]
 }
 
@@ -222,7 +228,7 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
     session = Session(script_s)
     session.stream(0.5)
     if script_s is not None:
-        session.hear(MessageKind.HAPTICS)
+        session.receive(MessageKind.HAPTICS)
     count = len(session.played.port.given)
     session.clock.now_s += asleep_s
     FIRST[first](session)
@@ -255,13 +261,13 @@ def asked(*said: bytes) -> tuple[ScriptProcess, Worker, list[str], FakeClock]:
 
 def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault() -> None:
     found: list[str] = []
-    answer = message(MessageKind.ANSWER, 1, values_to(frame()))
+    answer = message(MessageKind.ANSWER, 1, encode_values(frame()))
     script, worker, faults, _ = asked(answer)
     script.ask(b"first", lambda values: found.append("first"))
     script.ask(b"second", lambda values: found.append("second"))  # the first was not told yet
     script._listen(worker)  # type: ignore[arg-type]
     assert found == ["second"] and faults == ["its script has ended"]
-    script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, values_to(frame())))
+    script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, encode_values(frame())))
     script.ask(b"first", lambda values: found.append("wrong"))
     script._listen(worker)  # type: ignore[arg-type]
     assert found == ["second"] and faults == ["its script sent an answer without a question"]
@@ -282,13 +288,13 @@ def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once() -> None:
 # Mute
 
 
-class Told(LiveClient):
+class ToleratedFaults(LiveClient):
     """A client that notes what is told, in order."""
 
     def __init__(self) -> None:
         super().__init__()
         self.order: list[Any] = []
-        self._pipe.tell = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
+        self._pipe.send = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
             (kind, device)
         )
         self._pipe.void = lambda device=None: self.order.append(("void", device))  # type: ignore[method-assign]
@@ -296,7 +302,7 @@ class Told(LiveClient):
 
 
 def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
-    client = Told()
+    client = ToleratedFaults()
     for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
         client.show(LiveFrame(0.0, [], gains))
     muted = [("void", EVERY_DEVICE), ("void", 2), (MessageKind.PAUSE, 2), "show"]
@@ -306,10 +312,10 @@ def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
 def test_a_pause_of_one_device_leaves_the_others_and_buys_no_time() -> None:
     session = Session()
     other = Played(session.clock)
-    session.host._lanes[2] = other.lane
+    session.host._device_threads[2] = other.thread
     session.stream(0.1)
-    other.lane.feed(frame())
-    session.hear(MessageKind.PAUSE, 1)
+    other.thread.feed(frame())
+    session.receive(MessageKind.PAUSE, 1)
     run([session.played, other], 0.1)
     assert not session.played.port.is_loud() and other.port.is_loud()
     assert session.host._patience_s == HEARTBEAT_S

@@ -19,7 +19,7 @@ from hfx_blender.devices.live.playhead import Playhead, frames_ahead, parts_betw
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.keyed_scene import KeyedBlock, KeyedScene
 from hfx_blender.engine.kinematics.keyed_rig import KeyedRig
-from hfx_blender.engine.parallel.serialization import packed, unpacked
+from hfx_blender.engine.parallel.serialization import decode_object, encode_object
 from hfx_blender.engine.scene import (
     BodyDescription,
     EffectBlock,
@@ -95,16 +95,16 @@ def known() -> Iterator[LookaheadCache]:
 
 
 def test_what_comes_is_evaluated_before_it_is_wanted(known: LookaheadCache) -> None:
-    known.take(packed(scene()))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 24)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0, 200.0: 8.0})
     until(lambda: later(known, shown(23.0)) == {40.0: 24.0, 200.0: 4.0})  # it begins again
     until(lambda: later(known, shown(3.0, step=-1)) == {40.0: 2.0, 200.0: 22.0})
 
 
 def test_it_is_known_before_play_is_pressed(known: LookaheadCache) -> None:
-    known.take(packed(scene()))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 24)))
     standing = shown(3.0, is_playing=False)
     assert later(known, standing) == {}
     until(lambda: {4000, 8000} <= set(known._known))
@@ -113,26 +113,28 @@ def test_it_is_known_before_play_is_pressed(known: LookaheadCache) -> None:
 
 
 def test_after_an_edit_nothing_of_before_holds(known: LookaheadCache) -> None:
-    known.take(packed(scene()))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 24)))
     until(lambda: later(known, shown(3.0)))
     assert later(known, shown(3.0, edition=2)) == {}
-    known.take(packed(scene()))  # they were on their way
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))  # they were on their way
+    known.take(encode_object(block(1, 24)))
     until(lambda: not known._bodies)
     time.sleep(0.05)
     assert known._scene is None and not known._blocks
     later(known, shown(8.0, edition=1))
     assert later(known, shown(3.0, edition=2)) == {}
-    known.take(packed(scene(2)))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene(2)))
+    known.take(encode_object(block(1, 24)))
     until(lambda: known._scene is not None and not known._bodies)
     time.sleep(0.05)
     assert not known._blocks and later(known, shown(3.0, edition=2)) == {}
     changed = block(1, 24, edition=2)
     (effect,) = changed.effects
     known.take(
-        packed(replace(changed, effects=(replace(effect, parameters=effect.parameters * 2),)))
+        encode_object(
+            replace(changed, effects=(replace(effect, parameters=effect.parameters * 2),))
+        )
     )
     until(lambda: later(known, shown(3.0, edition=2)) == {40.0: 8.0, 200.0: 16.0})
     assert later(known, shown(3.0, edition=1)) == {40.0: 8.0, 200.0: 16.0}  # late itself
@@ -153,8 +155,8 @@ def test_scrubbing_is_not_remembered(known: LookaheadCache) -> None:
 
 
 def test_what_is_not_known_is_what_is_felt_now(known: LookaheadCache) -> None:
-    known.take(packed(scene()))
-    known.take(packed(block(1, 5)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 5)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0})  # frame 8 was never told
 
 
@@ -168,8 +170,8 @@ def test_what_cannot_be_evaluated_is_left_out_and_tried_only_once(
         raise ValueError("cannot")
 
     monkeypatch.setattr(lookahead_cache.Engine, "evaluate", broken)
-    known.take(packed(scene()))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 24)))
     known.take(b"nonsense")
     later(known, shown(3.0))
     until(lambda: len(tries) == 17)  # frames 4 to 20: half a second for both latencies
@@ -188,8 +190,8 @@ def test_what_was_edited_while_it_was_evaluated_is_not_known(
         return ["of before"]
 
     monkeypatch.setattr(lookahead_cache.Engine, "evaluate", edited_meanwhile)
-    known.take(packed(scene()))
-    known.take(packed(block(1, 24)))
+    known.take(encode_object(scene()))
+    known.take(encode_object(block(1, 24)))
     later(known, shown(3.0))
     until(lambda: is_done)
     time.sleep(0.05)
@@ -205,7 +207,7 @@ def test_nothing_is_begun_while_a_moment_is_answered(known: LookaheadCache) -> N
 
 
 def test_who_is_not_needed_any_more_ends(known: LookaheadCache) -> None:
-    known.take(packed(scene()))
+    known.take(encode_object(scene()))
     known.close()
     assert known._thread is not None
     known._thread.join(PATIENCE_S)
@@ -221,7 +223,7 @@ def test_only_so_much_is_known(known: LookaheadCache, monkeypatch: pytest.Monkey
 
 def test_without_late_actuators_nothing_is_kept() -> None:
     found = LookaheadCache(())
-    found.take(packed(scene()))
+    found.take(encode_object(scene()))
     assert later(found, shown(3.0)) == {}
     assert found._thread is None and not found._known and not found._bodies
 
@@ -254,9 +256,9 @@ MESH = MeshVolume(
 
 def test_plain_data_arrives_as_it_was() -> None:
     sent = (Fraction(24000, 1001), Falloff(FalloffKind.SMOOTH, 0.5), {"a": None, "b": True}, MESH)
-    rate, falloff, words, mesh = unpacked(packed(sent))
+    rate, falloff, words, mesh = decode_object(encode_object(sent))
     assert (rate, falloff, words) == sent[:3]
     assert mesh.vertices.tolist() == MESH.vertices.tolist() and mesh.name == "a"
-    found = unpacked(packed(scene()))
+    found = decode_object(encode_object(scene()))
     assert found.description.effects[0].area.vertices.tolist() == [0, 1, 2]
     assert found.tolerance == STANDARD and found.description.time == scene().description.time

@@ -15,14 +15,14 @@ from hfx_blender.devices.live.messages import (
     Message,
     MessageError,
     MessageKind,
-    json_from,
-    json_to,
+    decode_arrays,
+    decode_json,
+    decode_values,
+    encode_arrays,
+    encode_json,
+    encode_values,
     message,
-    pack,
     read_message,
-    unpack,
-    values_from,
-    values_to,
 )
 
 
@@ -71,14 +71,14 @@ def test_a_kind_that_nobody_knows_is_refused():
 
 @pytest.mark.parametrize("dtype", ["<c16", "|O", "<U4", "|V8", "<f16"])
 def test_arrays_are_of_few_types(dtype):
-    head = json_to({"content": {}, "arrays": [["x", dtype, [0]]]})
+    head = encode_json({"content": {}, "arrays": [["x", dtype, [0]]]})
     with pytest.raises(MessageError, match="of type"):
-        unpack(len(head).to_bytes(4, "little") + head)
+        decode_arrays(len(head).to_bytes(4, "little") + head)
 
 
 def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
-    assert values_from(values_to([1.0, 2.5])).tolist() == [1.0, 2.5]
-    assert values_from(b"1234567").shape == (0,)
+    assert decode_values(encode_values([1.0, 2.5])).tolist() == [1.0, 2.5]
+    assert decode_values(b"1234567").shape == (0,)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
 )
 def test_what_is_no_row_of_numbers_is_no_value(wrong):
     """A device that gets none has a fault, and is silent."""
-    assert not len(values_from(values_to(wrong)))
+    assert not len(decode_values(encode_values(wrong)))
 
 
 def test_arrays_keep_their_names_types_and_shapes():
@@ -106,7 +106,7 @@ def test_arrays_keep_their_names_types_and_shapes():
         "b": np.zeros((0, 3), np.float32),
         "c": np.array([1.5, np.nan]),
     }
-    content, found = unpack(pack({"x": [1, "y"]}, arrays))
+    content, found = decode_arrays(encode_arrays({"x": [1, "y"]}, arrays))
     assert content == {"x": [1, "y"]}
     for name, array in arrays.items():
         assert found[name].dtype == array.dtype
@@ -115,10 +115,10 @@ def test_arrays_keep_their_names_types_and_shapes():
 
 @given(st.binary(max_size=120), st.integers(0, 60))
 def test_damaged_arrays_are_refused(noise, place):
-    whole = bytearray(pack({"a": 1}, {"x": np.arange(3.0)}))
+    whole = bytearray(encode_arrays({"a": 1}, {"x": np.arange(3.0)}))
     whole[place : place + len(noise)] = noise
     try:
-        unpack(bytes(whole))
+        decode_arrays(bytes(whole))
     except MessageError:
         pass
 
@@ -126,4 +126,4 @@ def test_damaged_arrays_are_refused(noise, place):
 @pytest.mark.parametrize("body", [b"", b"[1]", b"{", b"\xff", b"[" * 100000])
 def test_what_is_no_json_object_is_refused(body):
     with pytest.raises(MessageError):
-        json_from(body)
+        decode_json(body)

@@ -28,19 +28,19 @@ from hfx_blender.devices.live.live_frame import (
     LiveFrame,
     RenderedDevice,
     SceneMessage,
-    live_frame_from,
-    live_frame_to,
-    scene_from,
-    scene_to,
+    decode_live_frame,
+    decode_scene,
+    encode_live_frame,
+    encode_scene,
 )
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Message,
     MessageError,
     MessageKind,
-    json_to,
-    pack,
-    values_from,
+    decode_values,
+    encode_arrays,
+    encode_json,
 )
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.devices.live.render_process import RenderProcess
@@ -100,7 +100,7 @@ def worn(
 
 
 def test_a_scene_and_a_moment_arrive_as_they_were():
-    scene = scene_from(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    scene = decode_scene(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
     assert scene.header.streams == STREAMS and scene.devices == (worn(BAND),)
     drive = Drive("band", ("a", "b"), np.float32([[0.5, 0.25]]))
     runs = [
@@ -109,7 +109,7 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
     ]
     playhead = Playhead(7.5, 1, 24, 23.98, True, -1)
     sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
-    found = live_frame_from(live_frame_to(sent, places()), STREAMS)
+    found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
     assert (found.time_s, found.gains) == (2.5, {7: 0.5})
     assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
     assert (found.edition, found.playhead) == (3, playhead)
@@ -124,18 +124,25 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
     got = found.runs[1].drive
     assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
     assert got.values.tolist() == [[0.5, 0.25]]
-    empty = live_frame_from(live_frame_to(LiveFrame(0.0, []), places()), STREAMS)
+    empty = decode_live_frame(encode_live_frame(LiveFrame(0.0, []), places()), STREAMS)
     assert list(empty.runs) == []
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"nonsense", json_to({}), pack({}, {}), pack({"playhead": [1]}, {})]
+    "body",
+    [
+        b"",
+        b"nonsense",
+        encode_json({}),
+        encode_arrays({}, {}),
+        encode_arrays({"playhead": [1]}, {}),
+    ],
 )
 def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
     with pytest.raises(MessageError):
-        live_frame_from(body, STREAMS)
+        decode_live_frame(body, STREAMS)
     with pytest.raises(MessageError):
-        scene_from(body)
+        decode_scene(body)
 
 
 def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
@@ -143,7 +150,7 @@ def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int,
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     found = {}
-    for each in renderers.answers(live_frame_to(shown, places())):
+    for each in renderers.answers(encode_live_frame(shown, places())):
         length = int.from_bytes(each[:4], "little")
         found[int.from_bytes(each[5:7], "little")] = each[7:]
         assert len(each) == 7 + length
@@ -162,17 +169,17 @@ def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_p
         tones = of_partials(renderer.tones(), {"low": 0, "high": 1}, width)
         assert expected.any()
         assert len(tones.numbers) == (2 if width else 0)
-        assert values_from(found[each.number]).tolist() == frame_of(expected, tones).tolist()
+        assert decode_values(found[each.number]).tolist() == frame_of(expected, tones).tolist()
 
 
 def test_gain_and_mute_are_of_one_device():
     devices = worn(BAND, 1), worn(BAND, 2), worn("mango_pad", 3), worn("mango_pad", 4)
     found = answered(devices, moment(4.0, gains={2: 0.5, 4: 0.0}))
-    whole, half = values_from(found[1])[::2], values_from(found[2])[::2]
+    whole, half = decode_values(found[1])[::2], decode_values(found[2])[::2]
     assert whole.any() and half.tolist() == (0.5 * whole).tolist()
     columns = 2 * len(load_device("mango_pad").actuators)
-    assert values_from(found[3])[:columns:2].any()
-    muted = values_from(found[4])
+    assert decode_values(found[3])[:columns:2].any()
+    muted = decode_values(found[4])
     assert not muted[:columns:2].any()
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
 
@@ -187,20 +194,20 @@ def test_late_actuators_get_what_is_felt_later(
     (tmp_path / "late.json").write_text(json.dumps(content))
     later = [felt(STREAMS[1], 2.0, 250.0)]
     device = worn("late", folder=tmp_path)
-    now = values_from(answered((device,), moment(3.0))[1])
-    alone = values_from(answered((device,), LiveFrame(1.0, later))[1])
+    now = decode_values(answered((device,), moment(3.0))[1])
+    alone = decode_values(answered((device,), LiveFrame(1.0, later))[1])
     renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
     with monkeypatch.context() as patched:
         patched.setattr(renderers.lookahead, "_later", lambda shown: {30.0: later})
-        (ahead,) = renderers.answers(live_frame_to(moment(3.0), places()))
-    assert values_from(ahead[7:]).tolist() == alone.tolist() != now.tolist()
+        (ahead,) = renderers.answers(encode_live_frame(moment(3.0), places()))
+    assert decode_values(ahead[7:]).tolist() == alone.tolist() != now.tolist()
 
 
 def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
     devices = worn("not_there", 1, folder=tmp_path), worn(BAND, 2)
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert len(renderers.faults) == 1 and b"not_there" in renderers.faults[0]
-    assert len(renderers.answers(live_frame_to(moment(), places()))) == 1
+    assert len(renderers.answers(encode_live_frame(moment(), places()))) == 1
 
 
 def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
@@ -212,7 +219,7 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
         raise RuntimeError("of somebody's")
 
     monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
-    one, other = renderers.answers(live_frame_to(moment(), places()))
+    one, other = renderers.answers(encode_live_frame(moment(), places()))
     assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
     assert other[4] == MessageKind.ANSWER
 
@@ -239,7 +246,7 @@ def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
     def told() -> list[tuple[MessageKind, bytes]]:
         """All that is told until there is nothing left."""
         found = []
-        while asked._scene or asked._moment or asked._told < len(asked._lookahead):
+        while asked._scene or asked._moment or asked._sent_count < len(asked._lookahead):
             asked._deadline_s = None
             content = asked._next(worker)
             assert content is not None
@@ -259,18 +266,18 @@ def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
     asked.show(b"now", {})
     assert told() == [(MessageKind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
     asked._process = None
-    asked.revive()
+    asked.restart()
     assert told() == [(MessageKind.SCENE, b"first"), *keyed]
     asked.add_lookahead(MessageKind.KEYED_SCENE, b"edited")
     asked._process = None
-    asked.revive()
+    asked.restart()
     assert told() == [(MessageKind.SCENE, b"first"), (MessageKind.KEYED_SCENE, b"edited")]
     asked.describe(b"second")
     assert told() == [(MessageKind.SCENE, b"second")]
 
 
 def test_another_scene_ends_the_lookahead_of_the_one_before() -> None:
-    body = scene_to(SceneMessage(HEADER, BODY, (worn(BAND),)))
+    body = encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),)))
     first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
     assert first is not None
     assert taken(Message(MessageKind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
@@ -349,9 +356,9 @@ class Asked:
         self.told: list[Message] = []
         self.answered: list[Any] = []  # which questions
         self.faults: list[str] = []
-        self.process = RenderProcess(self._hear, self.faults.append)
+        self.process = RenderProcess(self._receive, self.faults.append)
 
-    def _hear(self, found: Message, questions: Any) -> None:
+    def _receive(self, found: Message, questions: Any) -> None:
         self.told.append(found)
         self.answered.append(questions)
 
@@ -376,9 +383,9 @@ def asked() -> Iterator[Asked]:
 def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_asked(
     asked: Asked,
 ) -> None:
-    asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    asked.process.describe(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
     for k in range(50):
-        asked.process.show(live_frame_to(moment(), places()), {1: Question(k, 0.0, k)})
+        asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
         if k % 2:
             asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
         else:

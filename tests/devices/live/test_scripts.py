@@ -18,7 +18,7 @@ from hfx_blender import resources
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.haptics import as_values, packed, unpacked
+from hfx_blender.devices.live.haptics import as_values, decode_haptics, encode_haptics
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.errors import InputError
 
@@ -67,7 +67,7 @@ def folder(client: LiveClient, tmp_path: Path) -> Path:
 
 
 def haptics(values: np.ndarray | None = None) -> bytes:
-    return packed(1.5, [], playing() if values is None else values)
+    return encode_haptics(1.5, [], playing() if values is None else values)
 
 
 def connect(client: LiveClient, folder: Path, source: str, log: Path) -> None:
@@ -81,7 +81,7 @@ def connect(client: LiveClient, folder: Path, source: str, log: Path) -> None:
         NAME,
         {"kind": "simulator", "path": str(log)},
         folder=folder,
-        script=script.as_wish(),
+        script=script.as_request(),
     )
 
 
@@ -208,7 +208,9 @@ def test_a_script_that_changed_since_it_was_approved_is_not_run(
     approval.approve(script)
     path.write_text(f"open({str(tmp_path / 'was_run')!r}, 'w')\n" + HALF)
     client.disconnect("scripted")
-    client.connect("scripted", NAME, {"kind": "simulator"}, folder=folder, script=script.as_wish())
+    client.connect(
+        "scripted", NAME, {"kind": "simulator"}, folder=folder, script=script.as_request()
+    )
     wait(client, lambda: client.devices["scripted"].state == "fault")
     assert "has changed since it was approved" in client.devices["scripted"].text
     assert not (tmp_path / "was_run").exists()
@@ -324,8 +326,8 @@ def run_of(vertices: list[int], weights: list[float]) -> SampleRun:
 
 def test_haptic_data_come_through_whole() -> None:
     gains = np.linspace(0.0, 1.0, 8)
-    body = packed(1.5, [(run_of([3, 7], [0.25, 1.0]), gains)], playing())
-    found = unpacked(body, DEVICE)
+    body = encode_haptics(1.5, [(run_of([3, 7], [0.25, 1.0]), gains)], playing())
+    found = decode_haptics(body, DEVICE)
     (effect,) = found.felt
     assert (found.time_s, effect.name, effect.modality, effect.level) == (1.5, "rain", "wind", 0.5)
     assert effect.parameters == {
@@ -345,7 +347,7 @@ def test_haptic_data_come_through_whole() -> None:
 
 
 def test_answers_are_columns_or_names_or_nothing() -> None:
-    told = unpacked(haptics(), DEVICE)
+    told = decode_haptics(haptics(), DEVICE)
     assert as_values(None, told).tolist() == [0.0, 100.0] * 8
     assert as_values(tuple(playing(3.0)), told).tolist() == [3.0, 100.0] * 8
     by_name = as_values({"m1": 2, "m3": {"frequency_hz": 80}}, told)
@@ -357,4 +359,4 @@ def test_answers_are_columns_or_names_or_nothing() -> None:
 )
 def test_other_answers_are_faults(answer: object) -> None:
     with pytest.raises((ValueError, TypeError)):
-        as_values(answer, unpacked(haptics(), DEVICE))
+        as_values(answer, decode_haptics(haptics(), DEVICE))

@@ -67,14 +67,14 @@ class Tally:
         self.pass_time(step_s)
         wanted = self.guard.neutral.copy()
         wanted[::2] = amplitude
-        self._is_on = bool(self.guard.passed(wanted, step_s)[0])
+        self._is_on = bool(self.guard.limited(wanted, step_s)[0])
         return self._is_on
 
     def stop(self, played_s: float, now_s: float) -> None:
         """The stop bytes arrive so much later."""
         self.pass_time(played_s)
         self._is_on = False
-        self.guard.fell_silent(played_s, now_s)
+        self.guard.record_silence(played_s, now_s)
 
 
 def share_of(tally: Tally) -> float:
@@ -125,8 +125,8 @@ def test_a_stall_allows_no_more_than_a_short_step_does():
     for stall_s in (0.05, 3.0, 1e9):
         guard = Guard(limited(math.inf, 1.0, slew_per_s=10.0))
         wanted = np.tile([15.0, 100.0], 8)
-        guard.passed(wanted, 0.02)
-        at[stall_s] = guard.passed(wanted, stall_s)[0]
+        guard.limited(wanted, 0.02)
+        at[stall_s] = guard.limited(wanted, stall_s)[0]
     assert at[0.05] == at[3.0] == at[1e9] == pytest.approx(0.2 + 0.5)
 
 
@@ -136,10 +136,10 @@ def test_a_clock_that_stands_is_no_rest_and_ends_what_is_on(step_s):
     for _ in range(150):
         tally.step(15.0)
     wanted = np.tile([15.0, 100.0], 8)
-    while tally.guard.passed(wanted, step_s)[0]:
+    while tally.guard.limited(wanted, step_s)[0]:
         pass
     for _ in range(1000):
-        tally.guard.passed(tally.guard.neutral, step_s)  # no rest
+        tally.guard.limited(tally.guard.neutral, step_s)  # no rest
     assert tally.step(15.0) is False
 
 
@@ -170,7 +170,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
     account = Account()
     tally = Tally(limited(maximum_on_s, rest_s), (account,))
     now_s = 1000.0
-    tally.guard.rested(now_s)
+    tally.guard.record_rest(now_s)
     tally.guard.reset()
     longest_step_s = 0.0
     for action, amplitude, step_s, times in actions:
@@ -190,7 +190,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
             if action == "wait":
                 now_s += step_s * times
                 tally.pass_time(step_s * times)
-            tally.guard.rested(now_s)
+            tally.guard.record_rest(now_s)
             tally.guard.reset()
     # Values hold until the next: the last step of each stretch may be longer than foreseen.
     assert tally.longest_s <= maximum_on_s + longest_step_s + 1e-6
@@ -204,7 +204,7 @@ def test_two_connections_of_one_device_share_one_account(pieces):
     account = Account()
     one, other = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
     for each in (one, other):
-        each.guard.rested(1000.0)
+        each.guard.record_rest(1000.0)
         each.guard.reset()
     on_s = off_s = 0.0
     for first, second, times in pieces:
@@ -222,18 +222,18 @@ def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
     """Accounts of a device that was on for so long and was stopped then."""
     kept, now_s = KeptAccounts(folder, clock), clock.now()
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
-    tally.guard.rested(now_s)
+    tally.guard.record_rest(now_s)
     tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
         tally.step(15.0)
-    tally.guard.fell_silent(0.0, now_s)
+    tally.guard.record_silence(0.0, now_s)
     return kept
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
     """Time that the device may be on in a new process."""
     tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder, clock).of("it"),))
-    tally.guard.rested(clock.now())
+    tally.guard.record_rest(clock.now())
     tally.guard.reset()
     steps = 0
     while steps < 1000 and tally.step(15.0):
@@ -257,12 +257,12 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
 
 
 def test_an_account_outlives_its_process(tmp_path, clock, wall):
-    used(tmp_path, 1.5, clock).keep()
+    used(tmp_path, 1.5, clock).save()
     assert left_s(tmp_path, clock) == pytest.approx(0.5)
 
 
 def test_time_without_a_process_is_rest(tmp_path, clock, wall):
-    used(tmp_path, 1.5, clock).keep()
+    used(tmp_path, 1.5, clock).save()
     wall.now_s += 0.25
     clock.now_s += 0.25
     assert left_s(tmp_path, clock) == pytest.approx(1.0, abs=STEP_S)
@@ -272,7 +272,7 @@ def test_time_without_a_process_is_rest(tmp_path, clock, wall):
     ("wall_s", "monotonic_s"), [(1e6, 0.0), (-1e6, 10.0), (0.0, 10.0), (1e6, -1000.0)]
 )
 def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotonic_s):
-    used(tmp_path, 1.5, clock).keep()
+    used(tmp_path, 1.5, clock).save()
     wall.now_s += wall_s
     clock.now_s += monotonic_s
     assert left_s(tmp_path, clock) == pytest.approx(0.5)
@@ -281,10 +281,10 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotoni
 def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
     kept = KeptAccounts(tmp_path, clock)
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
-    tally.guard.rested(1000.0)
+    tally.guard.record_rest(1000.0)
     tally.guard.reset()
     tally.step(15.0)
-    kept.keep()  # and no more
+    kept.save()  # and no more
     assert left_s(tmp_path, clock) == 0.0
 
 
@@ -292,7 +292,7 @@ def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
     "content", ["", "{", "[]", "1", '{"filled": "x"}', '{"filled": [NaN]}', "[" * 100_000]
 )
 def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
-    used(tmp_path, 0.1, clock).keep()
+    used(tmp_path, 0.1, clock).save()
     (path,) = tmp_path.iterdir()
     path.write_text(content)
     assert left_s(tmp_path, clock) == 0.0
@@ -301,8 +301,8 @@ def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
 def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
     (tmp_path / "file").write_text("")
     kept = used(tmp_path / "file" / "folder", 1.5, clock)
-    kept.keep()
-    kept.keep()
+    kept.save()
+    kept.save()
     assert len(caplog.records) <= 2  # told once when read, once when written
 
 

@@ -287,14 +287,14 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
-    lane = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    lane._output, lane._is_armed = ears, True  # its thread is this one
-    lane.feed(both(3.0, 4.0))
+    thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
+    thread._output, thread._is_armed = ears, True  # its thread is this one
+    thread.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
-    newest = lane._waiting.taken(math.inf, 0.0)
-    now = lane._clock.now()
+    newest = thread._waiting.taken(math.inf, 0.0)
+    now = thread._clock.now()
     for k in range(8):
-        lane._step(now + 0.01 * k, 0.01, newest if k == 0 else None, lane._generation)
+        thread._step(now + 0.01 * k, 0.01, newest if k == 0 else None, thread._generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
@@ -304,12 +304,12 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
-    lane = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    lane._output, lane._is_armed = ears, True  # its thread is this one
+    thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
+    thread._output, thread._is_armed = ears, True  # its thread is this one
     frame = both(3.0, 4.0)
     frame[0] = 1e-6
-    now = lane._clock.now()
+    now = thread._clock.now()
     for k in range(3):
-        lane._step(now + 0.01 * k, 0.01, frame if k == 0 else None, lane._generation)
+        thread._step(now + 0.01 * k, 0.01, frame if k == 0 else None, thread._generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0])

@@ -22,7 +22,7 @@ from live_process import BAND, is_loud, rows_of
 from test_render_process import HEADER, STREAMS, felt, places
 
 from hfx_blender import cli
-from hfx_blender.devices.live.live_frame import live_frame_from, live_frame_to
+from hfx_blender.devices.live.live_frame import decode_live_frame, encode_live_frame
 from hfx_blender.devices.live.played_track import PlayedTrack
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
@@ -107,7 +107,7 @@ def test_late_actuators_are_given_later_samples(track: Path) -> None:
     with PlayedTrack(track) as played:
         sent = played.frame(0.45, later_s={40.0: 0.49, 60.0: 0.51})
         assert not sent.runs and not sent.later[40.0]
-        found = live_frame_from(live_frame_to(sent, places()), STREAMS)
+        found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
     assert list(found.runs) == [] and list(found.later[40.0]) == []
     (later,) = found.later[60.0]
     assert later.parameters.tolist() == [[10.0, 100.0]]

@@ -15,16 +15,16 @@ import pytest
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.transports import websocket
-from hfx_blender.devices.live.transports.websocket import WebSocket, _parsed
+from hfx_blender.devices.live.transports.websocket import WebSocket, _decode_frame
 
 
 def test_a_frame_of_another_version_is_dropped_however_intact():
     def framed(version: int) -> bytes:
         content = struct.pack("<BBH", version, wire.FrameKind.STOP, 3)
-        return wire.cobs(content + struct.pack("<I", zlib.crc32(content)))
+        return wire.encode_cobs(content + struct.pack("<I", zlib.crc32(content)))
 
-    assert wire.parsed(framed(wire.VERSION)) == wire.Frame(wire.FrameKind.STOP, 3, b"")
-    assert wire.parsed(framed(wire.VERSION + 1)) is None
+    assert wire.decode_frame(framed(wire.VERSION)) == wire.Frame(wire.FrameKind.STOP, 3, b"")
+    assert wire.decode_frame(framed(wire.VERSION + 1)) is None
 
 
 def test_bytes_without_an_end_take_only_so_much_memory():
@@ -42,13 +42,13 @@ def test_bytes_without_an_end_take_only_so_much_memory():
 )
 def test_reserved_bits_masks_and_long_pings_are_no_frames_of_a_server(content: bytes) -> None:
     with pytest.raises(OutputLostError, match="not a frame"):
-        _parsed(bytearray(content))
+        _decode_frame(bytearray(content))
 
 
 def test_a_frame_that_would_be_too_long_is_not_waited_for():
     with pytest.raises(OutputLostError, match="too long"):
-        _parsed(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE + 1)))
-    assert _parsed(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE))) is None
+        _decode_frame(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE + 1)))
+    assert _decode_frame(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE))) is None
 
 
 class Server:

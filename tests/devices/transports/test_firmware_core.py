@@ -29,19 +29,21 @@ def board(library):
 
 
 def configured(board, session=1, maximum_on_ms=0, channels=6, rest_ms=0):
-    payload = wire.configuration(session, channels, maximum_on_ms, rest_ms)
-    board.take(wire.frame(FrameKind.CONFIGURE, 0, payload))
+    payload = wire.encode_configuration(session, channels, maximum_on_ms, rest_ms)
+    board.take(wire.encode_frame(FrameKind.CONFIGURE, 0, payload))
     return zlib.crc32(payload)
 
 
 def play(board, crc, levels=LOUD, sequence=1, live_ms=250):
-    board.take(wire.frame(FrameKind.VALUES, sequence, wire.values(crc, levels, live_ms)))
+    board.take(
+        wire.encode_frame(FrameKind.VALUES, sequence, wire.encode_values(crc, levels, live_ms))
+    )
 
 
 def test_a_board_answers_its_configuration_and_plays(board):
     crc = configured(board)
     (answer,) = board.replies()
-    assert answer.kind == FrameKind.READY and wire.ready(answer.payload) == (crc, 6)
+    assert answer.kind == FrameKind.READY and wire.decode_ready(answer.payload) == (crc, 6)
     assert board.levels == SILENT
     play(board, crc)
     assert board.levels == LOUD and board.replies() == []
@@ -50,13 +52,13 @@ def test_a_board_answers_its_configuration_and_plays(board):
 def test_values_without_or_for_another_configuration_are_refused(board):
     play(board, 0)
     assert board.levels == SILENT
-    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
     crc = configured(board)
     play(board, crc)
     board.replies()
     play(board, crc ^ 1, sequence=2)
     assert board.levels == SILENT
-    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
 
 
 def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(board):
@@ -67,7 +69,7 @@ def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(b
     board.replies()
     board.wait(1)
     assert board.levels == SILENT
-    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.NO_VALUES]
+    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.NO_VALUES]
     play(board, crc, sequence=2)
     assert board.levels == SILENT
     crc = configured(board, session=2)
@@ -78,8 +80,8 @@ def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(b
 
 def test_no_host_can_lengthen_the_dead_man(board):
     payload = struct.pack("<IBHI", 1, 6, 5000, 0)
-    assert len(payload) == len(wire.configuration(1, 6, 0))
-    board.take(wire.frame(FrameKind.CONFIGURE, 0, payload))
+    assert len(payload) == len(wire.encode_configuration(1, 6, 0))
+    board.take(wire.encode_frame(FrameKind.CONFIGURE, 0, payload))
     play(board, zlib.crc32(payload), live_ms=65535)
     board.wait(249)
     assert board.levels == LOUD
@@ -103,9 +105,9 @@ def test_stop_is_always_taken_and_disarms(board):
     crc = configured(board)
     play(board, crc, sequence=500)
     board.replies()
-    board.take(wire.frame(FrameKind.STOP, 3))  # an old number does not matter
+    board.take(wire.encode_frame(FrameKind.STOP, 3))  # an old number does not matter
     assert board.levels == SILENT
-    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.ASKED]
+    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.ASKED]
     play(board, crc, sequence=501)
     assert board.levels == SILENT
 
@@ -113,15 +115,17 @@ def test_stop_is_always_taken_and_disarms(board):
 def test_stop_passes_a_frame_that_was_cut_off(board):
     crc = configured(board)
     play(board, crc)
-    half = wire.frame(FrameKind.VALUES, 2, wire.values(crc, LOUD))[:11]
-    board.take(half + wire.frame(FrameKind.STOP, 3))
+    half = wire.encode_frame(FrameKind.VALUES, 2, wire.encode_values(crc, LOUD))[:11]
+    board.take(half + wire.encode_frame(FrameKind.STOP, 3))
     assert board.levels == SILENT
 
 
 def test_a_frame_of_another_version_is_not_taken(board):
     crc = configured(board)
-    content = struct.pack("<BBH", wire.VERSION + 1, FrameKind.VALUES, 1) + wire.values(crc, LOUD)
-    board.take(wire.cobs(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
+    content = struct.pack("<BBH", wire.VERSION + 1, FrameKind.VALUES, 1) + wire.encode_values(
+        crc, LOUD
+    )
+    board.take(wire.encode_cobs(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
     assert board.levels == SILENT
 
 
@@ -205,7 +209,7 @@ def test_nothing_but_time_empties_the_account_of_time_on(board, between):
         if between == "silence":
             player.play(SILENT, 10)
         elif between == "stop":
-            board.take(wire.frame(FrameKind.STOP, 0))
+            board.take(wire.encode_frame(FrameKind.STOP, 0))
             assert board.levels == SILENT
             player.configure()
         elif between == "configure":
@@ -226,7 +230,7 @@ def test_a_stop_buys_no_time(board):
     player = Player(board, maximum_on_ms=1000, rest_ms=500)
     for _ in range(60):
         player.play(ON, 90)
-        board.take(wire.frame(FrameKind.STOP, 0))
+        board.take(wire.encode_frame(FrameKind.STOP, 0))
         player.configure()
     assert player.longest_ms <= 1000
     assert player.on_ms <= 1000 + 2 * (player.all_ms - player.on_ms)
@@ -286,7 +290,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(library, told, maximum
     for levels, ms, then in told:
         player.play(levels, ms)
         if then == "stop":
-            board.take(wire.frame(FrameKind.STOP, 0))
+            board.take(wire.encode_frame(FrameKind.STOP, 0))
         if then == "restart":
             board.begin_again()
         if then or levels is None:
@@ -307,7 +311,7 @@ def test_the_boards_own_maximum_holds_whatever_the_host_allows(board):
 def test_a_device_with_too_many_channels_is_told_and_not_played(board):
     crc = configured(board, channels=7)
     (answer,) = board.replies()
-    assert wire.ready(answer.payload) == (crc, 6)
+    assert wire.decode_ready(answer.payload) == (crc, 6)
     play(board, crc, [1] * 7)
     assert board.levels == SILENT
 
@@ -339,7 +343,7 @@ def test_garbage_never_makes_a_sound_or_a_crash(library, pieces):
 def test_any_stuffed_bytes_are_understood_as_python_does(library, content):
     board = Board(library)
     board.take(content + b"\0")
-    found = wire.parsed(content)
+    found = wire.decode_frame(content)
     if found is None or found.kind not in (FrameKind.STOP, FrameKind.VALUES, FrameKind.CONFIGURE):
         assert board.replies() == []
 
@@ -350,7 +354,7 @@ def test_any_intact_frame_is_taken_without_a_crash(library, kind, sequence, payl
     board = Board(library)
     configured(board)
     board.replies()
-    board.take(wire.frame(kind, sequence, payload))
+    board.take(wire.encode_frame(kind, sequence, payload))
     board.wait(300)
     assert board.levels == SILENT
 
@@ -358,7 +362,7 @@ def test_any_intact_frame_is_taken_without_a_crash(library, kind, sequence, payl
 def test_values_with_one_changed_bit_are_not_played(library):
     board = Board(library)
     crc = configured(board)
-    sent = wire.frame(FrameKind.VALUES, 1, wire.values(crc, LOUD))
+    sent = wire.encode_frame(FrameKind.VALUES, 1, wire.encode_values(crc, LOUD))
     for bit in range(8, 8 * len(sent) - 8):  # not of the zeros at both ends
         changed = bytearray(sent)
         changed[bit // 8] ^= 1 << bit % 8

@@ -275,22 +275,23 @@ def lovense(server, name="Lovense"):
     return open_output(device(TWO[0], heat(), output=output), {"kind": "websocket"})
 
 
-def told(server, kind):
+def received_of_kind(server, kind):
     return [each[kind] for message in server.heard for each in message if kind in each]
 
 
 def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
     server = serve(intiface())
     output = lovense(server)
-    assert told(server, "RequestServerInfo") == [
+    assert received_of_kind(server, "RequestServerInfo") == [
         {"Id": 1, "ClientName": "HFX", "ProtocolVersionMajor": 4, "ProtocolVersionMinor": 0}
     ]
     output.send(np.array([5.0, 175.0, 29.0]))
     time.sleep(0.03)
     output.send(np.array([5.0, 175.0, 21.5]))  # half way from 29 down to 14
-    server.wait(lambda: len(told(server, "OutputCmd")) == 3)
+    server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 3)
     commands = [
-        (e["DeviceIndex"], e["FeatureIndex"], e["Command"]) for e in told(server, "OutputCmd")
+        (e["DeviceIndex"], e["FeatureIndex"], e["Command"])
+        for e in received_of_kind(server, "OutputCmd")
     ]
     assert commands == [
         (3, 0, {"Vibrate": {"Value": 10}}),
@@ -298,20 +299,20 @@ def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
         (3, 1, {"Temperature": {"Value": -5}}),
     ]
     output.stop()
-    server.wait(lambda: told(server, "StopCmd"))
-    assert told(server, "StopCmd")[0]["DeviceIndex"] == 3
+    server.wait(lambda: received_of_kind(server, "StopCmd"))
+    assert received_of_kind(server, "StopCmd")[0]["DeviceIndex"] == 3
     ids = [content["Id"] for message in server.heard for e in message for content in e.values()]
     assert len(set(ids)) == len(ids) and min(ids) >= 1
     time.sleep(0.03)
     output.send(np.array([5.0, 175.0, 29.0]))  # after a stop everything is said anew
-    server.wait(lambda: len(told(server, "OutputCmd")) == 5)
+    server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 5)
     output.close()
 
 
 def test_buttplug_pings_while_nothing_is_sent(serve):
     server = serve(intiface(ping_ms=200))
     output = lovense(server)
-    server.wait(lambda: len(told(server, "Ping")) >= 3)
+    server.wait(lambda: len(received_of_kind(server, "Ping")) >= 3)
     output.close()
 
 
@@ -347,8 +348,8 @@ def test_no_server_can_keep_a_device_from_falling_silent(serve, gap):
     assert 0.0 < output._interval_s <= 0.25
     output.send(np.array([5.0, 175.0, 29.0]))
     output.send(np.array([0.0, 175.0, 29.0]))  # at once
-    server.wait(lambda: len(told(server, "OutputCmd")) == 3)
-    assert told(server, "OutputCmd")[-1]["Command"] == {"Vibrate": {"Value": 0}}
+    server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 3)
+    assert received_of_kind(server, "OutputCmd")[-1]["Command"] == {"Vibrate": {"Value": 0}}
     output.close()
 
 

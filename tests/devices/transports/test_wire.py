@@ -11,38 +11,38 @@ from hfx_blender.devices.live import wire
 
 def test_cobs_of_known_examples():
     # Cheshire and Baker's rules, worked out by hand.
-    assert wire.cobs(b"") == b"\x01"
-    assert wire.cobs(b"\0") == b"\x01\x01"
-    assert wire.cobs(b"\0\0") == b"\x01\x01\x01"
-    assert wire.cobs(b"\x11\x22\0\x33") == b"\x03\x11\x22\x02\x33"
-    assert wire.cobs(b"\x11\0\0\0") == b"\x02\x11\x01\x01\x01"
-    assert wire.cobs(bytes(range(1, 254))) == b"\xfe" + bytes(range(1, 254))
+    assert wire.encode_cobs(b"") == b"\x01"
+    assert wire.encode_cobs(b"\0") == b"\x01\x01"
+    assert wire.encode_cobs(b"\0\0") == b"\x01\x01\x01"
+    assert wire.encode_cobs(b"\x11\x22\0\x33") == b"\x03\x11\x22\x02\x33"
+    assert wire.encode_cobs(b"\x11\0\0\0") == b"\x02\x11\x01\x01\x01"
+    assert wire.encode_cobs(bytes(range(1, 254))) == b"\xfe" + bytes(range(1, 254))
 
 
 @given(st.binary(max_size=700))
 def test_cobs_has_no_zero_and_comes_back(content):
-    stuffed = wire.cobs(content)
+    stuffed = wire.encode_cobs(content)
     assert 0 not in stuffed
     assert len(stuffed) <= len(content) + 2 + len(content) // 254
-    assert wire.uncobs(stuffed) == content
+    assert wire.decode_cobs(stuffed) == content
 
 
 @given(st.binary(max_size=300))
 def test_any_bytes_are_understood_or_dropped(content):
-    wire.uncobs(content)
+    wire.decode_cobs(content)
     for each in wire.Receiver().take(content):
         assert zlib.crc32(each.payload) >= 0
 
 
 @given(st.integers(0, 255), st.integers(0, 65535), st.binary(max_size=70), st.binary(max_size=40))
 def test_a_frame_is_found_behind_any_garbage(kind, sequence, payload, garbage):
-    found = wire.Receiver().take(garbage + wire.frame(kind, sequence, payload))
+    found = wire.Receiver().take(garbage + wire.encode_frame(kind, sequence, payload))
     assert found[-1] == wire.Frame(kind, sequence, payload)
 
 
 @given(st.binary(min_size=1, max_size=70), st.data())
 def test_one_changed_bit_is_a_lost_frame(payload, data):
-    sent = bytearray(wire.frame(wire.FrameKind.VALUES, 7, payload))
+    sent = bytearray(wire.encode_frame(wire.FrameKind.VALUES, 7, payload))
     bit = data.draw(st.integers(8, 8 * len(sent) - 9))  # not of the zeros at both ends
     sent[bit // 8] ^= 1 << bit % 8
     assert wire.Receiver().take(bytes(sent) + b"\0") == []
@@ -50,16 +50,16 @@ def test_one_changed_bit_is_a_lost_frame(payload, data):
 
 def test_what_is_too_long_is_skipped_up_to_the_next_zero():
     receiver = wire.Receiver()
-    stop = wire.frame(wire.FrameKind.STOP, 1)
+    stop = wire.encode_frame(wire.FrameKind.STOP, 1)
     assert receiver.take(b"\x01" * 10_000 + stop)[0].kind == wire.FrameKind.STOP
     assert len(receiver._waiting) == 0
 
 
 def test_payloads_are_these_bytes():
-    assert wire.configuration(0x01020304, 6, 5000).hex() == "0403020106fa0088130000"
-    assert wire.values(0x01020304, [0, 65535, 256], 250).hex() == "04030201fa000000ffff0001"
+    assert wire.encode_configuration(0x01020304, 6, 5000).hex() == "0403020106fa0088130000"
+    assert wire.encode_values(0x01020304, [0, 65535, 256], 250).hex() == "04030201fa000000ffff0001"
 
 
 def test_the_largest_frame_fits():
-    payload = wire.values(0xFFFFFFFF, [0xFFFF] * 32)
-    assert len(wire.frame(wire.FrameKind.VALUES, 1, payload)) - 2 <= wire.MAX_FRAME
+    payload = wire.encode_values(0xFFFFFFFF, [0xFFFF] * 32)
+    assert len(wire.encode_frame(wire.FrameKind.VALUES, 1, payload)) - 2 <= wire.MAX_FRAME

@@ -64,6 +64,40 @@ def _biped(prefix: str, between: str) -> dict[str, str]:
 
 
 RENAMED: dict[str, dict[str, str]] = {
+    "joints of fingers are letters": {
+        **named(
+            "root=root hips;spine04=spine lower;spine02=spine middle;spine01=spine upper;"
+            "neck01=head neck lower;head=head neck upper",
+            "arm * shoulder 1;arm * shoulder 2;arm * elbow;arm * wrist;leg * thigh;leg * knee;"
+            "leg * ankle;leg * toes",
+            "-;-;-;-;-",
+            ("left", "right"),
+        ),
+        **_numbered_fingers(
+            "arm * finger #", "1a,1b,1c;2a,2b,2c;3a,3b,3c;4a,4b,4c;5a,5b,5c", ("left", "right")
+        ),
+    },
+    "short names in brackets": {
+        **named(
+            _SPINE_3.format(
+                *("NPC Pelvis [Pelv]", "NPC Spine [Spn0]", "NPC Spine1 [Spn1]"),
+                *("NPC Spine2 [Spn2]", "NPC Neck [Neck]", "NPC Head [Head]"),
+            ),
+            "NPC * Clavicle [*Clv];NPC * UpperArm [*Uar];NPC * Forearm [*Lar];NPC * Hand [*Hnd];"
+            "NPC * Thigh [*Thg];NPC * Calf [*Clf];NPC * Foot [*ft ];NPC * Toe0 [*Toe]",
+            "-;-;-;-;-",
+            _UPPER,
+        ),
+        **_numbered_fingers(
+            "NPC * Finger# [*F#]", "00,01,02;10,11,12;20,21,22;30,31,32;40,41,42", _UPPER
+        ),
+    },
+    "halves of limbs by a letter": named(
+        _SPINE_3.format("pelvis", "abdomen", "thorax", "torso", "neck", "head"),
+        "*_clav;*_uarm;*_larm;*_hand;*_uleg;*_lleg;*_foot;*_toes",
+        "*_thumb#;*_ind#;*_mid#;*_ring#;*_lit#",
+        LOW,
+    ),
     "snapchat": _BITMOJI,
     "snapchat, lower case": {bone: name.lower() for bone, name in _BITMOJI.items()},
     "suffix bone": {

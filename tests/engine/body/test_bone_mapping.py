@@ -267,6 +267,19 @@ def test_missing_fingers_toes_and_face_follow_their_parents_and_are_reported() -
     _check_complete(mapping)
 
 
+def test_fingers_told_apart_by_letters_alone_are_left_open() -> None:
+    table = {bone: name for bone, name in MIXAMO.items() if "finger" not in bone}
+    letters = {
+        f"finger{finger}-{joint}.{side}": f"{word}_finger_{'ABDEG'[finger - 1]}_{joint}"
+        for finger in range(1, 6)
+        for joint in (1, 2, 3)
+        for side, word in (("L", "Left"), ("R", "Right"))
+    }
+    mapping = bone_mapping.map_bones(rig_of(table | letters))
+    assert mapping.bones == table
+    assert any("thumb, index" in sentence for sentence in mapping.report)
+
+
 def test_a_mitten_moves_all_fingers_but_the_thumb() -> None:
     table = {b: n for b, n in MIXAMO.items() if b[:7] not in ("finger3", "finger4", "finger5")}
     mapping = bone_mapping.map_bones(rig_of(table))

@@ -60,7 +60,6 @@ def test_the_build_gives_a_library_that_the_package_loads(
     shutil.copy(built, tmp_path / loading.NAME)
     state, library = found()
     assert state == "compiled"
-    assert library.hfx_interface() == loading.INTERFACE
     assert library.hfx_build().decode().split()[:2] == ["hfx_native", sources.digest()]
 
 
@@ -70,19 +69,11 @@ def test_every_function_that_python_calls_is_exported(built: Path) -> None:
     code = "\n".join(map(_text, sources.files()))
     structures = set(re.findall(r"\}\s*(hfx_\w+);", code))
     called = set(re.findall(r"[.\"](hfx_\w+)", wrappers)) - structures - {sources.MARK}
-    beginnings = {name for name in called if name.endswith("_")}  # f"hfx_gather_{kind}"
-    told = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))  # of a macro, the beginning
+    told = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))
     exported = ctypes.CDLL(str(built))
-    assert "hfx_interface" in called
-    assert [name for name in called - beginnings if not hasattr(exported, name)] == []
-    assert [name for name in beginnings if not any(each.startswith(name) for each in told)] == []
-    unused = {name for name in told - called if not name.startswith(tuple(beginnings))}
-    assert not unused, "exported, but nobody calls it"
-
-
-def test_the_interface_is_that_of_the_header() -> None:
-    header = (sources.FOLDER / "hfx_native.h").read_text(encoding="utf-8")
-    assert re.search(r"#define HFX_INTERFACE (\d+)", header)[1] == str(loading.INTERFACE)  # type: ignore[index]
+    assert "hfx_build" in called
+    assert [name for name in called if not hasattr(exported, name)] == []
+    assert told == called, "exported, but nobody calls it"
 
 
 # What does not fit is not loaded, whatever it is
@@ -120,8 +111,7 @@ def test_another_computers_library_is_not_loaded(zig: Path, found: Any, tmp_path
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (("HFX_INTERFACE;", "HFX_INTERFACE + 1;"), "has interface"),
-        (("// Which", "// which"), "other sources"),
+        (("// Description", "// description"), "other sources"),
         (("hfx_build(", "hfx_unknown("), "hfx_build"),
     ],
 )

@@ -7,21 +7,21 @@ Memory that is freed too early is reused only by chance, and hardly ever in one 
 from __future__ import annotations
 
 import ctypes
+import functools
 import gc
-import re
 import weakref
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import hfx_blender.engine.native
-from hfx_blender.engine.native.library import ANY, BYTES, DOUBLES, INTEGER, LONGS, structure
+from hfx_blender.engine.native import declarations
+from hfx_blender.engine.native.declarations import ArrayOf, structure
 
-ENGINE = Path(hfx_blender.engine.native.__file__).parents[1]
-FILES = sorted((*ENGINE.glob("native/*.py"), *ENGINE.glob("contact/compiled_*.py")))
-
-_Pair = structure("pair", ones=DOUBLES, count=INTEGER, others=LONGS)
+READ = ArrayOf((np.float64,), is_written=False)
+DOUBLES = ArrayOf((np.float64,), is_written=True)
+LONGS = ArrayOf((np.int64, np.uint64), is_written=True)
+BYTES = ArrayOf((np.uint8, np.bool_), is_written=True)
+ANY = ArrayOf((), is_written=True)
 
 
 def _address(argument: object) -> int | None:
@@ -42,8 +42,22 @@ def test_an_argument_is_where_the_array_is() -> None:
 
 
 @pytest.mark.parametrize(
+    "array",
+    [np.arange(8.0)[::2], np.float32([0, 2, 4, 6]), np.array([0, 2, 4, 6]), np.zeros((4, 0)).T],
+)
+def test_what_is_only_read_is_converted_and_lives_as_long_as_the_argument(array) -> None:
+    array.flags.writeable = False
+    argument = READ.from_param(array)
+    gc.collect()
+    others = [np.full(4, np.nan) for _ in range(8)]  # where freed memory would be taken again
+    assert not array.size or _read(_address(argument), 4) == [0.0, 2.0, 4.0, 6.0]
+    assert np.isnan(others).all()
+
+
+@pytest.mark.parametrize(
     ("kind", "array", "message"),
     [
+        (READ, np.zeros(3, np.complex128), "Cannot cast array data from dtype"),
         (DOUBLES, np.zeros(3, np.float32), "expected an array of float64, got one of float32"),
         (LONGS, np.zeros(3, np.int32), "expected an array of int64, got one of int32"),
         (BYTES, np.zeros(3), "expected an array of uint8, got one of float64"),
@@ -51,30 +65,60 @@ def test_an_argument_is_where_the_array_is() -> None:
         (ANY, np.zeros((3, 3)).T[1:], "expected a contiguous array"),
     ],
 )
-def test_other_arrays_are_refused(kind: object, array: np.ndarray, message: str) -> None:
-    with pytest.raises(TypeError, match=message):
-        kind.from_param(array)
-    if kind is DOUBLES:
+def test_other_arrays_are_refused(kind: ArrayOf, array: np.ndarray, message: str) -> None:
+    for ask in (kind.from_param, lambda each: kind.address(each, [])):
         with pytest.raises(TypeError, match=message):
-            _Pair(array, 3, np.zeros(3, np.int64))
+            ask(array)
 
 
 def test_a_structure_keeps_what_it_was_made_of() -> None:
-    array = np.arange(3.0)
-    alive = weakref.ref(array)
-    made = _Pair(array, 3, None)
-    del array
+    array = np.arange(6, dtype=np.int32)[::2]  # is converted
+    boxes = np.arange(3.0)
+    tree = structure("hfx_tree")(boxes, None, array, None, 3)
+    alive = weakref.ref(boxes)
+    mesh = structure("hfx_mesh")(None, tree, None, 0.5)
+    assert tree.order is None and not mesh.grid
+    del tree, boxes, array
     gc.collect()
-    assert alive() is not None and made.others is None
-    assert _read(made.ones, made.count) == [0.0, 1.0, 2.0]
-    del made
+    assert _read(mesh.tree.contents.boxes, 3) == [0.0, 1.0, 2.0]
+    assert _read(mesh.tree.contents.corners, 3) == [0.0, 2.0, 4.0]
+    assert (mesh.tree.contents.size, mesh.slack, mesh.depth) == (3, 0.5, 0.0)
+    del mesh
     gc.collect()
     assert alive() is None
-    assert _Pair().ones is None, "what is not given is nothing"
+    with pytest.raises(TypeError, match="expected an array of int64, got one of float64"):
+        structure("hfx_pairs")(1, np.zeros(1))
+    drift = structure("hfx_drift")([None, np.ones(2)] + 5 * [None], 7 * [None], 4)
+    assert drift.before[0] is None and _read(drift.before[1], 2) == [1.0, 1.0]
+    assert list(drift.after) == 7 * [None] and drift.intervals == 4
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_array_of_a_call_is_declared(path: Path) -> None:
-    """``argtypes`` name arrays by their types: a plain pointer is a structure."""
-    text = path.read_text(encoding="utf-8")
-    assert len(re.findall(r"\bPOINTER\] \* ", text)) <= (path.stem == "compiled_narrow_phase")
+def test_declarations_are_read_as_they_stand_in_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = """
+    #define KINDS 2
+    typedef struct {
+      const double *boxes, *far;
+      int64_t count;
+      uint8_t *marks[KINDS];
+    } hfx_thing;
+    HFX_EXPORT double hfx_ask(const hfx_thing *thing, const int32_t *ids,
+                              float *found, const hfx_thing **others) {
+    """
+    for name in ("_structures", "_constants", "structure"):
+        uncached = getattr(declarations, name).__wrapped__
+        monkeypatch.setattr(declarations, name, functools.cache(uncached))
+    monkeypatch.setattr(declarations, "_text", lambda: text)
+    library = type("Library", (), {"hfx_ask": type("Function", (), {})})
+    declarations.declare(library)
+    thing = declarations.structure("hfx_thing")
+    assert library.hfx_ask.restype is ctypes.c_double
+    first, *arrays = library.hfx_ask.argtypes
+    assert first is ctypes.POINTER(thing)
+    told = [(each._first, each._is_written) for each in arrays]
+    assert told == [(np.int32, False), (np.float32, True), (np.int64, False)]
+    assert [name for name, _ in thing._fields_] == ["boxes", "far", "count", "marks"]
+    assert ctypes.sizeof(thing) == 5 * 8
+    assert [thing._kinds[name]._is_written for name in ("boxes", "far", "marks")] == [0, 0, 1]
+    monkeypatch.setattr(declarations, "_text", lambda: text.replace("double hfx_", "long hfx_"))
+    with pytest.raises(KeyError, match="long"):
+        declarations.declare(library)

@@ -98,9 +98,9 @@ def test_the_way_on_a_plane_is_the_way_of_the_skin() -> None:
     np.testing.assert_allclose(pieces[:, :, 0, 0], points[:-1, :, :2], atol=1e-12)
     np.testing.assert_allclose(pieces[:, :, 1, 1], points[1:, :, :2], atol=1e-12)
     steps = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
-    np.testing.assert_allclose(paths.way_m.reshape(30, 5)[1:], steps, atol=1e-12)
+    np.testing.assert_allclose(paths.length_m.reshape(30, 5)[1:], steps, atol=1e-12)
     np.testing.assert_allclose(paths.speed_m_s(0.01).reshape(30, 5)[1:], steps / 0.01, atol=1e-9)
-    assert not paths.way_m[:5].any()
+    assert not paths.length_m[:5].any()
 
 
 def _motion(times: int, seed: int) -> np.ndarray:
@@ -121,7 +121,7 @@ def test_what_rests_on_a_moving_object_has_no_way() -> None:
     points = (matrices @ local)[:, None, :3]
     paths = _follow(mesh, vertices, points, matrices)
     assert len(paths) == 20
-    assert paths.way_m.max() < 1e-12
+    assert paths.length_m.max() < 1e-12
 
 
 def test_ways_are_the_same_on_an_object_that_carries_the_skin_along() -> None:
@@ -162,10 +162,10 @@ def test_what_rests_on_a_deforming_mesh_has_no_way_and_what_moves_has_its_own() 
     )
     paths = _follow(mesh, bent, np.stack([rest, moving], axis=1))
     assert len(paths) == 2 * times
-    assert paths.way_m[0::2].max() < 1e-12
+    assert paths.length_m[0::2].max() < 1e-12
     assert paths.speed_m_s(0.01)[0::2].max() < 1e-9
     np.testing.assert_allclose(np.diff(paths.coordinates_m[1::2, 0]), 0.1 / times, atol=1e-9)
-    np.testing.assert_allclose(paths.way_m[3::2], 0.1 / times, atol=1e-9)
+    np.testing.assert_allclose(paths.length_m[3::2], 0.1 / times, atol=1e-9)
 
 
 def _tube(segments: int = 48, radius: float = 0.05) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -201,8 +201,8 @@ def test_across_a_seam_the_way_goes_on_on_the_other_side() -> None:
     # No step is longer than the chord that it covers, though coordinates jump by a whole turn.
     chord = 2.0 * 0.05 * np.sin(0.5 * (angles[1] - angles[0]))
     assert np.abs(np.diff(paths.coordinates_m[:, 0])).max() > 0.3
-    assert paths.way_m[1:].max() <= chord * 1.01
-    assert paths.way_m.sum() == pytest.approx(0.05 * 2.0, rel=0.01)
+    assert paths.length_m[1:].max() <= chord * 1.01
+    assert paths.length_m.sum() == pytest.approx(0.05 * 2.0, rel=0.01)
     seam = int(np.argmax(np.abs(np.diff(paths.coordinates_m[:, 0])))) + 1
     first, second = _pieces(paths)[seam]
     assert first[1, 0] > first[0, 0] > 0.3 and second[0, 0] < second[1, 0] < 0.01
@@ -253,7 +253,7 @@ def test_a_mesh_that_deforms_from_call_to_call_is_followed_too() -> None:
             np.array([rest, moving]),
             np.array([k > 0]),
         )
-        ways.append(paths.way_m[paths.carried :])
+        ways.append(paths.length_m[paths.carried :])
     np.testing.assert_allclose(np.array(ways)[1:, 0], 0.0, atol=1e-12)
     np.testing.assert_allclose(np.array(ways)[1:, 1], 0.01, atol=1e-6)
 
@@ -266,7 +266,7 @@ def test_what_lifts_off_and_comes_back_begins_anew() -> None:
     points[2:4, 0, 2] = 0.1
     paths = _follow(mesh, vertices, points)
     np.testing.assert_array_equal(paths.time, [0, 1, 4, 5])
-    np.testing.assert_allclose(paths.way_m, [0.0, 0.01, 0.0, 0.01], atol=1e-12)
+    np.testing.assert_allclose(paths.length_m, [0.0, 0.01, 0.0, 0.01], atol=1e-12)
 
 
 def test_fingertips_come_first_when_too_much_touches() -> None:

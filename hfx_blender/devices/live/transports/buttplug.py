@@ -46,7 +46,7 @@ class ButtplugOutput:
         self._server: dict[str, Any] | None = None
         self._devices: dict[str, Any] | None = None
         self._fault = ""
-        self._heard = threading.Condition()
+        self._received = threading.Condition()
         self._given: list[int | None] = []
         self._given_s = 0.0
         self._socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
@@ -91,7 +91,7 @@ class ButtplugOutput:
         self._socket.close()
 
     def _greet(self) -> None:
-        self._ask("RequestServerInfo", ClientName="HFX", ProtocolVersionMajor=4,
+        self._request("RequestServerInfo", ClientName="HFX", ProtocolVersionMajor=4,
                   ProtocolVersionMinor=0)  # fmt: skip
         info = self._answer(lambda: self._server, "a Buttplug server of version 4")
         if info.get("ProtocolVersionMajor") != 4:
@@ -100,7 +100,7 @@ class ButtplugOutput:
 
     def _find(self) -> None:
         """Choose the first device with matching name and features."""
-        self._ask("RequestDeviceList")
+        self._request("RequestDeviceList")
         devices = self._answer(lambda: self._devices, "a list of devices")
         for each in devices.values():
             found = self._ranges_of(each)
@@ -142,17 +142,17 @@ class ButtplugOutput:
         self._id = self._id % 0xFFFFFFFF + 1
         return {kind: {"Id": self._id, **content}}
 
-    def _ask(self, kind: str, **content: Any) -> None:
+    def _request(self, kind: str, **content: Any) -> None:
         self._socket.send(json.dumps([self._message(kind, **content)]))
 
     def _answer(self, found: Any, named: str) -> dict[str, Any]:
         until = time.monotonic() + ANSWER_S
-        with self._heard:
+        with self._received:
             while found() is None:
                 self._check()
                 if time.monotonic() > until:
                     raise OutputLostError(f"The server does not answer like {named}.")
-                self._heard.wait(0.05)
+                self._received.wait(0.05)
         answer: dict[str, Any] = found()
         return answer
 
@@ -165,12 +165,12 @@ class ButtplugOutput:
 
     def _on_text(self, text: str) -> None:
         messages = json.loads(text)
-        with self._heard:
+        with self._received:
             for each in messages if isinstance(messages, list) else []:
-                self._understand(each)
-            self._heard.notify_all()
+                self._process(each)
+            self._received.notify_all()
 
-    def _understand(self, message: dict[str, Any]) -> None:
+    def _process(self, message: dict[str, Any]) -> None:
         if "ServerInfo" in message:
             self._server = dict(message["ServerInfo"])
         elif "DeviceList" in message:
@@ -182,14 +182,14 @@ class ButtplugOutput:
                 self._fault = "The device was disconnected from the server."
             self._devices = devices
         elif "Error" in message:
-            told = str(message["Error"].get("ErrorMessage", ""))[:200]
-            self._fault = f"The server reports a fault: {told}"
+            reason = str(message["Error"].get("ErrorMessage", ""))[:200]
+            self._fault = f"The server reports a fault: {reason}"
 
     def _on_tick(self) -> None:
         now = time.monotonic()
         if self._ping_s > 0.0 and now > self._pinged_s + 0.3 * self._ping_s:
             self._pinged_s = now
-            self._ask("Ping")
+            self._request("Ping")
 
 
 def _seconds(milliseconds: object) -> float:

@@ -87,7 +87,7 @@ class WebSocket:
         except OutputLostError:
             self._socket.close()
             raise
-        self._thread = threading.Thread(target=self._upkeep, name=self._name, daemon=True)
+        self._thread = threading.Thread(target=self._keep_alive, name=self._name, daemon=True)
         self._thread.start()
 
     @property
@@ -106,7 +106,7 @@ class WebSocket:
         self._check()
         if len(self._waiting) > (2 if is_urgent else 1) * MAX_WAITING:
             raise OutputLostError(f"{self._name} does not read any more.")
-        self._write(_frame(_TEXT, text.encode()))
+        self._write(_encode_frame(_TEXT, text.encode()))
 
     def check(self) -> None:
         """Raise OutputLostError if the connection is lost."""
@@ -117,7 +117,7 @@ class WebSocket:
         if not self._is_closed:
             self._is_closed = True
             with suppress(OutputLostError):
-                self._write(_frame(_CLOSE, struct.pack(">H", 1000)))
+                self._write(_encode_frame(_CLOSE, struct.pack(">H", 1000)))
         with suppress(OSError):
             self._socket.close()
 
@@ -175,7 +175,7 @@ class WebSocket:
             self._moved_s = time.monotonic()
             del self._waiting[:sent]
 
-    def _upkeep(self) -> None:
+    def _keep_alive(self) -> None:
         self._serve()
         with suppress(OSError):  # a server that said goodbye waits for this
             self._socket.close()
@@ -206,16 +206,16 @@ class WebSocket:
                 self._lost = self._lost or f"the connection is lost ({error})"
 
     def _take(self) -> None:
-        while (found := _parsed(self._received)) is not None:
+        while (found := _decode_frame(self._received)) is not None:
             is_last, code, payload, size = found
             del self._received[:size]
             if code == _PING:
                 if len(self._waiting) <= MAX_WAITING:  # else it does not read what it asks for
-                    self._write(_frame(_PONG, payload))
+                    self._write(_encode_frame(_PONG, payload))
             elif code == _CLOSE:
                 self._lost = "the server closed the connection"
                 with suppress(OutputLostError):
-                    self._write(_frame(_CLOSE, payload[:2]))
+                    self._write(_encode_frame(_CLOSE, payload[:2]))
                 return
             elif code in (_TEXT, _CONTINUATION) and (code == _CONTINUATION) == self._is_fragmented:
                 self._message += payload
@@ -230,7 +230,7 @@ class WebSocket:
                 raise OutputLostError("the server sent data that is not text.")
 
 
-def _frame(code: int, payload: bytes) -> bytes:
+def _encode_frame(code: int, payload: bytes) -> bytes:
     """Masked frame, as a client has to send it."""
     size = len(payload)
     if size < 126:
@@ -245,7 +245,7 @@ def _frame(code: int, payload: bytes) -> bytes:
     return head + mask + masked
 
 
-def _parsed(content: bytearray) -> tuple[bool, int, bytes, int] | None:
+def _decode_frame(content: bytearray) -> tuple[bool, int, bytes, int] | None:
     """Last of its message, code, payload and length of the first frame; None: not all there."""
     if len(content) < 2:
         return None

@@ -57,7 +57,7 @@ class WireBoard:
         while not self._is_ready:
             time.sleep(0.005)
             self._listen()
-            self._ask_again()
+            self._request_again()
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,); a stopped board is configured anew first."""
@@ -65,10 +65,10 @@ class WireBoard:
             self._begin(ANSWER_S)
         self._listen()
         if not self._is_ready:
-            self._ask_again()
+            self._request_again()
             return
         levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
-        payload = wire.values(self._crc, [int(each) for each in levels])
+        payload = wire.encode_values(self._crc, [int(each) for each in levels])
         self._port.write_newest(self._frame(wire.FrameKind.VALUES, payload))
 
     def stop(self) -> None:
@@ -84,16 +84,16 @@ class WireBoard:
 
     def _begin(self, patience_s: float) -> None:
         """Request a new session: values of the last one become void."""
-        self._configuration = wire.configuration(
+        self._configuration = wire.encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
         self._crc = zlib.crc32(self._configuration)
         self._is_stopped, self._is_ready = False, False
         self._patience_ends_s = time.monotonic() + patience_s
         self._asked_s = -math.inf
-        self._ask_again()
+        self._request_again()
 
-    def _ask_again(self) -> None:
+    def _request_again(self) -> None:
         now = time.monotonic()
         if now > self._patience_ends_s:
             raise OutputLostError(
@@ -106,28 +106,28 @@ class WireBoard:
     def _listen(self) -> None:
         for each in self._receiver.take(self._port.read()):
             if each.kind == wire.FrameKind.READY:
-                self._understand_ready(each.payload)
+                self._check_ready(each.payload)
             elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
-                if wire.stopped(each.payload) == wire.Reason.NO_VALUES:
-                    told = f"it received no values for {wire.DEAD_MAN_MS} ms"
+                if wire.decode_stopped(each.payload) == wire.Reason.NO_VALUES:
+                    reported = f"it received no values for {wire.DEAD_MAN_MS} ms"
                 else:
-                    told = "it was restarted or stopped by another program"
-                raise OutputLostError(f"The board at {self._name} stopped itself: {told}.")
+                    reported = "it was restarted or stopped by another program"
+                raise OutputLostError(f"The board at {self._name} stopped itself: {reported}.")
 
-    def _understand_ready(self, payload: bytes) -> None:
-        told = wire.ready(payload)
-        if told is None or told[0] != self._crc:
+    def _check_ready(self, payload: bytes) -> None:
+        reported = wire.decode_ready(payload)
+        if reported is None or reported[0] != self._crc:
             return  # of a session before
-        if told[1] < len(self._channels):
+        if reported[1] < len(self._channels):
             raise OutputLostError(
-                f"The board at {self._name} has {told[1]} channels; "
+                f"The board at {self._name} has {reported[1]} channels; "
                 f"the device needs {len(self._channels)}."
             )
         self._is_ready = True
 
     def _frame(self, kind: wire.FrameKind, payload: bytes = b"") -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF
-        return wire.frame(kind, self._sequence, payload)
+        return wire.encode_frame(kind, self._sequence, payload)
 
 
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:

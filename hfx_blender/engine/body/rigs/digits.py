@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -71,7 +72,14 @@ class Digits:
             by_number.setdefault(self.names[name].numbers, name)
         unnumbered = not any(by_number)
         kept = list(chain) if unnumbered else list(by_number.values())
-        return sorted(kept, key=lambda name: self._order(name)[1:])
+        return self._outwards(kept)
+
+    def _outwards(self, chain: Sequence[str]) -> list[str]:
+        """Order the joints of a digit from the hand to the tip."""
+        return sorted(chain, key=lambda name: self._order(name)[1:])
+
+    def _is_chain(self, names: Sequence[str]) -> bool:
+        return all(above in self.rig.ancestors(name) for above, name in pairwise(names))
 
     def _is_thumb_without_base(
         self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
@@ -113,6 +121,10 @@ class Digits:
         for number, chain in fingers.items():
             if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
                 joints[FINGERS[number - 1]] = chain
+                if all(len(numbers[name]) == 1 and len(numbers[name][0]) == 1 for name in chain):
+                    # "finger 1a", "finger 1b": one finger only if they hang on each other.
+                    outwards = self._outwards(chain)
+                    joints[FINGERS[number - 1]] = outwards if self._is_chain(outwards) else []
         if bones and not fingers:
             joints["middle"] = joints["middle"] or bones
 

@@ -21,6 +21,7 @@ from .vocabulary import (
     CENTRE_MARKS,
     CONTEXT,
     FILLERS,
+    HALVES,
     KNOWN,
     LETTERS,
     SIDED,
@@ -57,7 +58,8 @@ class BoneName:
 
 def plain(name: str) -> str:
     """A name without namespace and without the prefix of a known kind of rig."""
-    local = in_english(re.split(r"[:|]", name.rstrip(":| "))[-1].strip())
+    own = re.sub(r"\s*\[[^\]]*\]", "", name) or name  # "NPC L Thigh [LThg]"
+    local = in_english(re.split(r"[:|]", own.rstrip(":| "))[-1].strip())
     return local[match.end() :] if (match := _KNOWN_PREFIX.match(local)) else local
 
 
@@ -101,7 +103,9 @@ def read_names(names: Iterable[str]) -> dict[str, BoneName]:
 
 def _without_shared(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
     """Known words and numbers of each name, without what most of the names share."""
-    parts = {name: [w for token in own for w in parted(token)] for name, own in tokens.items()}
+    parts = {
+        name: [w for token in own for w in _parted(token, own)] for name, own in tokens.items()
+    }
     enough = max(4.0, _SHARED * len(parts))
     counts = Counter(word for own in parts.values() for word in set(own))
     marks = {
@@ -121,6 +125,11 @@ def _without_shared(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]
         for name in (name for name, own in first.items() if own == number):
             found[name].remove(number)
     return _without_counting(found)
+
+
+def _parted(token: str, name: Sequence[str]) -> tuple[str, ...]:
+    """Words of a token; beside a side of its own, "larm" is the lower arm and not the left one."""
+    return HALVES[token] if token in HALVES and SIDES.keys() & set(name) else parted(token)
 
 
 def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:

@@ -40,7 +40,8 @@ _SIDED_WORDS: Final = {
     "shin": "shin, calf, lower leg, lo leg, low leg, leg stretch, knee, tibia, crus",
     "shin_twist": "shin twist, calf twist, lower leg twist, leg twist, knee part",
     "foot": "foot, ankle, leg foot, feet",
-    "toe": "toe, toes, toe base, toes base, ball, foot ball, foot toe, foot toes",
+    "toe": "toe, toes, toe base, toes base, ball, foot ball, foot toe, foot toes,"
+    "leg digit, foot digit",
     "toe 1": "big toe",
     "toe 2": "index toe",
     "toe 3": "mid toe, middle toe",
@@ -50,7 +51,7 @@ _SIDED_WORDS: Final = {
     "pelvis_half": "pelvis",
     "breast": "breast, pectoral",
     "eye": "eye, face eye, adj face eye, eye ball",
-    "finger": "finger, hand finger, fingers",
+    "finger": "finger, hand finger, fingers, arm digit, hand digit",
     "finger_base": "finger base",
     "metacarpal": "metacarpal, palm, carpal",
 }
@@ -69,10 +70,10 @@ _CENTRE_WORDS: Final = {
 }
 _FINGER_WORDS: Final = {
     "thumb": "thumb",
-    "index": "index, pointer, fore",
+    "index": "index, ind, pointer, fore",
     "middle": "middle, mid",
     "ring": "ring, third",
-    "pinky": "pinky, pinkie, little",
+    "pinky": "pinky, pinkie, little, lit",
 }
 _PHALANGES: Final = "proximal intermediate med medial distal phalanx mcp pip dip ip cmc".split()
 
@@ -99,7 +100,7 @@ CARRIERS: Final = frozenset({"stretch", "skin"})
 
 FILLERS: Final = frozenset(
     "bone bones bn bnd jnt jnts joint joints jt jo j b bind bound binding sk skin skinned skel "
-    "skeleton env def deform deformer rig bip biped valve".split()
+    "skeleton env def deform deformer rig hub bip biped valve".split()
 )
 """Words that say no more than that it is a bone, before, after or between the others."""
 
@@ -159,6 +160,13 @@ _GLUED: Final = frozenset(
     for word in _JOINT_WORDS | _LONG_SIDES | {"bone", "joint", "jnt", "twist"}
     if len(word) > 2 or word in ("up", "lo")
 )
+
+HALVES: Final = {
+    initial + limb: (half, limb)
+    for initial, half in (("u", "upper"), ("l", "lower"))
+    for limb in ("arm", "leg")
+}
+"""Limbs with the first letter of their half, as in ``r_uarm``, ``r_larm``."""
 
 _INITIALS: Final = frozenset({"lu", "ru", "lf", "rf"})
 """Side and first letter of "upper" or "fore", as in ``LUArm``."""

@@ -39,7 +39,7 @@ static inline double hfx_from_segment(double half, const double p[3]) {
   return p[0] * p[0] + p[1] * p[1] + beyond * beyond;
 }
 
-// How far out a place is, as a share: 1 on the boundary.
+// Gauge of a place: 1 on the boundary, less inside.
 static inline double hfx_share(hfx_shape shape, const double p[3]) {
   switch (shape.kind) {
     case HFX_CUBOID: return hfx_largest(p);
@@ -58,7 +58,7 @@ static inline int hfx_contains(hfx_shape shape, const double p[3]) {
   }
 }
 
-// When something that moves straight is inside: from 0 at the start to 1 at the end.
+// Time inside of something that moves straight: from 0 at the start to 1 at the end.
 typedef struct {
   double first, last;
 } hfx_times;
@@ -140,7 +140,7 @@ static inline hfx_times hfx_passage(hfx_shape shape, const double start[3], cons
   return hfx_unless_empty(t);
 }
 
-// From the nearest place of the volume to a point, any length; 0 inside.
+// Vector from the nearest place of the volume to a point, of any length; 0 inside.
 static inline void hfx_away(hfx_shape shape, const double p[3], double away[3]) {
   switch (shape.kind) {
     case HFX_SPHERE:
@@ -181,7 +181,7 @@ static inline double hfx_farthest(hfx_shape shape, const double d[3]) {
   }
 }
 
-// Whether a plane surely parts the hull of some corners from the volume.
+// True if a plane surely parts the hull of some corners from the volume.
 static inline int hfx_parted(hfx_shape shape, const double (*corners)[3], int count, double margin) {
   double middle[3], away[3], share = 1.0 / count;
   for (int i = 0; i < 3; i++) {

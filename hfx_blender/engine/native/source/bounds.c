@@ -3,14 +3,14 @@
 
 #include <math.h>
 
+#include "broad.h"
 #include "hfx_native.h"
-#include "outline.h"
 #include "skin_posing.h"
 
 #define COLUMNS 11     // of a bone, 2 doubles each
 #define LARGEST 1e100  // nothing overflows below it
 
-// Of numbers; where one of them is not, the second.
+// Smaller and larger of numbers; the second one where either is NaN.
 static inline hfx_two least(hfx_two a, hfx_two b) {
   hfx_mask is_a = a < b;
   return (hfx_two)(((hfx_mask)a & is_a) | ((hfx_mask)b & ~is_a));

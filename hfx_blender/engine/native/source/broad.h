@@ -8,6 +8,18 @@
 
 #include "analytic.h"
 
+// Boxes of the parts of a model that bones move, before anything is posed. A pair is a cluster and a
+// bone that moves a box of it.
+typedef struct {
+  int64_t bone_count, clusters;
+  const int64_t *bones;   // (bone_count,) those that move anything; others than the pose has: rest
+  const int64_t *starts;  // (clusters + 1,) a cluster's first pair
+  const int64_t *slots;   // (pairs,) which of these bones
+  const int64_t *pair_bones;        // (pairs,) the same in the pose
+  const double *centres, *halves;   // (pairs, 3) boxes at rest
+  const double *boxes;              // (pairs, 3, 2) the same, centre and half edge of each axis
+} hfx_outline;
+
 // A volume at some rows.
 typedef struct {
   int64_t rows;
@@ -31,14 +43,14 @@ static inline hfx_shape hfx_shape_at(const hfx_target *target, int64_t row) {
   return (hfx_shape){target->kinds[row], target->halves[row], target->meshes[row]};
 }
 
-// Where a body has no bones: places of its skin in its own space, at some rows.
+// Places of the skin of a body without bones, in its own space, at some rows.
 typedef struct {
   const double *places;  // (bounds, places, 3)
   const double *own;     // (bounds, cells, 3) of the cells' vertices, or NULL: they are places
   const int64_t *at;     // (rows,) which of these rows
   const int64_t *starts; // (clusters + 1,) each cluster's first place
   int64_t place_count, cell_count;
-} hfx_given;
+} hfx_surface_places;
 
 static inline void hfx_moved_by(const double *matrix, const double *from, double to[3]) {
   for (int i = 0; i < 3; i++) to[i] = hfx_dot(matrix + 4 * i, from) + matrix[4 * i + 3];
@@ -51,7 +63,7 @@ static inline double hfx_steepest(const hfx_target *target) {
 
 #define MOST_STEPS 64  // straight ones between two rows
 
-// How the cells of a pair are looked at.
+// Kinds of test for the cells of a pair.
 enum { HFX_NOT, HFX_COVERED, HFX_BY_VERTEX, HFX_WHOLE };
 
 // Pairs of a cluster, ascending, and a row, ascending within it.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What is known at rest of how large a cluster's cells can be in a pose; see skin/cell_sizes.py.
+// Groups of cells, which bound at rest the sizes of cells in a pose; see skin/cell_sizes.py.
 
 #include <math.h>
 #include <string.h>
@@ -7,14 +7,13 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin.h"
-#include "skin_mesh.h"
 
 #define PI 3.141592653589793
 #define DISC (2.0 / 3.0)
 #define LEAST_M 1e-12
 #define LEAST_WEIGHT 0.01
 
-// Of clusters, one after the other, with the first group and pair of each; see hfx_groups.
+// Groups of clusters, one after the other, with the first group and pair of each; see hfx_groups.
 typedef struct {
   int64_t *first_groups, *first_pairs;  // (asked + 1,)
   int64_t *starts;                      // one more for each cluster than it has groups
@@ -31,12 +30,6 @@ typedef struct {
   double *places;     // (count, 3)
   double *distances;  // (count,)
 } cells;
-
-static double *take(double **room, int64_t count) {
-  double *taken = *room;
-  *room += count;
-  return taken;
-}
 
 static double distance(const double *a, const double *b) {
   double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
@@ -58,7 +51,7 @@ static void weigh(const hfx_cluster *cluster, int64_t places, double *weights, d
   }
 }
 
-// How far weights of a unit's skin are from its own, on average, (bones,); returns its radius.
+// Mean difference of weights of a unit's skin from its own, (bones,); returns its radius.
 static double look_around(const hfx_skin_mesh *mesh, const int32_t *ids, const int64_t *place,
                           int64_t unit, int64_t bones, const double *weights, const double *rest,
                           double *changes) {
@@ -78,7 +71,7 @@ static double look_around(const hfx_skin_mesh *mesh, const int32_t *ids, const i
     }
   }
   double grown = gaps / hfx_larger(before, LEAST_M);
-  double radius = sqrt((double)mesh->areas[ids[unit]] / PI) * grown;
+  double radius = sqrt((double)mesh->areas_m2[ids[unit]] / PI) * grown;
   for (int64_t b = 0; b < bones; b++) changes[b] *= DISC * radius;
   return radius;
 }
@@ -171,21 +164,20 @@ static int64_t unite(const hfx_cluster *one, const hfx_cluster *other, int64_t *
   return count;
 }
 
-// Of some clusters. `surface` are those of the mesh, `own` those of the model's vertices where they
+// Fills in the groups of some clusters. `surface` are those of the mesh, `own` those of the model's vertices where they
 // are others, else null. `place` holds a zero for each vertex of the mesh; `counts` and `room` have
 // room for what a cluster needs.
 HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mesh,
-                                const int32_t *vertices, const hfx_cluster *surface,
-                                const hfx_cluster *own, int64_t asked, const int64_t *clusters,
-                                int64_t *place, int64_t *counts, double *room,
-                                const hfx_found_groups *found) {
+                                const hfx_cluster *surface, const hfx_cluster *own, int64_t asked,
+                                const int64_t *clusters, int64_t *place, int64_t *counts,
+                                double *room, const hfx_found_groups *found) {
   found->first_groups[0] = found->first_pairs[0] = 0;
   for (int64_t k = 0; k < asked; k++) {
     int64_t c = clusters[k], start = table->starts[c], units = table->unit_counts[c];
     int64_t places = table->place_counts[c], first = table->cell_starts[c];
     int64_t count = table->cell_starts[c + 1] - first;
     const hfx_cluster *skin = surface + c;
-    const int32_t *ids = vertices + start;
+    const int32_t *ids = table->vertices + start;
     double *left = room, *weights = take(&left, places * skin->bone_count);
     double *rest = take(&left, 3 * places), *changes = take(&left, units * skin->bone_count);
     double *radii = take(&left, units);
@@ -222,10 +214,10 @@ HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mes
         all.weights[i * bones + of_model[b]] = own_weights[i * model->bone_count + b];
     }
     for (int64_t u = 0; u < units; u++)
-      sums[table->cell_of[start + u] - first] += (double)mesh->areas[ids[u]];
+      sums[table->cell_of[start + u] - first] += (double)mesh->areas_m2[ids[u]];
     for (int64_t u = 0; u < units; u++) {
       int64_t owner = table->cell_of[start + u] - first;
-      double share = (double)mesh->areas[ids[u]] / sums[owner];
+      double share = (double)mesh->areas_m2[ids[u]] / sums[owner];
       double way = distance(rest + 3 * u, all.places + 3 * owner);
       // A mean is no more than the root of the mean square: half a disc's squared radius.
       all.distances[owner] += share * sqrt(way * way + 0.5 * (radii[u] * radii[u]));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Contact of skin with a volume: how much of each cell is inside, and what passed since the row before.
-// What that means is defined in engine/reference.
+// Narrow phase: the share of each cell of skin inside a volume, and of what passed since the row before.
+// Defined in engine/reference.
 
 #include <string.h>
 
@@ -8,7 +8,7 @@
 #include "passing.h"
 #include "posed_pair.h"
 
-// Where weights go.
+// Contact weights, the result.
 typedef struct {
   void *weights;  // (rows, columns)
   const int64_t *column_of;  // of cells
@@ -75,7 +75,7 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
       double clear = pair->clear[table->around[2 * q + k] - at->first];
       deepest = hfx_larger(deepest, clear), shallowest = hfx_smaller(shallowest, clear);
     }
-    // Where a corner is inside, nothing parts them.
+    // A corner inside: no plane parts them.
     if (!(shallowest <= 0.0) && hfx_parted(at->shape, (const double(*)[3])t.corners, 3, margin))
       continue;
     if (target->is_flat && !is_searched && !at->shape.mesh && deepest <= -table->heights_m[q] * at->stretch) {
@@ -102,7 +102,7 @@ static inline void store(const hfx_found *found, int64_t at, double weight) {
 
 enum { INSIDE = 1, PASSED = 2 };
 
-// What a cell may be: inside at a pair, or have passed on the way from the one before it.
+// State that a cell may have: inside at a pair, or passed on the way from the one before it.
 static int may_be(const look *at, const side *before, side *now, int64_t from, int64_t to,
                   int is_followed) {
   const double *reaches = at->table->reaches + at->first;
@@ -140,8 +140,8 @@ static void find_widest(const look *at, int64_t units, widest *most) {
   }
 }
 
-// Whether no cell of a cluster can be inside at a pair, nor, if it is followed, have passed since the
-// one before it.
+// True if no cell of a cluster can be inside at a pair, nor, if it is followed, have passed since
+// the one before it.
 static int is_apart(const look *at, const side *before, const side *now, const widest *most,
                     int is_followed) {
   if (!at->cluster) return 0;
@@ -159,14 +159,7 @@ static int is_apart(const look *at, const side *before, const side *now, const w
   return floor > reach * SLACK * SLACK;
 }
 
-// Room in a double array: the next `count`, and where what follows begins.
-static double *take(double **room, int64_t count) {
-  double *taken = *room;
-  *room += count;
-  return taken;
-}
-
-// What is known of a cluster's pairs begins anew.
+// Resets the state of a cluster's pairs.
 static void make_sides(const look *at, double *room, side sides[2], widest *most) {
   const hfx_table *table = at->table;
   int64_t c = at->number, places = table->place_counts[c], units = table->unit_counts[c];
@@ -195,7 +188,7 @@ static void make_sides(const look *at, double *room, side sides[2], widest *most
   }
 }
 
-// From one pair to the next one of its cluster.
+// Goes on from a pair to the next one of its cluster.
 static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
                          int64_t steps) {
   const hfx_target *target = at->target;
@@ -214,10 +207,10 @@ static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, 
   if (at->is_same && steps < 2) at->moved = hfx_moved(at->cluster, at->bones, row - 1, row);
 }
 
-// Where the vertex of a cell of a pair is. `own` poses it where it is no unit, else that is NULL.
+// Position of the vertex of a cell of a pair. `own` poses it where it is no unit, else that is NULL.
 static void find_vertex(look *at, const hfx_cluster *own, side *now, int64_t row, int64_t cell,
                         double vertex[3]) {
-  const hfx_given *given = at->given;
+  const hfx_surface_places *given = at->given;
   if (own) {
     hfx_pose_one(own, at->bones, row, cell, vertex);
     at->posed++;
@@ -229,7 +222,7 @@ static void find_vertex(look *at, const hfx_cluster *own, side *now, int64_t row
     memcpy(vertex, place_of(at, now, cell), 3 * sizeof *vertex);
 }
 
-// How much of a cell of a pair is inside. `has_own`: its vertex is no unit.
+// Share of a cell of a pair that is inside. `has_own`: its vertex is no unit.
 static double inside(look *at, const hfx_cluster *own, int has_own, int64_t row, side *now, int64_t cell,
                      int64_t from, int64_t to, int how, int may) {
   if (how == HFX_WHOLE) return 1.0;
@@ -256,7 +249,7 @@ static void begin_details(look *at, const hfx_cluster *own, side *now, int64_t r
   at->began = INFINITY;
 }
 
-// How it began, as far as something was entered.
+// Details of its beginning, if anything was entered.
 static void end_details(const look *at, int64_t contact) {
   const hfx_details *details = at->details;
   details->since[contact] = at->began;
@@ -269,9 +262,9 @@ static void end_details(const look *at, int64_t contact) {
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
 // `room` has space for 27 bones + 2 (6 places + 3 units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell.
-HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
+HFX_EXPORT void hfx_narrow_phase(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
-                                 const hfx_bones *bones, const hfx_given *given,
+                                 const hfx_bones *bones, const hfx_surface_places *given,
                                  const hfx_target *target, const hfx_drift *drift, hfx_found *found,
                                  hfx_details *details, double *room, event *events) {
   hfx_search search = {.at = 0};
@@ -295,7 +288,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       has_sides = 0;
     }
     at.shape = hfx_shape_at(target, row);
-    // Whether what is inside, or what passed, asks for units.
+    // True if what is inside, or what passed, asks for units.
     int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !has_own);
     int is_kept = is_followed || !is_last || details;
     if (asks || is_kept) {
@@ -319,7 +312,8 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (asks && to < units && table->cell_of[at.first + to] == first_cell + k) to++;
       int may = asks ? may_be(&at, before, now, from, to, is_followed) : 0;
-      if (details && (may || how >= HFX_BY_VERTEX)) begin_details(&at, own ? own + c : NULL, now, row, k, column);
+      if (details && (may || how >= HFX_BY_VERTEX))
+        begin_details(&at, own ? own + c : NULL, now, row, k, column);
       double share = inside(&at, own ? own + c : NULL, has_own, row, now, k, from, to, how, may);
       if (share != 0.0) store(found, column, share);
       if (asks || is_kept) now->weights[k] = loaded(found, column);

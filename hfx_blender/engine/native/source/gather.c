@@ -26,14 +26,11 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
   return count;
 }
 
-// Rows with any weight, ascending, and which set of vertices each has: a new one where it differs
-// from that of the row before, or `own_sets` says so. `offsets` (rows + 1,) are where sets begin among
-// the vertices found and their values, (rows * columns,). How many rows, sets and vertices there are.
 #define GATHERING(name, real)                                                                      \
-  HFX_EXPORT void hfx_gather_##name(int64_t rows, int64_t columns, const real *weights,           \
-                                    const uint8_t *reported, const int32_t *vertices,                 \
-                                    int64_t own_sets, int64_t *at, int64_t *sets, int64_t *offsets, \
-                                    int32_t *found, real *values, int64_t counts[3]) {             \
+  static void gather_##name(int64_t rows, int64_t columns, const real *weights,                    \
+                            const uint8_t *reported, const int32_t *vertices, int64_t own_sets,    \
+                            int64_t *at, int64_t *sets, int64_t *offsets, int32_t *found,          \
+                            real *values, int64_t *counts) {                                       \
     const real *before = 0;                                                                        \
     int64_t felt = 0, set = 0, total = 0;                                                          \
     offsets[0] = 0;                                                                                \
@@ -56,3 +53,18 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
 
 GATHERING(single, float)
 GATHERING(double, double)
+
+// Rows with any weight, ascending, and which set of vertices each has: a new one where it differs
+// from that of the row before, or `own_sets` says so. `offsets` (rows + 1,) are where sets begin among
+// the vertices found and their values, (rows * columns,). How many rows, sets and vertices there are.
+HFX_EXPORT void hfx_gather(int64_t rows, int64_t columns, const void *weights, int64_t is_single,
+                           const uint8_t *reported, const int32_t *vertices, int64_t own_sets,
+                           int64_t *at, int64_t *sets, int64_t *offsets, int32_t *found,
+                           void *values, int64_t *counts) {
+  if (is_single)
+    gather_single(rows, columns, weights, reported, vertices, own_sets, at, sets, offsets, found,
+                  values, counts);
+  else
+    gather_double(rows, columns, weights, reported, vertices, own_sets, at, sets, offsets, found,
+                  values, counts);
+}

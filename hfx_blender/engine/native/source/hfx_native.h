@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What all sources of the library share.
+// Definitions that all sources of the library share.
 
 #ifndef HFX_NATIVE_H
 #define HFX_NATIVE_H
@@ -11,8 +11,5 @@
 #else
 #define HFX_EXPORT __attribute__((visibility("default")))
 #endif
-
-// Raised with every change of a function's arguments: the package loads no other.
-#define HFX_INTERFACE 8
 
 #endif

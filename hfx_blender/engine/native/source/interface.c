@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Which interface the library has, and of what it was built.
+// Description of what the library was built of.
 
 #include "hfx_native.h"
 
-// The digest of the sources and the target; a build by hand does not say.
+// "hfx_native", digest of the sources, target; empty for a build by hand.
 #ifndef HFX_BUILD
 #define HFX_BUILD ""
 #endif
-
-HFX_EXPORT int64_t hfx_interface(void) { return HFX_INTERFACE; }
 
 HFX_EXPORT const char *hfx_build(void) { return HFX_BUILD; }

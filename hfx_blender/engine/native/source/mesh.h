@@ -37,8 +37,9 @@ typedef struct {
   double depth;          // radius of the largest ball inside; 0: not asked for, or there is none
 } hfx_mesh;
 
-// The search before: of neighbours it often tells enough.
+// The search before, in which mesh: of neighbours it often tells enough.
 typedef struct {
+  const hfx_mesh *mesh;
   double known[3], least, most;
   int64_t at, is_known;
 } hfx_search;
@@ -46,7 +47,7 @@ typedef struct {
 HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int64_t count,
                                 uint8_t *inside);
 
-// Whether a point is inside.
+// True if a point is inside.
 static inline int hfx_mesh_holds(const hfx_mesh *mesh, const double p[3]) {
   uint8_t inside;
   hfx_mesh_inside(mesh->grid, p, 1, &inside);
@@ -65,7 +66,7 @@ double hfx_mesh_clearance(const hfx_mesh *mesh, const double p[3], hfx_search *s
 void hfx_mesh_passage(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, uint64_t open,
                       double times[2]);
 
-// Whether such a way may come within `reach` of the volume.
+// True if such a way may come within `reach` of the volume.
 int hfx_mesh_nears(const hfx_mesh *mesh, const double (*path)[3], int64_t steps, double reach);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where ways cross a mesh's surface, and when they are inside.
+// Crossings of a mesh's surface by straight ways, and times inside.
 
 #include <math.h>
 #include <stddef.h>
@@ -7,10 +7,10 @@
 #include "mesh.h"
 #include "mesh_tree.h"
 
-// How far beyond a triangle's edge a crossing counts, as a share: no way slips between two.
+// Share of a triangle's edge beyond which a crossing counts, too: no way slips between two.
 static const double GRAZE = 1e-9;
 
-// Whether a way may meet a box that is `slack` larger; `rate` is 1 over each coordinate of its step.
+// True if a way may meet a box that is `slack` larger; `rate` is 1 over each coordinate of its step.
 static int meets(const double *start, const double *rate, const double *box, double slack) {
   double enter = 0.0, leave = 1.0;
   for (int k = 0; k < 3; ++k) {
@@ -25,7 +25,7 @@ static int meets(const double *start, const double *rate, const double *box, dou
   return enter <= leave + GRAZE;
 }
 
-// Where a way meets the plane of a triangle; NaN where not within the triangle. Moeller and
+// Time at which a way meets the plane of a triangle; NaN where not within the triangle. Moeller and
 // Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
 static double hit(const double *start, const double *step, const double *corners) {
   double one[3], other[3], offset[3], across[3], turned[3];

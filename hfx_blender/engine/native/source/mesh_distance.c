@@ -15,8 +15,8 @@ static const double WIDER = 1.0 + 1e-12;
 // lack is lost in a search, the rest on the way from it.
 static const double SURE = 0.4, LOOKED = 0.7;
 
-// Of the extent: beyond it the distance to the box is enough; nearer to the boundary a point may count
-// for either side.
+// Shares of the extent: beyond the first one the distance to the box is enough; nearer to the boundary
+// than the second one a point may count for either side.
 static const double AROUND = 1.0 / 16.0, UNSURE = 1e-9;
 
 typedef struct {
@@ -136,7 +136,13 @@ HFX_EXPORT void hfx_mesh_nearest(const hfx_tree *known, const double *points, in
   }
 }
 
+// A mesh that deforms is another one at each row: nothing that was found of the one before holds.
+static void begin_search(const hfx_mesh *mesh, hfx_search *search) {
+  if (search->mesh != mesh) *search = (hfx_search){.mesh = mesh};
+}
+
 double hfx_mesh_distance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  begin_search(mesh, search);
   const Tree tree = all_of(mesh->tree);
   double point[3];
   for (int k = 0; k < 3; ++k) point[k] = p[k] - mesh->middle[k];
@@ -164,6 +170,7 @@ static double distance_at_least(const hfx_tree *known, const double *point, hfx_
 }
 
 double hfx_mesh_clearance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  begin_search(mesh, search);
   const double *low = mesh->grid->box, *high = low + 3;
   double to_box = -INFINITY, extent = 0.0, far = 0.0, about[3];
   for (int k = 0; k < 3; ++k) {
@@ -230,7 +237,7 @@ static double first_guess(const Tree *tree, const double *point, int64_t width, 
   return best;
 }
 
-// As TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
+// Distances of TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
 // much. points (3, count), distances (count); nodes, away (2 width): scratch.
 HFX_EXPORT void hfx_mesh_distances_beyond(const hfx_tree *known, const double *points, int64_t count,
                                           double limit, double slack, int64_t width, int64_t *nodes,

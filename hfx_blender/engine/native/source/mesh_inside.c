@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Which points are inside a closed mesh: InsideGrid.contains of volume/mesh_inside.py.
+// Inside test of points for a closed mesh: InsideGrid.contains of volume/mesh_inside.py.
 
 #include "hfx_native.h"
 #include "mesh.h"
-#include "mesh_numbers.h"
+#include "numbers.h"
 
 // Memory that will be read soon.
 #if defined(__GNUC__)
@@ -25,7 +25,7 @@ enum {
 // a byte of `limits` loses its highest bit where the bound is greater.
 static const uint64_t ALL = UINT64_C(0x8080808080808080);
 
-// How finely: x and y over a column's width, x + y and x - y over twice that, z over the height
+// Resolution: x and y over a column's width, x + y and x - y over twice that, z over the height
 // of all cells.
 enum { STEPS = 128 };
 
@@ -36,7 +36,7 @@ static uint64_t step_of(double share) {
   return step > 0.0 ? step < STEPS ? (uint64_t)step : STEPS - 1 : 0;
 }
 
-// What a point may be beyond, least first: its places in a column and the height of all cells.
+// Limits that a point may be beyond, least first: its places in a column and the height of all cells.
 static uint64_t limits_of(double x, double y, double z) {
   const uint64_t last = STEPS - 1;
   const uint64_t across = step_of(x), along = step_of(y), high = step_of(z);
@@ -74,7 +74,7 @@ HFX_EXPORT void hfx_mesh_bounds(const double *corners, const int64_t *listed,
   }
 }
 
-// What a triangle adds to the winding number of a point: where it is crossed at or above it.
+// Term of a triangle in the winding number of a point: where it is crossed at or above it.
 // Without a branch: nobody could foretell which way it goes.
 static int64_t winding_of(const double *span, double x, double y, double z) {
   const int upper = y >= span[Y_MIDDLE];
@@ -117,7 +117,7 @@ static void add_windings(Pair *pairs, int64_t count, const int64_t *listed, cons
   }
 }
 
-// Which of the points (3, count) are inside (count).
+// Tests points (3, count) for being inside, (count).
 HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int64_t count,
                                 uint8_t *inside) {
   const double *box = grid->box, *scale = grid->scale, *spans = grid->spans;

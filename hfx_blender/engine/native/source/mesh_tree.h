@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How a mesh's triangles and the tree of boxes over them lie in memory.
+// Memory layout of a mesh's triangles and of the tree of boxes over them.
 
 #ifndef HFX_MESH_TREE_H
 #define HFX_MESH_TREE_H
 
 #include "hfx_native.h"
-#include "mesh_numbers.h"
+#include "numbers.h"
 
 // Lowest and highest corner. Node 1 is the root, nodes 2 n and 2 n + 1 are the halves of node n,
 // and nodes from the number of leaves on are leaves: no node needs to say where its halves are.

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What of skin passed a volume on the way from one row to the next: samples of skin move straight in its
-// space, in as many steps as its turning asks for, and each step is tested exactly.
+// Continuous collision detection between a row and the next: samples of skin move straight in the
+// space of a volume, in as many steps as its turning asks for, and each step is tested exactly.
 
 #ifndef HFX_PASSING_H
 #define HFX_PASSING_H
 
-#include "drift.h"
 #include "posed_pair.h"
 
 #define STEP_KINDS 7  // powers of two up to MOST_STEPS
 #define PLACES_ALONG 5
 
-// How points that rest in a body's frame move, in 2^k steps of each interval; see drift_of in
+// Motion of points that rest in a body's frame, in 2^k steps of each interval; see drift_of in
 // engine/contact/continuous_collision.py.
 typedef struct {
   const double *before[STEP_KINDS];  // (steps + 1, rows - 1, 4, 4)
@@ -25,16 +24,23 @@ typedef struct {
 
 #define EVERY_STEP (~(uint64_t)0)
 
-// Where a point is on the way, (steps + 1, 3): from the first to the last of the `open` steps, which
-// has a bit for each.
+// Positions of a point after each of some steps of an interval, (steps + 1, 3): at both ends, and around
+// the first to the last of the `open` steps, which has a bit for each. One step asks for no drift.
 static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int64_t interval,
                            uint64_t open, const double before[3], const double after[3],
                            double path[][3]) {
   int64_t low = 0, high = steps - 1;
   while (low < high && !(open >> low & 1)) low++;
   while (low < high && !(open >> high & 1)) high--;
-  hfx_path(drift->before[kind], drift->after[kind], drift->intervals, interval, steps, low, high + 1,
-           before, after, path);
+  for (int i = 0; i < 3; i++) path[0][i] = before[i], path[steps][i] = after[i];
+  for (int64_t k = low > 1 ? low : 1; k < steps && k <= high + 1; k++) {
+    double share = (double)k / (double)steps;
+    const double *one = drift->before[kind] + 16 * (k * drift->intervals + interval);
+    const double *other = drift->after[kind] + 16 * (k * drift->intervals + interval);
+    for (int i = 0; i < 3; i++)
+      path[k][i] = (1.0 - share) * (hfx_dot(one + 4 * i, before) + one[4 * i + 3]) +
+                   share * (hfx_dot(other + 4 * i, after) + other[4 * i + 3]);
+  }
 }
 
 // The step of a way at a share of its time.
@@ -43,14 +49,14 @@ static inline int64_t step_at(int64_t steps, double share) {
   return step < 0 ? 0 : (step > steps - 1 ? steps - 1 : step);
 }
 
-// Where a path is then.
+// Position on a path at a share of its time.
 static inline void along(const double (*path)[3], int64_t steps, double share, double p[3]) {
   int64_t step = step_at(steps, share);
   for (int i = 0; i < 3; i++)
     p[i] = path[step][i] + (share * (double)steps - (double)step) * (path[step + 1][i] - path[step][i]);
 }
 
-// Whether a ball on a path may meet the volume. Every shape holds the unit
+// Tests if a ball on a path may meet the volume. Every shape holds the unit
 // ball, so that within a factor 1 + r of it is all that is nearer than r.
 static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t steps, double reach) {
   if (shape.mesh) return hfx_mesh_nears(shape.mesh, path, steps, reach);
@@ -157,7 +163,7 @@ static inline double peak_of(event *events, int64_t count) {
   return peak > WHOLE ? 1.0 : peak;
 }
 
-// How much points may be stretched on the way to each end of a step, (steps + 1,).
+// Upper bounds of the stretch of points on the way to each end of a step, (steps + 1,).
 static inline const double *stretches_of(look *at, const hfx_drift *drift, int64_t steps, int kind,
                                          int64_t interval) {
   double *stretches = at->on_the_way;
@@ -197,8 +203,8 @@ static inline uint64_t open_steps(look *at, const hfx_drift *drift, int64_t step
   return open;
 }
 
-// Whether the skin of a quad surely stays outside on a straight way. Where a corner is inside, nothing
-// parts them.
+// True if the skin of a quad surely stays outside on a straight way. Nothing parts them if a corner
+// is inside.
 static inline int stays_outside(const look *at, const side *before, const side *now, int64_t unit,
                                 int64_t quad, const triangle *a, const triangle *b) {
   const hfx_table *table = at->table;
@@ -214,7 +220,7 @@ static inline int stays_outside(const look *at, const side *before, const side *
   return hfx_parted(at->shape, (const double(*)[3])corners, 6, table->bulge_m[at->number] * stretch);
 }
 
-// What of a quad of a unit entered on the way from one pair to the next. The number of events then.
+// Adds the entries of a quad of a unit between a pair and the next; returns the number of events.
 static inline int64_t follow_quad(look *at, side *before, side *now, int64_t unit, int64_t quad,
                                   int64_t steps, int kind, const hfx_drift *drift, event *events,
                                   int64_t count) {
@@ -244,8 +250,7 @@ static inline int64_t follow_quad(look *at, side *before, side *now, int64_t uni
   return count;
 }
 
-// What of a unit entered on the way from one pair to the
-// next. The number of events then.
+// Adds the entries of a unit between a pair and the next; returns the number of events.
 static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t from, int64_t to,
                       int64_t steps, const hfx_drift *drift, int cells[2], event *events,
                       int64_t count) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where volumes are, and boxes around them. See engine/volume/placing_matrix.py and
+// Placement of volumes, and boxes around them. See engine/volume/placing_matrix.py and
 // engine/contact/block_broad_phase.py.
 
 #include <float.h>
@@ -98,7 +98,7 @@ static int is_near(const double matrix[16], double farthest) {
   return 1;
 }
 
-// Whether a placement (4, 4) is that of the row before.
+// Tests a placement (4, 4) for being that of the row before.
 static int stays(const double *now) {
   int is_same = 1;
   for (int i = 0; i < 16; i++) is_same &= now[i] == now[i - 16];
@@ -147,7 +147,7 @@ HFX_EXPORT int64_t hfx_place(hfx_target *target, const int64_t *row, const doubl
 #define LONGEST 1e90
 #define ROUNDING 1e-12
 
-// What does not change of a volume's box while its axes stay.
+// Constants of a volume's box while its axes stay.
 typedef struct {
   double shift[3], reach[3], arm[3];  // of the box's centre from the origin; half edges
   double longest;                     // squared, of a corner from the origin

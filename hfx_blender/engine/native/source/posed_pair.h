@@ -55,7 +55,7 @@ typedef struct {
   const hfx_target *target;
   const hfx_bones *bones;
   const hfx_cluster *cluster;  // NULL where places are given
-  const hfx_given *given;
+  const hfx_surface_places *given;
   hfx_details *details;        // or NULL
   int64_t contact;             // that is looked at; below 0: its samples are not asked for
   double began, entry[3], way[3];  // how it was entered first
@@ -141,7 +141,7 @@ static inline void pose(look *at, side *pair, int64_t place) {
     pair->has_matrices = 1;
     hfx_pose(at->cluster, pair->matrices, place, point);
   } else {
-    const hfx_given *given = at->given;
+    const hfx_surface_places *given = at->given;
     int64_t from = given->at[pair->row] * given->place_count + at->first + place;
     hfx_moved_by(at->target->body_to_shape + 16 * pair->row, given->places + 3 * from, point);
   }
@@ -199,8 +199,8 @@ static inline double reach_of(look *at, side *pair, int64_t unit) {
   return gap_of(at, pair, unit) * at->table->reaches[at->first + unit];
 }
 
-// Whether strength at the vertex of a unit is close enough: the mean over its skin differs by no more than
-// the steepest change of strength times the mean distance from the vertex, wherever it is; that of a cell
+// Tests strength at the vertex of a unit for being close enough: the mean over its skin differs by no
+// more than the steepest change of strength times the mean distance from the vertex, wherever it is; that of a cell
 // by the mean of its units. Rise changes by no more than the way in the space of a convex shape. `cell`
 // is what is known of its cell: below 0 nothing yet, else whether that is told as a whole.
 static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
@@ -211,7 +211,7 @@ static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int6
     return 1;
   if (table->is_simple) return 0;
   if (*cell < 0) {
-    // What is no less than the distances first, as they have to be posed for.
+    // Upper bounds first: distances have to be posed for.
     *cell = 0;
     for (int is_exact = 0; is_exact < 2 && !*cell; is_exact++) {
       double sum = 0.0;
@@ -271,7 +271,7 @@ typedef struct {
   double corners[3][3], edges[2][3], out[3];
 } triangle;
 
-// Where these are all posed.
+// Corners of the triangle of a quad; all of them are posed.
 static inline void corners_of(const look *at, const side *pair, int64_t unit, int64_t quad,
                               double corners[3][3]) {
   for (int k = 0; k < 3; k++) {
@@ -301,7 +301,7 @@ static inline hfx_sample sample_of(const hfx_table *table, int64_t quad, int64_t
   return at;
 }
 
-// Where a sample of a triangle is.
+// Position of a sample of a triangle.
 static inline void place_sample(const hfx_sample *s, const triangle *t, double p[3]) {
   for (int i = 0; i < 3; i++)
     p[i] = t->edges[0][i] * s->one + t->corners[0][i] + t->edges[1][i] * s->other + t->out[i] * s->height;

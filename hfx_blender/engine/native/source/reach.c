@@ -7,7 +7,6 @@
 #include "analytic.h"
 #include "broad.h"
 #include "hfx_native.h"
-#include "outline.h"
 #include "skin.h"
 #include "skin_posing.h"
 
@@ -29,14 +28,14 @@ typedef struct {
   double edge_m;
   int64_t is_split;
   int64_t is_always;          // what may pass is followed, however slowly
-  // What is found out.
+  // Results.
   int64_t *at;         // (rows,) which of the boxes' rows
   uint8_t *flags;      // (clusters, rows)
   int64_t *near;       // (clusters,) those that the volume can meet at all, ascending
   int64_t near_count;
 } hfx_broad;
 
-// Where its bones are.
+// Pose of its bones.
 typedef struct {
   const double *posed;       // (block, all, 3, 4) rest space to posed armature space
   int64_t all;
@@ -46,14 +45,14 @@ typedef struct {
 
 enum { TOUCHES = 1, SIMPLE = 2, FOLLOWED = 4, NEEDED = 8 };
 
-// Whether two boxes meet; a number that is none meets nothing.
+// True if two boxes meet; NaN meets nothing.
 static inline int overlap(const double *low, const double *high, const double *box) {
   for (int i = 0; i < 3; i++)
     if (!(low[i] <= box[3 + i] && high[i] >= box[i])) return 0;
   return 1;
 }
 
-// Which clusters the volume can meet at any row, or within `swing` of its boxes.
+// Lists clusters that the volume can meet at any row, or within `swing` of its boxes.
 static void find_near(hfx_broad *broad, const hfx_target *target, double swing) {
   double box[6];
   for (int i = 0; i < 3; i++) box[i] = INFINITY, box[3 + i] = -INFINITY;
@@ -69,7 +68,7 @@ static void find_near(hfx_broad *broad, const hfx_target *target, double swing) 
   }
 }
 
-// Whether all of a box is inside a volume.
+// True if all of a box is inside a volume.
 static int encloses(const hfx_target *target, int64_t n, const double *low, const double *high) {
   const double *box = target->boxes + 6 * n, *to_shape = target->to_shape + 16 * n;
   hfx_shape shape = {target->kinds[n], target->halves[n], NULL};
@@ -85,7 +84,7 @@ static int encloses(const hfx_target *target, int64_t n, const double *low, cons
   return 1;
 }
 
-// How far the corners of a box (2, 3) are from an origin at most, squared.
+// Largest squared distance of the corners of a box (2, 3) from an origin.
 static double arm_of(const double *box, const double *matrix) {
   double squared = 0.0;
   for (int i = 0; i < 3; i++) {
@@ -95,7 +94,7 @@ static double arm_of(const double *box, const double *matrix) {
   return squared;
 }
 
-// How far turning may take anything out of both ends' boxes, metres.
+// Largest distance by which turning may take anything out of both ends' boxes, metres.
 static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t n) {
   double swing = 0.0;
   for (int k = 0; k < 2; k++) {
@@ -110,7 +109,7 @@ static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t
   return swing;
 }
 
-// Which of ascending `all` ascending `rows` are; the last of `all` is no less than theirs.
+// Finds ascending `rows` in ascending `all`, whose last is no less than theirs.
 static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, int64_t *at) {
   for (int64_t n = 0, k = 0; n < count; n++) {
     while (all[k] < rows[n]) k++;
@@ -118,8 +117,8 @@ static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, in
   }
 }
 
-// Which clusters' boxes meet the volume's, at which rows. How many do at any, and which: `met` has
-// room for all.
+// Finds clusters whose boxes meet the volume's, and at which rows. Returns how many do at any, and
+// lists them in `met`, which has room for all.
 HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int64_t *met) {
   int64_t count = 0, rows = target->rows, clusters = broad->clusters;
   double widest = 0.0;
@@ -156,9 +155,10 @@ static double unseen(const hfx_target *target, int64_t n, double edge, double st
   return hfx_smaller(thin, 2.0 * hidden);
 }
 
-// How far anything in a cluster whose places are given has moved against the volume since the row
-// before, metres.
-static double given_moved_m(const hfx_target *target, const hfx_given *given, int64_t n, int64_t c) {
+// Largest distance by which anything in a cluster whose places are given has moved against the
+// volume since the row before, metres.
+static double given_moved_m(const hfx_target *target, const hfx_surface_places *given, int64_t n,
+                            int64_t c) {
   double most = 0.0;
   for (int64_t p = given->starts[c]; p < given->starts[c + 1]; p++) {
     double ends[2][3], squared = 0.0;
@@ -178,7 +178,7 @@ static double given_moved_m(const hfx_target *target, const hfx_given *given, in
 
 // The same of any cluster; no less where bones move it.
 static double moved_m(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, int64_t n,
-                      const hfx_given *given, int64_t c) {
+                      const hfx_surface_places *given, int64_t c) {
   const hfx_outline *known = broad->outline;
   if (given) return given_moved_m(target, given, n, c);
   return hfx_box_moves(bones, n - 1, n, target->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
@@ -195,7 +195,7 @@ static int64_t steps_for(double angle, double moved, double edge) {
   return steps;
 }
 
-// Whether at a row vertices tell enough of a cluster that is met.
+// True if at a row vertices suffice for a cluster that is met.
 static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
                      const hfx_groups *groups, double steepest, int64_t c, int64_t n) {
   int64_t at = 3 * (broad->at[n] * broad->clusters + c);
@@ -207,9 +207,9 @@ static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx
   return hfx_is_even(bones, groups + c, n, steepest, target->amplitude);
 }
 
-// Which near clusters may meet the volume between a row and the one before it.
+// Marks near clusters that may meet the volume between a row and the one before it.
 static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                   const hfx_given *given, double steepest, int64_t n) {
+                   const hfx_surface_places *given, double steepest, int64_t n) {
   int64_t rows = target->rows, clusters = broad->clusters;
   double swing = swing_of(broad, target, n), limit = unseen(target, n, broad->edge_m, steepest);
   const double *boxes = target->boxes + 6 * n;
@@ -229,13 +229,13 @@ static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *
               hfx_larger(high[now + i], high[before + i]) >= box[i];
     if (!meets) continue;
     uint8_t *flag = broad->flags + c * rows + n;
-    // From wholly inside nothing enters; to there it is felt anyway.
+    // Skin enters nothing from wholly inside, and is felt anyway where it gets there.
     if (target->is_flat && ((flag[-1] | (broad->is_always ? 0 : flag[0])) & SIMPLE)) continue;
     if (broad->is_always || !(moved_m(broad, target, bones, n, given, c) <= limit)) *flag |= FOLLOWED;
   }
 }
 
-// How the cells of a pair are looked at.
+// Kind of test for the cells of a pair.
 static uint8_t how_of(const hfx_broad *broad, const hfx_target *target, uint8_t flag) {
   if (!(flag & TOUCHES)) return HFX_NOT;
   if (target->is_flat && (flag & SIMPLE)) return HFX_WHOLE;
@@ -263,9 +263,9 @@ static void find_matrices(const hfx_broad *broad, const hfx_target *target, cons
     }
 }
 
-// Which of the near clusters are looked at, at which rows.
+// Marks the near clusters, and rows, of the narrow phase.
 static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                        const hfx_given *given, const hfx_groups *groups) {
+                        const hfx_surface_places *given, const hfx_groups *groups) {
   double steepest = hfx_steepest(target);
   int64_t rows = target->rows;
   for (int64_t k = 0; k < broad->near_count; k++) {
@@ -286,15 +286,15 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
   }
 }
 
-// Which clusters are looked at, at which rows, and how; see contacts.begin. `bones` are filled in as far
-// as they matter; `groups` are known for clusters that are met where the volume falls off. `pairs`
+// Lists the pairs of a cluster and a row of the narrow phase; see contacts.begin. `bones` are filled
+// in as far as they matter; `groups` are known for clusters that are met where the volume falls off. `pairs`
 // have room for all rows of the near clusters. Of the pairs' clusters, each once, ascending: all;
 // those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near
 // clusters thrice; `counts` are theirs, and the most steps of any pair.
 HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
-                          hfx_bones *bones, uint8_t *is_used, const hfx_given *given,
+                          hfx_bones *bones, uint8_t *is_used, const hfx_surface_places *given,
                           const hfx_groups *groups, hfx_pairs *pairs, int64_t *lists,
-                          int64_t counts[4]) {
+                          int64_t *counts) {
   int64_t rows = target->rows, p = 0;
   for (int i = 0; i < 4; i++) counts[i] = 0;
   if (!given) find_matrices(broad, target, pose, bones, is_used);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Which actuators what is felt reaches.
+// Actuator gains from vertex weights.
 
 #include <stdint.h>
 
 #include "hfx_native.h"
 
-// How strongly each actuator fires for each set of vertices: by the largest weight among those
+// Gain of each actuator for each set of vertices: the largest weight among those
 // that it reaches, (sets, actuator_count) zeros at first. Vertex v drives the actuators
 // reached[starts[v]] to reached[starts[v + 1]], by `factors` if there are any. What is not a
 // number stays so.

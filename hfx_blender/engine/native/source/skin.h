@@ -9,24 +9,40 @@
 
 #include "skin_quad.h"
 
+// Triangles of the skin of a model; see engine/skin/skin_mesh.py.
+typedef struct {
+  const float *vertices, *normals;  // (vertices, 3)
+  const float *areas_m2;            // (vertices,) square metres
+  const int32_t *triangles;         // (triangles, 3)
+  const int64_t *corners;           // of triangles, 3 t + k, by their vertex
+  const int64_t *starts;            // (vertices + 1,) each vertex's first corner
+} hfx_skin_mesh;
+
+// The vertex that comes some steps after a corner, the way round that its triangle goes.
+static inline int64_t hfx_next(const hfx_skin_mesh *mesh, int64_t corner, int steps) {
+  return mesh->triangles[corner - corner % 3 + (corner + steps) % 3];
+}
+
 // SkinTable. Places, units, quads, cells and samples are counted through all clusters.
 typedef struct {
   const int64_t *starts, *place_counts, *unit_counts, *cell_starts;  // of clusters
+  const int32_t *vertices;                                           // of places
   const int64_t *cell_of, *quad_starts;                              // of places
-  const double *unit_shares, *vertex_shares, *reaches, *means;       // of places
-  const int64_t *around;                                             // of quads, (quads, 2)
-  const uint8_t *is_ringed;                                          // of places
-  const int64_t *steps, *finest, *sample_starts;                     // of quads
-  const double *heights_m, *wholes;                                  // of quads
-  const double *bulge_m;                                             // of clusters
-  const hfx_quad *quads;
-  const double *samples;  // (4, room)
+  // Filled in by skin_filling.c.
+  double *unit_shares, *vertex_shares, *reaches, *means;             // of places
+  uint8_t *is_ringed;                                                // of places
+  int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
+  double *heights_m, *wholes;                                        // of quads
+  hfx_quad *quads;
+  double *bulge_m;                                                   // of clusters
+  int64_t *most_samples;                                             // of clusters
+  double *samples;                                                   // (4, room)
   int64_t room;
   int64_t is_simple, is_split;
   double spacing_share, distance_m;  // how far skin may be from its samples; see engine/tolerance.py
 } hfx_table;
 
-// What bones do to a cluster, and what its units' neighbours are like at rest.
+// Bones and weights of a cluster, and distances of its units to their neighbours at rest.
 typedef struct {
   const int64_t *entry_bones;  // (E,) which of the cluster's bones
   const double *weights;       // (E,)
@@ -39,7 +55,7 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
-// What is known of groups of a cluster's cells at rest; see engine/skin/cell_sizes.py.
+// Groups of a cluster's cells, at rest; see engine/skin/cell_sizes.py.
 typedef struct {
   const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
   const double *distances;                 // (groups,)
@@ -56,5 +72,12 @@ typedef struct {
   const int64_t *slots;    // which of them a bone has
   int64_t count;
 } hfx_bones;
+
+// Takes the next `count` of an array that is room.
+static inline double *take(double **room, int64_t count) {
+  double *taken = *room;
+  *room += count;
+  return taken;
+}
 
 #endif

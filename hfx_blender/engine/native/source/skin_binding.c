@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What bones do to the clusters of a model that is bound to them. See engine/skin/skinned_model.py.
+// Bones and weights of the clusters of a bound model. See engine/skin/skinned_model.py.
 
 #include <math.h>
 #include <string.h>

@@ -5,32 +5,19 @@
 
 #include "hfx_native.h"
 #include "numbers.h"
-#include "skin_mesh.h"
-#include "skin_quad.h"
+#include "skin.h"
 
 #define FLAT_ENOUGH 0.1
 #define BULGE_LIMIT 0.25
 
-// SkinTable, to be written.
+// Spacing of vertices and samples of the mesh, all of vertices.
 typedef struct {
-  const int64_t *starts, *unit_counts, *cell_starts;  // of clusters
-  const int32_t *vertices;                            // of places
-  const int64_t *cell_of, *quad_starts;               // of places
-  double *unit_shares, *vertex_shares, *reaches, *means;
-  uint8_t *is_ringed;
-  int64_t *unit_of, *around, *steps, *finest, *sample_starts;  // of quads
-  double *heights_m, *wholes;
-  double *bulge_m;  // of clusters
-  int64_t *most_samples;
-  hfx_quad *quads;
-  // Of vertices of the mesh: how far skin may be from its samples, and how far at the finest; one
-  // over the spacing.
-  const double *distance, *finest_distance, *closeness;
-  int64_t is_split;   // whether they stand for more than themselves
-  double most_share;  // of a unit, that its vertex stands for
-} hfx_filling;
+  const double *distance, *finest;  // metres from skin to its samples, at rest and at the finest
+  const double *closeness;          // one over the spacing
+  double most_share;                // of a unit, that its vertex stands for
+} hfx_spacing;
 
-// What else is known of a quad.
+// Further data of a quad.
 typedef struct {
   double total, reach, mean, size;
   double squares[3];  // of edges, see hfx_diagonal
@@ -91,20 +78,20 @@ static extent quad_at(const hfx_skin_mesh *mesh, const double *closeness, const 
 }
 
 // A unit's quads, its steps and its area; `balance` holds a zero for each vertex.
-static double fill_quads(const hfx_filling *table, const hfx_skin_mesh *mesh, int64_t unit,
-                         const int64_t *place, int64_t *balance, extent *extents) {
+static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, const hfx_spacing *spacing,
+                         int64_t unit, const int64_t *place, int64_t *balance, extent *extents) {
   int64_t vertex = table->vertices[unit], first = table->quad_starts[unit];
   int64_t count = table->quad_starts[unit + 1] - first;
   const int64_t *corners = mesh->corners + mesh->starts[vertex];
   int64_t *steps[2] = {table->steps + first, table->finest + first};
-  const double distances[2] = {table->distance[vertex], table->finest_distance[vertex]};
+  const double distances[2] = {spacing->distance[vertex], spacing->finest[vertex]};
   double area = 0.0;
   uint8_t is_ringed = 1;
   for (int64_t k = 0; k < count; k++) {
     int64_t ring[3];
     for (int i = 0; i < 3; i++) ring[i] = hfx_next(mesh, corners[k], i);
     hfx_quad *quad = table->quads + first + k;
-    extents[k] = quad_at(mesh, table->closeness, ring, quad);
+    extents[k] = quad_at(mesh, spacing->closeness, ring, quad);
     area += extents[k].total;
     for (int i = 0; i < 2; i++)
       *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, distances[i]);
@@ -124,16 +111,16 @@ static double fill_quads(const hfx_filling *table, const hfx_skin_mesh *mesh, in
 
 static double squared_of(int64_t steps) { return (double)(steps * steps); }
 
-// What depends on the area of the whole cell; returns the highest bulge.
-static double share_out(const hfx_filling *table, int64_t unit, double area, double cell,
-                        const extent *extents) {
+// Sets all that depends on the area of the whole cell; returns the highest bulge.
+static double share_out(const hfx_table *table, const hfx_spacing *spacing, int64_t unit, double area,
+                        double cell, const extent *extents) {
   int64_t first = table->quad_starts[unit], count = table->quad_starts[unit + 1] - first;
   double share = area / cell, samples = 0.0;
   for (int64_t k = 0; k < count; k++) samples += squared_of(table->steps[first + k]);
-  double mine = samples > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), table->most_share) : share;
+  double mine = samples > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), spacing->most_share) : share;
   double scale = (share - mine) / area;
   double reach = 0.0, mean = 0.0, highest = 0.0;
-  double flat = FLAT_ENOUGH * table->distance[table->vertices[unit]];
+  double flat = FLAT_ENOUGH * spacing->distance[table->vertices[unit]];
   for (int64_t k = 0; k < count; k++) {
     hfx_quad *quad = table->quads + first + k;
     double most = hfx_larger(hfx_larger(fabs(quad->to_one), fabs(quad->to_two)), fabs(quad->between));
@@ -159,10 +146,10 @@ static double share_out(const hfx_filling *table, int64_t unit, double area, dou
 // there are then. `place` and `balance` hold zeros for the vertices of the mesh, `extents` what is
 // known of the quads of a cluster; `areas` and `cells` hold numbers for a cluster's units and cells,
 // `counts` for its cells.
-HFX_EXPORT int64_t hfx_fill(const hfx_filling *table, const hfx_skin_mesh *mesh, int64_t asked,
-                            const int64_t *clusters, int64_t samples, int64_t *place,
-                            int64_t *balance, extent *extents, double *areas, double *cells,
-                            int64_t *counts) {
+HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
+                            const hfx_spacing *spacing, int64_t asked, const int64_t *clusters,
+                            int64_t samples, int64_t *place, int64_t *balance, extent *extents,
+                            double *areas, double *cells, int64_t *counts) {
   for (int64_t k = 0; k < asked; k++) {
     int64_t c = clusters[k], start = table->starts[c], end = start + table->unit_counts[c];
     int64_t first = table->cell_starts[c], count = table->cell_starts[c + 1] - first;
@@ -172,14 +159,14 @@ HFX_EXPORT int64_t hfx_fill(const hfx_filling *table, const hfx_skin_mesh *mesh,
     for (int64_t i = 0; i < count; i++) cells[i] = 0.0, counts[i] = 0;
     for (int64_t u = start; u < end; u++) {
       int64_t at = table->quad_starts[u] - quad;
-      areas[u - start] = fill_quads(table, mesh, u, place, balance, extents + at);
+      areas[u - start] = fill_quads(table, mesh, spacing, u, place, balance, extents + at);
       cells[table->cell_of[u] - first] += areas[u - start];
     }
     for (int64_t u = start; u < end; u++) {
       int64_t at = table->quad_starts[u] - quad;
       int64_t *counted = counts + table->cell_of[u] - first;
       double cell = cells[table->cell_of[u] - first];
-      double bulge_m = share_out(table, u, areas[u - start], cell, extents + at);
+      double bulge_m = share_out(table, spacing, u, areas[u - start], cell, extents + at);
       highest = hfx_larger(highest, bulge_m);
       *counted += 1;
       for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
@@ -195,14 +182,14 @@ HFX_EXPORT int64_t hfx_fill(const hfx_filling *table, const hfx_skin_mesh *mesh,
   return samples;
 }
 
-// Writes the samples of the quads of these clusters, as hfx_fill left them, (4, room).
-HFX_EXPORT void hfx_place_samples(const hfx_filling *table, int64_t asked, const int64_t *clusters,
-                                  int64_t room, double *samples) {
+// Writes the samples of the quads of these clusters, as hfx_fill left them.
+HFX_EXPORT void hfx_place_samples(const hfx_table *table, int64_t asked, const int64_t *clusters) {
+  int64_t room = table->room;
   for (int64_t k = 0; k < asked; k++) {
     int64_t start = table->starts[clusters[k]], end = start + table->unit_counts[clusters[k]];
     for (int64_t u = start; u < end; u++)
       for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
-        double *sample = samples + table->sample_starts[q], number = (double)table->steps[q];
+        double *sample = table->samples + table->sample_starts[q], number = (double)table->steps[q];
         for (int64_t i = 0; i < table->steps[q]; i++)
           for (int64_t j = 0; j < table->steps[q]; j++, sample++) {
             double s = ((double)i + 0.5) / number, t = ((double)j + 0.5) / number;

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the skin of clusters lies between. See Skin._outlined in engine/skin/cell_coverage.py.
+// Outlines of clusters, between which their skin lies. See Skin._outlined in engine/skin/cell_coverage.py.
 
 #include <math.h>
 #include <string.h>
 
 #include "hfx_native.h"
-#include "skin_mesh.h"
+#include "skin.h"
 
 static float larger(float a, float b) { return (a >= b || a != a) ? a : b; }
 
-// How far skin may bulge beyond the vertices of each cluster, metres; (clusters,) zeros at first. No
-// sample of a triangle is higher over it than these bounds.
+// Largest distance by which skin may bulge beyond the vertices of each cluster, metres; (clusters,)
+// zeros at first. No sample of a triangle is higher over it than these bounds.
 HFX_EXPORT void hfx_margins(const hfx_skin_mesh *mesh, int64_t triangles, const int64_t *cluster_of,
                             double *margins) {
   for (int64_t f = 0; f < triangles; f++) {

@@ -37,7 +37,7 @@ static inline void hfx_find_matrix(const double *posed, int64_t all, int64_t bon
 
 typedef double hfx_two __attribute__((vector_size(16)));
 
-// As in arrays of doubles, which need not be aligned.
+// Two doubles as in arrays, which need not be aligned.
 typedef double hfx_loose __attribute__((vector_size(16), aligned(8), may_alias));
 
 // The matrices of a cluster's bones at a row, one after the other: 6 of these each.
@@ -58,7 +58,7 @@ static inline void hfx_move(const hfx_two matrix[6], const double *rest, double 
   }
 }
 
-// Where a place of a cluster is.
+// Position of a place of a cluster.
 static inline void hfx_pose(const hfx_cluster *cluster, const hfx_two *matrices, int64_t place,
                             double point[3]) {
   int64_t first = cluster->firsts[place], last = cluster->firsts[place + 1];
@@ -83,7 +83,7 @@ static inline void hfx_pose_one(const hfx_cluster *cluster, const hfx_bones *bon
   hfx_move(mean, cluster->rest + 4 * place, point);
 }
 
-// How far any place of a cluster can have moved from one row to another, straight.
+// Largest distance that any place of a cluster can have moved from one row to another, straight.
 static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bones, int64_t before,
                                int64_t after) {
   double most = 0.0;
@@ -105,7 +105,7 @@ static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bone
   return most;
 }
 
-// What is known of a posed cluster without posing any of it.
+// Bounds of a posed cluster without posing any of it.
 typedef struct {
   double along;              // units are no farther from their neighbours than this times their
   double *apart;             // distance at rest plus, of each bone, this times how far weights differ
@@ -153,8 +153,8 @@ static inline hfx_two hfx_sizes(hfx_two values) {
   return (hfx_two)((hfx_mask)values & (hfx_mask){INT64_MAX, INT64_MAX});
 }
 
-// How far anything in a box can have moved from one matrix to another, squared. `linear`, whose rows
-// are `width` apart, leads from the space of the matrices to that of moves.
+// Largest squared distance that anything in a box can have moved from one matrix to another.
+// `linear`, whose rows are `width` apart, leads from the space of the matrices to that of moves.
 static inline double hfx_moved_squared(const double *earlier, const double *later, const double *linear,
                                        int width, const double *centre, const double *half) {
   const hfx_loose *one = (const hfx_loose *)earlier, *other = (const hfx_loose *)later;
@@ -173,8 +173,8 @@ static inline double hfx_moved_squared(const double *earlier, const double *late
   return squared;
 }
 
-// How far anything in boxes that bones move can have moved from one row to another. A pair is a
-// bone and a box.
+// Largest distance that anything in boxes that bones move can have moved from one row to another. A
+// pair is a bone and a box.
 static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64_t after,
                                    const double *linear, int width, int64_t first, int64_t last,
                                    const int64_t *pair_bones, const double *centres,
@@ -190,7 +190,7 @@ static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64
   return sqrt(most);
 }
 
-// How far a bone takes the cells of a group from where all together do, whose matrix is `mean`.
+// Distance between a place in the box of a group by one bone's matrix and by the `mean` of all, at most.
 static inline double hfx_apart(const double *matrix, const hfx_two *mean, const double *box) {
   const hfx_loose *m = (const hfx_loose *)matrix;
   hfx_two middle[2] = {{box[0], box[1]}, {box[2], 1.0}}, half[2] = {{box[3], box[4]}, {box[5], 0.0}};
@@ -226,17 +226,7 @@ static inline double hfx_group_mean(const hfx_groups *known, int64_t group, cons
   return stretch * known->distances[group] + bent;
 }
 
-// See CellSizes.means: the same of all groups of a cluster.
-static inline double hfx_cell_mean(const hfx_bones *bones, const hfx_groups *known, int64_t row) {
-  const double *matrices = bones->matrices + 12 * row * bones->count;
-  const double *stretches = bones->stretches + row * bones->count;
-  double most = 0.0;
-  for (int64_t g = 0; g < known->count; g++)
-    most = hfx_larger(most, hfx_group_mean(known, g, bones->slots, matrices, stretches));
-  return most;
-}
-
-// Whether that is no more than `limit` when `scale` times as large.
+// True if that of every group of a cluster is no more than `limit` when `scale` times as large.
 static inline int hfx_is_even(const hfx_bones *bones, const hfx_groups *known, int64_t row,
                               double scale, double limit) {
   const double *matrices = bones->matrices + 12 * row * bones->count;

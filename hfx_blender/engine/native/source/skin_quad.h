@@ -12,7 +12,7 @@
 #define MOST_DIVIDED 256.0
 #define ROUNDING 1e-9
 
-// What places samples in a quad; see Quads.
+// Coefficients that place samples in a quad; see Quads.
 typedef struct {
   double edge, other, inner, inner_2;
   double area, by_s, by_t;         // of a sample, as shares of the cell

@@ -7,7 +7,7 @@
 
 // Ids that enter or leave at each set, and how much each weight differs from the same vertex's
 // weight before. Sets ascend, from no set at first; `last` (one for each vertex) is 0 at first.
-// How many toggles there are: at most twice as many as vertices.
+// Returns the number of toggles: at most twice as many as vertices.
 HFX_EXPORT int64_t hfx_track_changes(int64_t sets, const int64_t *sizes, const int32_t *vertices,
                                      const uint8_t *weights, uint8_t *last, int32_t *counts,
                                      int32_t *gaps, uint8_t *changes) {
@@ -40,15 +40,16 @@ HFX_EXPORT int64_t hfx_track_changes(int64_t sets, const int64_t *sizes, const i
   return total;
 }
 
-// Whether each set but the first has the vertices and weights of the one before.
+// Tests each set but the first for the vertices and weights of the one before.
 HFX_EXPORT void hfx_track_repeats(int64_t sets, const int64_t *offsets, const int32_t *vertices,
-                                  const uint8_t *weights, int64_t width, uint8_t *repeats) {
+                                  const void *weights, int64_t width, uint8_t *repeats) {
+  const uint8_t *bytes = weights;
   for (int64_t s = 1; s < sets; s++) {
     int64_t first = offsets[s], before = offsets[s - 1], size = offsets[s + 1] - first;
     int64_t same = size == first - before;
     for (int64_t k = 0; same && k < size; k++) same = vertices[first + k] == vertices[before + k];
     for (int64_t k = 0; same && k < size * width; k++)
-      same = weights[first * width + k] == weights[before * width + k];
+      same = bytes[first * width + k] == bytes[before * width + k];
     repeats[s] = (uint8_t)same;
   }
 }

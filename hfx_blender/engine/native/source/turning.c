@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How placements turn.
+// Rotation angles between placements.
 
 #include "turning.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What a matrix does to directions: how it stretches them, and how it turns them. See
+// Stretch and rotation of directions by a matrix. See
 // engine/kinematics/motion.py.
 
 #ifndef HFX_TURNING_H

@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * Volumes: their shapes, and the weights that they give to vertices. Included by hfx_player.h. */
+#ifndef HFX_VOLUME_H
+#define HFX_VOLUME_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct hfx_volume { /* a volume at one moment */
+  float to_shape[12], to_shape_sizes[12]; /* sizes: absolute values, without translation */
+  const float *to_world;
+  uint32_t shape, falloff;
+  float half, share;
+} hfx_volume;
+
+/* Inverse of an affine matrix; 0: it has none, or holds what is no number. */
+static inline int hfx_inverse(const float *matrix, float *found) {
+  double of[3][3], size = 0.0, determinant;
+  int i, k;
+  for (i = 0; i < 3; i++)
+    for (k = 0; k < 3; k++) {
+      const int a = (k + 1) % 3, b = (k + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
+      of[i][k] = (double)matrix[4 * a + c] * matrix[4 * b + d] -
+                 (double)matrix[4 * a + d] * matrix[4 * b + c];
+      size += fabs(matrix[4 * i + k]);
+    }
+  determinant = matrix[0] * of[0][0] + matrix[4] * of[0][1] + matrix[8] * of[0][2];
+  if (!(fabs(determinant) > 1e-12 * size * size * size) || !(size < 1e12)) return 0;
+  for (i = 0; i < 3; i++) {
+    double moved = 0.0;
+    for (k = 0; k < 3; k++) {
+      found[4 * i + k] = (float)(of[i][k] / determinant);
+      moved -= of[i][k] / determinant * matrix[4 * k + 3];
+    }
+    found[4 * i + 3] = (float)moved;
+    if (!hfx_is_within(moved, -HFX_HUGE_F32, HFX_HUGE_F32)) return 0;
+  }
+  return 1;
+}
+
+/* Takes a chunk to another space. Like all loops over a chunk, which have a fixed length and no
+ * branches, this becomes vector instructions. */
+static inline void hfx_transform(const float *m, const hfx_chunk *of, hfx_chunk *found) {
+  int i;
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float x = of->x[i], y = of->y[i], z = of->z[i];
+    found->x[i] = m[0] * x + m[1] * y + m[2] * z + m[3];
+    found->y[i] = m[4] * x + m[5] * y + m[6] * z + m[7];
+    found->z[i] = m[8] * x + m[9] * y + m[10] * z + m[11];
+  }
+}
+
+/* Squares of the gauge of a shape, docs/formats/clip.md, at places in its space. */
+static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p, float *found) {
+  const float half = volume->half;
+  float across[HFX_CHUNK];
+  int i;
+  if (volume->shape == 0) {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = p->x[i] * p->x[i], y = p->y[i] * p->y[i], z = p->z[i] * p->z[i];
+      const float most = x > y ? x : y;
+      found[i] = most > z ? most : z;
+    }
+    return;
+  }
+  for (i = 0; i < HFX_CHUNK; i++) across[i] = p->x[i] * p->x[i] + p->y[i] * p->y[i];
+  if (volume->shape == 1) {
+    for (i = 0; i < HFX_CHUNK; i++) found[i] = across[i] + p->z[i] * p->z[i];
+  } else if (volume->shape == 2) {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float z = p->z[i] * p->z[i];
+      found[i] = across[i] > z ? across[i] : z;
+    }
+  } else {
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float past = fabsf(p->z[i]) - half, over = past > 0.0f ? past : 0.0f;
+      found[i] = across[i] + over * over;
+    }
+  }
+}
+
+/* Weights of the vertices of a chunk from squares of their gauge; whether any is inside. */
+static inline int hfx_falloff_weights(const hfx_volume *volume, const float *gauge,
+                                      float *weights) {
+  float rise[HFX_CHUNK];
+  int i, is_any = 0;
+  for (i = 0; i < HFX_CHUNK; i++) is_any |= gauge[i] <= 1.0f;
+  if (!is_any) return 0;
+  if (volume->falloff == 0 || volume->share <= 0.0f) {
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = gauge[i] <= 1.0f ? 1.0f : 0.0f;
+    return 1;
+  }
+  for (i = 0; i < HFX_CHUNK; i++) rise[i] = sqrtf(gauge[i] < 1.0f ? gauge[i] : 1.0f);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    rise[i] = (1.0f - rise[i]) / volume->share;
+    rise[i] = rise[i] < 1.0f ? rise[i] : 1.0f;
+  }
+  if (volume->falloff == 1)
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = rise[i];
+  else
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = rise[i] * rise[i] * (3.0f - 2.0f * rise[i]);
+  return 1;
+}
+
+/* Way in the world from the nearest place of a volume, as before stretching, to a point outside. */
+static inline double hfx_distance(const hfx_volume *volume, const hfx_chunk *of, int i) {
+  const float p[3] = {of->x[i], of->y[i], of->z[i]};
+  float off[3] = {0.0f, 0.0f, 0.0f};
+  const float half = volume->shape == 3 ? volume->half : 0.0f;
+  double sum = 0.0;
+  int c;
+  if (volume->shape == 0) {
+    for (c = 0; c < 3; c++) off[c] = p[c] - (float)hfx_clamped(p[c], -1.0, 1.0);
+  } else {
+    const float along = volume->shape == 2 ? 0.0f : p[2] - (float)hfx_clamped(p[2], -half, half);
+    const double length = sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)along * along);
+    const double outside = length > 1.0 ? 1.0 - 1.0 / length : 0.0;
+    off[0] = (float)(p[0] * outside);
+    off[1] = (float)(p[1] * outside);
+    off[2] = volume->shape == 2 ? p[2] - (float)hfx_clamped(p[2], -1.0, 1.0)
+                                : (float)(along * outside);
+  }
+  for (c = 0; c < 3; c++) {
+    const float *row = volume->to_world + 4 * c;
+    const double way = (double)row[0] * off[0] + (double)row[1] * off[1] + (double)row[2] * off[2];
+    sum += way * way;
+  }
+  return sqrt(sum);
+}
+
+/* Sets a volume up; 0: its matrix is flat, and nothing is in it. */
+static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, const float *matrix) {
+  int k;
+  volume->shape = hfx_u32(effect + 20);
+  volume->half = hfx_f32(effect + 24);
+  volume->falloff = hfx_u32(effect + 28);
+  volume->share = hfx_f32(effect + 32);
+  volume->to_world = matrix;
+  if (!hfx_inverse(matrix, volume->to_shape)) return 0;
+  for (k = 0; k < 12; k++)
+    volume->to_shape_sizes[k] = k % 4 == 3 ? 0.0f : fabsf(volume->to_shape[k]);
+  return 1;
+}
+
+/* Squares of the least gauge that anything within `reach` metres of boxes may have. */
+static inline void hfx_least_gauges(const hfx_volume *volume, const hfx_boxes *boxes, float reach,
+                             float *found) {
+  hfx_chunk centre, half, sizes, nearest;
+  int i;
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float more = boxes->slack[i] + reach;
+    half.x[i] = boxes->half.x[i] + more;
+    half.y[i] = boxes->half.y[i] + more;
+    half.z[i] = boxes->half.z[i] + more;
+  }
+  hfx_transform(volume->to_shape, &boxes->centre, &centre);
+  hfx_transform(volume->to_shape_sizes, &half, &sizes);
+  for (i = 0; i < HFX_CHUNK; i++) { /* the place of each box that is nearest to the shape */
+    const float x = fabsf(centre.x[i]) - sizes.x[i], y = fabsf(centre.y[i]) - sizes.y[i];
+    const float z = fabsf(centre.z[i]) - sizes.z[i];
+    nearest.x[i] = x > 0.0f ? x : 0.0f;
+    nearest.y[i] = y > 0.0f ? y : 0.0f;
+    nearest.z[i] = z > 0.0f ? z : 0.0f;
+  }
+  hfx_gauge(volume, &nearest, found);
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
