@@ -15,6 +15,9 @@ TELLS_OWNERS_OF_PATHS = hasattr(bpy.types.BlendData, "file_path_map")
 CAN_JOIN_AREAS = bpy.app.version >= (4, 3)
 """Support of joining areas of a window by their places."""
 
+GIZMOS_MAKE_UNDO_STEPS = "use_undo" in bpy.types.Gizmo.bl_rna.properties
+"""Support of undo steps that Blender makes when a gizmo is let go."""
+
 
 def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
     """F-curves of the action that is assigned to a datablock.

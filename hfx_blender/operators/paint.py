@@ -12,7 +12,7 @@ from .. import compat
 from ..authoring import effects, painting, saved_areas
 from ..engine.body.region_names import REGIONS
 from ..errors import InputError
-from . import paint_view
+from . import framing, paint_view
 from .shared import HfxOperator, painted_effect, select_only
 
 
@@ -28,6 +28,8 @@ class HFX_OT_paint_begin(_PaintedOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
+        if not bpy.app.background and framing.viewport(context) is None:
+            raise InputError("Painting needs a 3D viewport: go to a workspace that has one first.")
         canvas = painting.begin(context, effect)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")

@@ -57,7 +57,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             return {"CANCELLED"}
         settings = obj.hfx.surface
         self._screen = context.window.screen
-        self._region = framing.views(area)[-1]
+        self._region = framing.views(area)[0]  # of quad view, beside the sidebar
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )

@@ -264,5 +264,7 @@ def _write(text: str, x: float, y: float, width: float) -> None:
     while size > 1 and blf.dimensions(0, shown)[0] > width:
         size -= 1
         shown = text[:size].rstrip() + "..."
+    if blf.dimensions(0, shown)[0] > width:
+        return  # it would lie over what is beside it
     blf.position(0, x, y, 0)
     blf.draw(0, shown)

@@ -311,10 +311,10 @@ def _draw_chart() -> None:
     space, scene, found = bpy.context.space_data, bpy.context.scene, updates().result
     if not bpy.context.window_manager.hfx_show_values or not space.overlay.show_overlays:
         return
-    region = bpy.context.region
-    if region.data != space.region_3d:
-        return  # one chart is enough in quad view
-    left, right = drawing.free_part(bpy.context.area, region)
+    area, region = bpy.context.area, bpy.context.region
+    if region != next(each for each in area.regions if each.type == "WINDOW"):
+        return  # one chart is enough in quad view: beside the sidebar
+    left, right = drawing.free_part(area, region)
     if right - left < 120.0:
         return
     if found is None:

@@ -9,7 +9,9 @@ from typing import ClassVar
 import bpy
 from mathutils import Matrix, Vector
 
+from .. import compat
 from ..authoring import spot_placing
+from ..blender_events import push_undo_soon
 from ..operators.shared import active_effect
 
 _AXES: dict[str, dict[int, tuple[str, int, float]]] = {
@@ -61,6 +63,8 @@ def _set(axis: int, distance: float) -> None:
     effect = active_effect(bpy.context)
     if effect is not None and _has(effect, axis):
         set_offset(effect, axis, distance)
+        if not compat.GIZMOS_MAKE_UNDO_STEPS:
+            push_undo_soon()
 
 
 def _has(effect: bpy.types.Object, axis: int) -> bool:
@@ -95,7 +99,7 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
             arrow.color, arrow.alpha = colour, 0.7
             arrow.color_highlight, arrow.alpha_highlight = (1.0, 1.0, 1.0), 1.0
             arrow.length = 0.0
-            if hasattr(arrow, "use_undo"):  # older versions make no undo step of their own
+            if compat.GIZMOS_MAKE_UNDO_STEPS:
                 arrow.use_undo = True
             arrow.target_set_handler("offset", get=partial(_get, axis), set=partial(_set, axis))
             self.arrows.append(arrow)

@@ -13,6 +13,7 @@ import numpy as np
 AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
 SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
 LIST_BELOW, LIST_ROW = 31, 21  # the list of effects below its switches, and its rows, pixels
+_ABOVE_MENU = 24  # pixels from a menu's first row to its title
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 
 
@@ -32,7 +33,8 @@ def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> It
     yield from h.key("shift+a")
     yield 0.4
     rows = yield from h.menu()
-    yield from h.move(*rows[0])  # the entry chosen last is highlighted, in another colour
+    x, y = rows[0]
+    yield from h.move(x, y - _ABOVE_MENU)  # the entry chosen last is highlighted: not found
     rows = yield from h.menu()
     entries = yield from h.submenu(rows[-1])  # Haptic is the last
     chosen = entries[row]
