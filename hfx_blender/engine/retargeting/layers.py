@@ -31,6 +31,9 @@ _DEEPEST_M: Final = 0.04
 _ASIDE_M: Final = 0.014
 """Distance beside the way outwards at which another layer is found: half a cut triangle."""
 
+_CELL_M: Final = 0.045
+"""Edge of the cells in which other layers are looked for first: no smaller than their distance."""
+
 _ALIKE: Final = 0.3
 """Least cosine between the normals of two layers of the same skin."""
 
@@ -76,7 +79,7 @@ def leaving_out(
     is_large = areas[piece] >= _LARGE * areas.sum()
     far, _ = cKDTree(body).query(surface.centres, distance_upper_bound=_NEAR_M, workers=-1)
     asked = np.flatnonzero((is_large | (region == _HEAD)) & (far < np.inf))
-    inner, outer = yield from _pairs(surface, asked, piece, region)
+    inner, outer = yield from _pairs(surface, asked, piece, region, layer)
     on_head = region[inner] == _HEAD
     out[(inner if layer == "visible" else outer)[~on_head]] = True
     face, beside = _head_pieces(surface, piece, np.flatnonzero(region == _HEAD), bodies)
@@ -88,33 +91,66 @@ def leaving_out(
 
 
 def _pairs(
-    surface: TargetSurface, asked: I64, piece: I64, region: I64
+    surface: TargetSurface, asked: I64, piece: I64, region: I64, layer: Layer
 ) -> Generator[float, None, tuple[I64, I64]]:
-    """Find cut triangles of which the second lies over the first, in steps."""
+    """Find cut triangles of which the second lies over the first, in steps.
+
+    Of a triangle that is known to be left out no further pairs are looked for.
+    """
     from scipy.spatial import cKDTree
 
     centres, normals = surface.centres[asked], surface.flat_normals[surface.parent[asked]]
+    own = piece[asked]
     tree = cKDTree(centres)
     inner, outer = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    depths = (*_DEPTHS_M, *(-depth_m for depth_m in _DEPTHS_M))  # out, then inwards
+    settled = np.zeros(len(asked), bool)
+    depths = [depth_m for sign in (1.0, -1.0) for depth_m in sign * np.array(_DEPTHS_M)]
+    if layer == "skin":  # first from the layers that are left out
+        depths.reverse()
     for number, depth_m in enumerate(depths):
         yield number / len(depths)
-        places, reach_m = centres + depth_m * normals, _ASIDE_M + 0.3 * abs(depth_m)
+        if number % len(_DEPTHS_M) == 0:
+            is_asked = _beside_others(centres, own, ~settled)
+        looks_from_left_out = number < len(_DEPTHS_M)
+        some = np.flatnonzero(is_asked & ~settled if looks_from_left_out else is_asked)
+        places, reach_m = centres[some] + depth_m * normals[some], _ASIDE_M + 0.3 * abs(depth_m)
         _, near = tree.query(places, k=6, distance_upper_bound=reach_m, workers=-1)
         row, column = np.nonzero(near < len(asked))
-        other = near[row, column]
+        row, other = some[row], near[row, column]
+        is_over = own[row] != own[other]
+        row, other = row[is_over], other[is_over]
         way = centres[other] - centres[row]
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
         height = np.sign(depth_m) * height
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
         is_over &= np.einsum("ni,ni->n", normals[row], normals[other]) > _ALIKE
-        is_over &= piece[asked[row]] != piece[asked[other]]
         is_over &= _NEIGHBOURS[region[asked[row]], region[asked[other]]]
+        row, other = row[is_over], other[is_over]
         below, above_it = (row, other) if depth_m > 0.0 else (other, row)
-        inner.append(asked[below[is_over]])
-        outer.append(asked[above_it[is_over]])
+        inner.append(asked[below])
+        outer.append(asked[above_it])
+        left_out = below if layer == "visible" else above_it
+        settled[left_out[region[asked[below]] != _HEAD]] = True
     return np.concatenate(inner), np.concatenate(outer)
+
+
+def _beside_others(
+    places: F64, piece: I64, counted: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Test places (N, 3) for another piece near them that is counted, by cells of a grid."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    cell = np.floor((places - places.min(axis=0, initial=0.0)) / _CELL_M).astype(np.int64)
+    size = cell.max(axis=0, initial=0) + 1
+    cell = np.ravel_multi_index(tuple(cell.T), tuple(size))
+    lowest, highest = np.full(size.prod(), len(places)), np.full(size.prod(), -1)
+    _, number = np.unique(piece, return_inverse=True)
+    np.minimum.at(lowest, cell[counted], number[counted])
+    np.maximum.at(highest, cell[counted], number[counted])
+    lowest = minimum_filter(lowest.reshape(size), 3, mode="nearest").ravel()
+    highest = maximum_filter(highest.reshape(size), 3, mode="nearest").ravel()
+    return (lowest[cell] < number) | (highest[cell] > number)
 
 
 def _head_pieces(
