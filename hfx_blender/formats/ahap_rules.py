@@ -6,7 +6,17 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, Final
 
-from .checking import Anything, Finding, Items, Number, Record, Report, Text, check, parse
+from .checking import (
+    Anything,
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Text,
+    check,
+    json_validator,
+)
 
 MAX_EVENT_S: Final = 30.0
 MAX_CURVE_POINTS: Final = 16
@@ -81,17 +91,6 @@ _RANGES: Final = {
 }
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return findings(parse(content, name))
-
-
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("AHAP")
@@ -126,6 +125,9 @@ def findings(found: Any) -> list[Finding]:
         for point in points:
             _check_range({**point, "ParameterID": curve["ParameterID"]}, report, here)
     return report.findings
+
+
+validate = json_validator(findings)
 
 
 _NEEDED: Final = {

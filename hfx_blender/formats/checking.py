@@ -318,6 +318,16 @@ def decoding_findings(
     return report.findings
 
 
+def json_validator(
+    findings: Callable[[Any], list[Finding]], read: Callable[[bytes, str], Any] = parse
+) -> Callable[[bytes, str], list[Finding]]:
+    """Function of the faults of a file, given that of the faults of a parsed document.
+
+    It raises ``InputError`` for a file that is no JSON document.
+    """
+    return lambda content, name: findings(read(content, name))
+
+
 def refuse_errors(findings: list[Finding], name: str) -> None:
     """Raise the first error among findings.
 

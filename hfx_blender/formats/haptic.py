@@ -15,7 +15,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from .checking import Finding, Items, Number, Record, Report, Text, check, clean, parse
+from .checking import (
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Text,
+    check,
+    clean,
+    json_validator,
+    parse,
+)
 from .curves import Curve
 from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Signal, Transient, joined_times
@@ -147,17 +158,6 @@ def _rounded(seconds: float) -> float:
     return round(float(seconds), 7)
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return _findings(_parsed(content, name))
-
-
 def _parsed(content: bytes, name: str) -> Any:
     """A document; the members that may be null, as in Meta's reader, are then left out."""
     return without_nulls(parse(content, name), ("emphasis", "frequency"))
@@ -192,6 +192,9 @@ def _findings(found: Any) -> list[Finding]:
             message = "its emphasis is weaker than its amplitude"
             report.error("EMPHASIS", ((place, "amplitude"), k), message)
     return report.findings
+
+
+validate = json_validator(_findings, _parsed)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:

@@ -19,7 +19,7 @@ from .checking import (
     Text,
     check,
     encoded,
-    parse,
+    json_validator,
 )
 
 MAX_PATTERN_EVENTS: Final = 16
@@ -96,17 +96,6 @@ _OPENHARMONY = Record(
 )
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file of any of the three kinds.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return findings(parse(content, name))
-
-
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("HE")
@@ -125,6 +114,9 @@ def findings(found: Any) -> list[Finding]:
     else:
         _check_pattern_list(found, report)
     return report.findings
+
+
+validate = json_validator(findings)
 
 
 def _check_pattern_list(found: dict[str, Any], report: Report) -> None:

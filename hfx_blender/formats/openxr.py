@@ -24,6 +24,7 @@ from .checking import (
     Text,
     check,
     clean,
+    json_validator,
     parse,
     refuse_errors,
 )
@@ -153,17 +154,6 @@ def _points(times: Any, values: Any) -> list[dict[str, Any]]:
     ]
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return _findings(parse(content, name))
-
-
 def _findings(found: Any) -> list[Finding]:
     report = Report("OPENXR")
     check(_DOCUMENT, found, report)
@@ -190,6 +180,9 @@ def _findings(found: Any) -> list[Finding]:
                 if any(b < a for a, b in pairwise(times)):
                     report.error("POINT-ORDER", ((place, i), name), "its times descend")
     return report.findings
+
+
+validate = json_validator(_findings)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:

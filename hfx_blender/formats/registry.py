@@ -190,20 +190,17 @@ def _signal_format(
     return DeviceFormat(name, title, suffix, ("vibration",), write_raster, write_all_signals)
 
 
-def _write_csv(
-    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
-) -> Written:
-    path = stem.with_name(stem.name + csv_raster.SUFFIX)
-    csv_raster.write(raster, path)
-    return Written((path,))
+def _whole_raster_format(
+    name: str, title: str, suffix: str, write: Callable[[Raster, Path], None]
+) -> DeviceFormat:
+    def write_raster(
+        raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        path = stem.with_name(stem.name + suffix)
+        write(raster, path)
+        return Written((path,))
 
-
-def _write_npz(
-    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
-) -> Written:
-    path = stem.with_name(stem.name + npz_raster.SUFFIX)
-    npz_raster.write(raster, path)
-    return Written((path,))
+    return DeviceFormat(name, title, suffix, ALL_MODALITIES, write_raster)
 
 
 def _wav_format(name: str, title: str, suffix: str, samples: wav.SampleFormat) -> DeviceFormat:
@@ -243,8 +240,8 @@ def _why_no_tact(device: DeviceConfig) -> str:
 DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
     each.name: each
     for each in (
-        DeviceFormat("csv", "CSV", csv_raster.SUFFIX, ALL_MODALITIES, _write_csv),
-        DeviceFormat("npz", "an NPZ raster", npz_raster.SUFFIX, ALL_MODALITIES, _write_npz),
+        _whole_raster_format("csv", "CSV", csv_raster.SUFFIX, csv_raster.write),
+        _whole_raster_format("npz", "an NPZ raster", npz_raster.SUFFIX, npz_raster.write),
         _wav_format("wav", "WAV", wav.SUFFIX, "int16"),
         _wav_format("wav24", "24-bit WAV", f".24bit{wav.SUFFIX}", "int24"),
         _wav_format("wavfloat", "float WAV", f".float{wav.SUFFIX}", "float32"),
@@ -311,32 +308,24 @@ def _write_hjif(
     return from_track.write(track, load_model, stem, devices, tolerance)
 
 
-def _write_jsonl(
-    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
-) -> Written:
-    path = stem.with_name(stem.name + jsonl_samples.SUFFIX)
-    jsonl_samples.write(track, path)
-    return Written((path,))
+def _jsonl_format(name: str, title: str, suffix: str, is_compact: bool) -> TrackFormat:
+    def write_jsonl(
+        track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        path = stem.with_name(stem.name + suffix)
+        jsonl_samples.write(track, path, is_compact=is_compact)
+        return Written((path,))
 
-
-def _write_compact_jsonl(
-    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
-) -> Written:
-    path = stem.with_name(stem.name + jsonl_samples.COMPACT_SUFFIX)
-    jsonl_samples.write(track, path, is_compact=True)
-    return Written((path,))
+    return TrackFormat(name, title, suffix, write_jsonl)
 
 
 TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
     each.name: each
     for each in (
         TrackFormat("hjif", "MPEG HJIF", HJIF_SUFFIX, _write_hjif),
-        TrackFormat("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, _write_jsonl),
-        TrackFormat(
-            "jsonl-compact",
-            "compact JSON Lines of samples",
-            jsonl_samples.COMPACT_SUFFIX,
-            _write_compact_jsonl,
+        _jsonl_format("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, False),
+        _jsonl_format(
+            "jsonl-compact", "compact JSON Lines of samples", jsonl_samples.COMPACT_SUFFIX, True
         ),
     )
 }

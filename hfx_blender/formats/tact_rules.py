@@ -18,7 +18,7 @@ from .checking import (
     Table,
     Text,
     check,
-    parse,
+    json_validator,
 )
 from .tact_layouts import MAX_DOTS
 
@@ -117,17 +117,6 @@ _DOCUMENT = Record(
 )
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    return findings(parse(content, name))
-
-
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("TACT")
@@ -162,3 +151,6 @@ def findings(found: Any) -> list[Finding]:
                             message = f"the layout has no dot {point['index']}"
                             report.error("DOT", here, message)
     return report.findings
+
+
+validate = json_validator(findings)

@@ -28,9 +28,7 @@ _BLEND_TIP = "How the new area is combined with the old one"
 class _AreaOperator(HfxOperator):
     """Base of operators on the active painted effect, during painting or not."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(painted_effect(context), "Select a painted effect")
+    requires = ((painted_effect, "Select a painted effect"),)
 
     @staticmethod
     def model(effect: bpy.types.Object) -> PerceptualModel:

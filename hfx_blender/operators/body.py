@@ -46,6 +46,7 @@ def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str
 class HFX_OT_add_avatar(HfxOperator):
     """Add the built-in avatar: a haptic body that is ready to be posed and to feel"""
 
+    leaves_mode = True
     bl_idname = "hfx.add_avatar"
     bl_label = "Avatar"
 
@@ -59,10 +60,6 @@ class HFX_OT_add_avatar(HfxOperator):
         description="Beside what is at the 3D cursor already, and not inside it",
         default=False,
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("stands_free"):
@@ -103,9 +100,12 @@ those that cover its skin"""
         name="Layer", description="What is felt where clothes lie over skin", items=FELT_LAYERS
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
+    requires = (
+        (
+            lambda context: _armature_for(context),  # defined below
+            "Select an armature, or a mesh that has one",
+        ),
+    )
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
@@ -174,6 +174,7 @@ def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
 class HFX_OT_move_to_body(OnBodyOperator):
     """Have effects felt on another body: what is painted stays where it is on the body"""
 
+    leaves_mode = False
     bl_idname = "hfx.move_to_body"
     bl_label = "Move to Body"
 
@@ -237,6 +238,7 @@ class HFX_OT_show_model(HfxOperator):
     """Show the perceptual model on its avatar, each body part in a colour of its own, or remove \
 it again"""
 
+    leaves_mode = True
     bl_idname = "hfx.show_model"
     bl_label = "Show Perceptual Model"
 
@@ -249,12 +251,7 @@ it again"""
         ],
         default="pressure",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not cls.needs(context.mode == "OBJECT", "Go to Object Mode first"):
-            return False
-        return cls.needs(active_body(context), "Select a haptic body")
+    requires = ((active_body, "Select a haptic body"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import model_mesh
@@ -290,12 +287,12 @@ class HFX_OT_add_walk(HfxOperator):
     frame_start: IntProperty(name="Start", description="Frame at which the walk starts", default=1)
     frame_end: IntProperty(name="End", description="Frame at which the walk ends", default=250)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            context.object is not None and context.object.hfx.role == "BODY",
+    requires = (
+        (
+            lambda context: context.object is not None and context.object.hfx.role == "BODY",
             "Select a haptic body",
-        )
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies

@@ -3,22 +3,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..errors import InputError
 from ..printable import printable
-from .shared import HfxOperator, active_armature
+from .shared import FileOperator, HfxOperator, active_armature
 
 
 class _BonesOperator(HfxOperator):
     """Works on the table of the active armature."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_armature(context), "Select an armature, or a mesh that has one")
+    requires = ((active_armature, "Select an armature, or a mesh that has one"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
@@ -63,20 +59,11 @@ def _fill(operator: HfxOperator, armature: bpy.types.Object, *, keep_corrections
     return f"{found} bones found ({armature.hfx.bone_map_convention})"
 
 
-class _FileOperator(_BonesOperator):
-    filepath: StringProperty(name="File", subtype="FILE_PATH")
+class _FileOperator(_BonesOperator, FileOperator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if not self.filepath:
-            self.filepath = bpy.path.clean_name(active_armature(context).name) + "_bones.json"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def _path(self) -> Path:
-        if not self.filepath:
-            raise InputError("Choose a file.")
-        return Path(bpy.path.abspath(self.filepath))
+    def first_path(self, context: bpy.types.Context) -> str:
+        return bpy.path.clean_name(active_armature(context).name) + "_bones.json"
 
 
 class HFX_OT_save_bones(_FileOperator):
@@ -90,7 +77,7 @@ class HFX_OT_save_bones(_FileOperator):
     def work_on(self, armature: bpy.types.Object) -> str:
         from ..avatars import bone_table
 
-        path = self._path()
+        path = self.path()
         if not path.suffix:
             path = path.with_suffix(".json")
         count = bone_table.save(armature, path)
@@ -106,7 +93,7 @@ class HFX_OT_load_bones(_FileOperator):
     def work_on(self, armature: bpy.types.Object) -> str:
         from ..avatars import bone_table
 
-        for warning in bone_table.load(armature, self._path()):
+        for warning in bone_table.load(armature, self.path()):
             self.report({"WARNING"}, printable(warning))
         count = sum(1 for row in armature.hfx.bone_map if row.bone)
         return f"{count} bones loaded"

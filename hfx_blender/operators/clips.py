@@ -17,9 +17,7 @@ from .shared import HfxOperator, active_effect
 
 
 class _OfEffect(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_effect(context), "Select a haptic effect")
+    requires = ((active_effect, "Select a haptic effect"),)
 
 
 def _shown(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator], float]:

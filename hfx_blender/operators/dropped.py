@@ -18,11 +18,12 @@ class HFX_OT_place_dropped(HfxOperator):
 
     bl_idname = "hfx.place_dropped"
     bl_label = "Place Sensation"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        found = effect_assets.dropped_in(context.scene)
-        return cls.needs(found, "Drag a sensation out of the Asset Browser first")
+    requires = (
+        (
+            lambda context: effect_assets.dropped_in(context.scene),
+            "Drag a sensation out of the Asset Browser first",
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         made, faults = [], []

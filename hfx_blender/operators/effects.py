@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 from ..authoring import effects
 from ..properties import MODALITY_ITEMS, SHAPES
 from ..scene_units import metres_of
-from .shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
+from .shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _NAME_TIP = "Name in the outliner; empty: named after its kind"
 
@@ -28,6 +28,7 @@ def _show_wire_colours(context: bpy.types.Context) -> None:
 class HFX_OT_add_volume(HfxOperator):
     """Add a haptic volume: whoever is inside it feels it"""
 
+    leaves_mode = True
     bl_idname = "hfx.add_volume"
     bl_label = "Haptic Volume"
 
@@ -95,6 +96,7 @@ class HFX_OT_add_volume(HfxOperator):
 class HFX_OT_volume_from_mesh(HfxOperator):
     """Add a haptic volume with exactly the shape of the active mesh, moving along with it"""
 
+    leaves_mode = True
     bl_idname = "hfx.volume_from_mesh"
     bl_label = "Haptic Volume from Mesh"
 
@@ -102,11 +104,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
         name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.object
-        return cls.needs(active is not None and active.type == "MESH", "Select a mesh")
+    requires = (ON_MESH,)
 
     def work(self, context: bpy.types.Context) -> str:
         effect = effects.volume_from_mesh(

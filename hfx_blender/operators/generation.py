@@ -104,10 +104,7 @@ class HFX_OT_generate_surface(HfxOperator):
     # Without annotations, which Blender would take for properties.
     _timer = None
     _target = ""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(running is None, "A material is being made")
+    requires = ((lambda context: running is None, "A material is being made"),)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         begun = self.reported(lambda: self._begin(context))
@@ -191,10 +188,7 @@ class HFX_OT_cancel_generation(HfxOperator):
     bl_idname = "hfx.cancel_generation"
     bl_label = "Cancel"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(running is not None, "No material is being made")
+    requires = ((lambda context: running is not None, "No material is being made"),)
 
     def work(self, context: bpy.types.Context) -> str:
         stop()

@@ -22,9 +22,7 @@ SCOPES = (
 class _ManyEffects(HfxOperator):
     scope: EnumProperty(name="Scope", description="Effects to change", items=SCOPES)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(swarms.listed_effects(context.scene), "There are no effects")
+    requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         found = swarms.listed_effects(context.scene)

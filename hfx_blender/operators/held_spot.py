@@ -14,6 +14,7 @@ from ..authoring import skin_picking
 from ..errors import HfxError
 from . import framing, path_overlay
 from .paths import PathOperator, active_spot
+from .shared import IN_OBJECT_MODE
 
 if TYPE_CHECKING:
     from ..engine.arrays import F64
@@ -44,11 +45,7 @@ class HeldSpotOperator(PathOperator):
 
     release_confirm: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and cls.needs(
-            context.mode == "OBJECT", "Go to Object Mode first"
-        )
+    requires = (*PathOperator.requires, IN_OBJECT_MODE)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         effect = active_spot(context)

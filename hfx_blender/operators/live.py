@@ -197,10 +197,7 @@ class HFX_OT_live_play(_LiveOperator):
 
     bl_idname = "hfx.live_play"
     bl_label = "Play"
-
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return cls.needs(live.states, "Connect a device first")
+    requires = ((lambda _context: live.states, "Connect a device first"),)
 
     def work(self, _context: bpy.types.Context) -> str:
         live.arm()

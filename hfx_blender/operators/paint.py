@@ -17,9 +17,7 @@ from .shared import HfxOperator, painted_effect, select_only
 
 
 class _PaintedOperator(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(painted_effect(context), "Select a painted effect")
+    requires = ((painted_effect, "Select a painted effect"),)
 
 
 class HFX_OT_paint_begin(_PaintedOperator):
@@ -50,10 +48,7 @@ class HFX_OT_paint_end(HfxOperator):
 
     bl_idname = "hfx.paint_end"
     bl_label = "Finish Painting"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(painting.canvas_in(context), "Nothing is being painted")
+    requires = ((painting.canvas_in, "Nothing is being painted"),)
 
     def work(self, context: bpy.types.Context) -> str:
         canvas = painting.canvas_in(context)

@@ -20,7 +20,7 @@ from bpy_extras import view3d_utils
 from ..authoring import paths, skin_picking
 from ..errors import HfxError, InputError
 from . import framing, path_overlay
-from .paths import active_spot
+from .paths import ON_SPOT, active_spot
 from .shared import HfxOperator
 
 if TYPE_CHECKING:
@@ -79,9 +79,7 @@ class HFX_OT_draw_path(HfxOperator):
         name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_spot(context), "Select a point on the skin")
+    requires = (ON_SPOT,)
 
     def draw(self, _context: bpy.types.Context) -> None:
         if self.mode in ("STRAIGHT", "CURVE"):

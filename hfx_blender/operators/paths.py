@@ -47,21 +47,23 @@ def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
 
+ON_SPOT = active_spot, "Select a point on the skin"
+
+
 class _OfSpot(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_spot(context), "Select a point on the skin")
+    requires = (ON_SPOT,)
 
 
 class PathOperator(HfxOperator):
     """Base of the operators of a point on the skin that is somewhere."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        effect = active_spot(context)
-        if not cls.needs(effect, "Select a point on the skin"):
-            return False
-        return cls.needs(effect.get(paths.PATH), "Place the point, or draw its path first")
+    requires = (
+        ON_SPOT,
+        (
+            lambda context: active_spot(context).get(paths.PATH),
+            "Place the point, or draw its path first",
+        ),
+    )
 
 
 class HFX_OT_add_spot(OnBodyOperator):

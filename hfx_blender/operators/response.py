@@ -19,9 +19,7 @@ def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 class _OnVolume(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_volume(context), "Select a haptic volume")
+    requires = ((active_volume, "Select a haptic volume"),)
 
 
 class _OnFilter(HfxOperator):

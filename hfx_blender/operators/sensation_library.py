@@ -16,7 +16,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from .. import file_suffixes, resources
 from ..errors import HfxError, InputError
 from . import framing
-from .shared import EnumItems, HfxOperator, select_only, target_body
+from .shared import EnumItems, HfxOperator, select_only, target_body, to_object_mode
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -32,8 +32,7 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 
 
 def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
-    if context.object is not None and context.object.mode != "OBJECT":
-        raise InputError("Leave painting or editing first.")
+    to_object_mode(context)
     body = target_body(context)
     from ..authoring import effect_exchange, swarms
 
@@ -135,9 +134,7 @@ Those in your folder of effects are in Add > Haptic > Sensation"""
     filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: the name of the file")
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.selected_objects, "Select the effects to save first")
+    requires = ((lambda context: context.selected_objects, "Select the effects to save first"),)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.filepath:
@@ -167,10 +164,7 @@ or file"""
     bl_idname = "hfx.copy_effects"
     bl_label = "Copy Effects"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(context.selected_objects, "Select the effects to copy first")
+    requires = ((lambda context: context.selected_objects, "Select the effects to copy first"),)
 
     def work(self, context: bpy.types.Context) -> str:
         global _copied

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
 
 import bpy
+from bpy.props import StringProperty
 
 from ..authoring import effects, swarms
 from ..avatars.avatar_meshes import armature_of
@@ -19,10 +22,23 @@ _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
 """Packages that the extension brings as wheels; its small zip brings none of them."""
 
 
+Requirement = tuple[Callable[[bpy.types.Context], object], str]
+"""Condition of an operator, and what the user has to do where it is not met."""
+
+IN_OBJECT_MODE: Requirement = (lambda context: context.mode == "OBJECT", "Go to Object Mode first")
+ON_MESH: Requirement = (
+    lambda context: context.object is not None and context.object.type == "MESH",
+    "Select a mesh",
+)
+
+
 class HfxOperator(bpy.types.Operator):
     """Base of the operators: runs ``work`` and turns :class:`HfxError` into an error report."""
 
     bl_options = {"REGISTER", "UNDO"}
+    requires: ClassVar[tuple[Requirement, ...]] = ()
+    leaves_mode: ClassVar[bool] = False
+    """Go to Object Mode first: what is added becomes the active object."""
 
     def __init_subclass__(cls, **options: object) -> None:
         """Make the tooltip: paragraphs of the docstring become its sentences, without line
@@ -38,7 +54,12 @@ class HfxOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self.reported(lambda: self.work(context))
+        return self.reported(lambda: self._work_in_mode(context))
+
+    def _work_in_mode(self, context: bpy.types.Context) -> str:
+        if self.leaves_mode:
+            to_object_mode(context)
+        return self.work(context)
 
     def reported(self, work: Callable[[], str]) -> set[str]:
         """Call a function and report its result, or the reason of its failure."""
@@ -64,6 +85,10 @@ class HfxOperator(bpy.types.Operator):
         return {"FINISHED"}
 
     @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return all(cls.needs(test(context), what) for test, what in cls.requires)
+
+    @classmethod
     def needs(cls, found: object, what: str) -> bool:
         """Test a condition for ``poll``; if it fails, the tooltip tells the user what is needed."""
         if found:
@@ -75,10 +100,40 @@ class HfxOperator(bpy.types.Operator):
 class OnBodyOperator(HfxOperator):
     """Base of the operators that add something to a haptic body."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        found = effects.bodies_of(context.scene)
-        return cls.needs(found, "Add an avatar, or mark an armature as haptic body first")
+    leaves_mode = True
+    requires = (
+        (
+            lambda context: effects.bodies_of(context.scene),
+            "Add an avatar, or mark an armature as haptic body first",
+        ),
+    )
+
+
+class FileOperator(HfxOperator):
+    """Base of the operators that ask for a file."""
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.filepath = self.filepath or self.first_path(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def first_path(self, context: bpy.types.Context) -> str:
+        """Path that the file selector begins with; empty: Blender's choice."""
+        return ""
+
+    def path(self) -> Path:
+        """The chosen file.
+
+        Raises
+        ------
+        InputError
+            None was chosen.
+        """
+        if not self.filepath:
+            raise InputError("Choose a file.")
+        return Path(bpy.path.abspath(self.filepath))
 
 
 class KeyBindings:
@@ -127,6 +182,22 @@ def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], En
         return kept
 
     return items
+
+
+def to_object_mode(context: bpy.types.Context) -> None:
+    """Leave the mode of the active object.
+
+    Raises
+    ------
+    InputError
+        An area is being painted on it.
+    """
+    active = context.object
+    if active is None or active.mode == "OBJECT":
+        return
+    if active.get("hfx_painted_effect") is not None:
+        raise InputError("Finish painting first.")
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:

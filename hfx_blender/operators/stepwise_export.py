@@ -21,10 +21,9 @@ class StepwiseExport(StepwiseOperator):
     bl_options = {"REGISTER"}
     doing, doing_icon = "Exporting Haptics", "EXPORT"
     cancelled = "Export cancelled: nothing was written"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(swarms.listed_effects(context.scene), "Add a haptic effect first")
+    requires = (
+        (lambda context: swarms.listed_effects(context.scene), "Add a haptic effect first"),
+    )
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         """Begin the export; the steps yield the share that is done, and return the report."""

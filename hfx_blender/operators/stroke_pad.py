@@ -5,19 +5,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty
 
 from .. import file_suffixes
 from ..authoring import surfaces
 from ..errors import HfxError, InputError
 from ..playback.live import live
 from . import framing
-from .shared import HfxOperator
-from .surfaces import active_surface
+from .shared import FileOperator, HfxOperator
+from .surfaces import ON_SURFACE
 
 if TYPE_CHECKING:
     from ..playback.stroke_pad import Take
@@ -37,10 +36,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     bl_idname = "hfx.stroke_pad"
     bl_label = "Stroke Pad"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_surface(context), "Select an object with a haptic surface")
+    requires = (ON_SURFACE,)
 
     def work(self, context: bpy.types.Context) -> str:
         raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
@@ -165,14 +161,13 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._close(context)
 
 
-class HFX_OT_export_stroke(HfxOperator):
+class HFX_OT_export_stroke(FileOperator):
     """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
 
     bl_idname = "hfx.export_stroke"
     bl_label = "Export Last Stroke"
     bl_options = {"REGISTER"}
 
-    filepath: StringProperty(subtype="FILE_PATH")
     kind: EnumProperty(
         name="Format",
         items=[
@@ -181,24 +176,17 @@ class HFX_OT_export_stroke(HfxOperator):
         description="Format if the name has no suffix",
     )
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return cls.needs(last_take, "Stroke a surface first")
+    requires = ((lambda _context: last_take, "Stroke a surface first"),)
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if not self.filepath and last_take is not None:
-            self.filepath = bpy.path.clean_name(last_take.name) + self.kind
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def first_path(self, _context: bpy.types.Context) -> str:
+        return "" if last_take is None else bpy.path.clean_name(last_take.name) + self.kind
 
     def work(self, _context: bpy.types.Context) -> str:
         from ..engine.texture.stroke_rendering import render_stroke
         from ..formats import stroke_files
 
         assert last_take is not None
-        if not self.filepath:
-            raise InputError("Choose a file.")
-        path = Path(bpy.path.abspath(self.filepath))
+        path = self.path()
         if not path.suffix:
             path = path.with_suffix(self.kind)
         stroke_files.check(path)

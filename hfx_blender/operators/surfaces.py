@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
@@ -13,7 +11,7 @@ from ..authoring import surfaces
 from ..errors import InputError
 from ..printable import printable
 from ..surface_properties import IMAGE_KINDS, SOURCES
-from .shared import HfxOperator
+from .shared import ON_MESH, FileOperator, HfxOperator
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -30,10 +28,11 @@ def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
     return note
 
 
+ON_SURFACE = active_surface, "Select an object with a haptic surface"
+
+
 class _OfSurface(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_surface(context), "Select an object with a haptic surface")
+    requires = (ON_SURFACE,)
 
 
 class HFX_OT_add_surface(HfxOperator):
@@ -48,11 +47,7 @@ class HFX_OT_add_surface(HfxOperator):
         description="Material, for the source Library",
         options={"SKIP_SAVE"},
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.object
-        return cls.needs(active is not None and active.type == "MESH", "Select a mesh")
+    requires = (ON_MESH,)
 
     def work(self, context: bpy.types.Context) -> str:
         obj = context.object
@@ -90,17 +85,8 @@ class HFX_OT_bake_surface(_OfSurface):
         return _made(self, context.object)
 
 
-class _OfFile(_OfSurface):
-    filepath: StringProperty(subtype="FILE_PATH")
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def path(self) -> Path:
-        if not self.filepath:
-            raise InputError("Choose a file.")
-        return Path(bpy.path.abspath(self.filepath))
+class _OfFile(FileOperator):
+    requires = (ON_SURFACE,)
 
 
 class HFX_OT_load_surface_image(_OfFile):

@@ -16,12 +16,14 @@ class HFX_OT_update_values(HfxOperator):
     bl_idname = "hfx.update_values"
     bl_label = "Update Values"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        scene = context.scene
-        found = swarms.listed_effects(scene) and effects.bodies_of(scene)
-        return cls.needs(found, "Add a body and effects first")
+    requires = (
+        (
+            lambda context: (
+                swarms.listed_effects(context.scene) and effects.bodies_of(context.scene)
+            ),
+            "Add a body and effects first",
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         preview.updates().update_now(context.scene)

@@ -33,10 +33,7 @@ timeline. It is made when it is not there yet"""
     bl_idname = "hfx.workspace"
     bl_label = "HFX Workspace"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_has_window(context), "There is no window")
+    requires = ((_has_window, "There is no window"),)
 
     def work(self, context: bpy.types.Context) -> str:
         found = bpy.data.workspaces.get(NAME)
@@ -59,10 +56,7 @@ of the present file is lost"""
     bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_has_window(context), "There is no window")
+    requires = ((_has_window, "There is no window"),)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not bpy.data.is_dirty:

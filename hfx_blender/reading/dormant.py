@@ -9,7 +9,6 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .. import compat
 from ..engine.arrays import F64
 from ..engine.scene import TimeBase
 from ..stored_values import limited
@@ -17,6 +16,7 @@ from . import activation, stepping
 from .adaptive_reading import grid_step
 from .animation_time import animation_frames
 from .scene_description import sample_frames
+from .visibility import is_keyed
 
 MUTED = "is muted"
 
@@ -57,12 +57,4 @@ def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
     spans = activation.spans_of_value(effect, _INTENSITY)
     if spans is not None:
         return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
-    return not _is_animated(effect) and limited(effect.hfx, "intensity") <= 0.0
-
-
-def _is_animated(effect: bpy.types.Object) -> bool:
-    data = effect.animation_data
-    if data is None:
-        return False
-    curves = [curve for each in compat.curve_collections(effect) for curve in each]
-    return any(curve.data_path == _INTENSITY for curve in (*curves, *data.drivers))
+    return not is_keyed(effect, _INTENSITY) and limited(effect.hfx, "intensity") <= 0.0

@@ -21,13 +21,15 @@ PATH = "hide_viewport"
 """Property by which an animation disables an object."""
 
 
-def is_keyed(obj: bpy.types.Object) -> bool:
-    """Test for an action, a clip or a driver that disables an object at times."""
+def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:
+    """Test for an action, a clip or a driver that disables an object at times, or changes another
+    of its properties.
+    """
     data = obj.animation_data
     if data is None:
         return False
     curves = [curve for each in compat.curve_collections(obj) for curve in each]
-    return any(curve.data_path == PATH for curve in (*curves, *data.drivers))
+    return any(curve.data_path == path for curve in (*curves, *data.drivers))
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:

@@ -14,7 +14,8 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringPrope
 
 from ..authoring import effects, swarms
 from ..blender_events import push_undo_soon
-from ..operators.shared import active_effect, select_only
+from ..errors import InputError
+from ..operators.shared import active_effect, select_only, to_object_mode
 from ..playback import preview
 
 ICONS = {
@@ -180,7 +181,9 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
 
 def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
     context = bpy.context
-    if context.object is not None and context.object.mode != "OBJECT":
+    try:
+        to_object_mode(context)
+    except InputError:
         return  # painting goes on
     if 0 <= index < len(manager.hfx_rows):
         found = _effects_of_row(manager.hfx_rows[index])

@@ -10,13 +10,15 @@ extern "C" {
 #endif
 
 /* The model of a body that an effect is felt on; HFX_NONE: there is none. */
-static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body, const unsigned char *effect) {
+static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body,
+                                    const unsigned char *effect) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   const uint32_t of = hfx_u32(effect + 12);
   uint32_t k;
   if (of != HFX_NONE && of != body) return HFX_NONE;
   for (k = hfx_u32(at + 12); k < hfx_u32(at + 12) + hfx_u32(at + 16); k++)
-    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16))) return k;
+    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16)))
+      return k;
   return HFX_NONE;
 }
 
@@ -25,14 +27,15 @@ static inline uint32_t hfx_vertices_of(const hfx_clip *clip, uint32_t model) {
 }
 
 static inline uint32_t hfx_chunks_of(const hfx_clip *clip, uint32_t model) {
-  return hfx_chunks(hfx_vertices_of(clip, model));
+  return hfx_chunk_count(hfx_vertices_of(clip, model));
 }
 
 /* The chunk of a body where those of a model begin. */
 static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint32_t model) {
   uint32_t k, sum = 0;
   if (model == HFX_NONE) return 0;
-  for (k = hfx_u32(hfx_record(clip, HFX_BODY, body) + 12); k < model; k++) sum += hfx_chunks_of(clip, k);
+  for (k = hfx_u32(hfx_record(clip, HFX_BODY, body) + 12); k < model; k++)
+    sum += hfx_chunks_of(clip, k);
   return sum;
 }
 
@@ -53,7 +56,8 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_
   parts[3] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
   parts[4] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
   parts[5] = 4 * HFX_CHUNK * weights;
-  parts[6] = 4 * (HFX_CHUNK * largest + 2 * ((uint64_t)hfx_clip_effects(clip) + clip->parts[HFX_REAC].count));
+  parts[6] = 4 * (HFX_CHUNK * largest + 2 * (uint64_t)hfx_clip_effects(clip) +
+                  2 * (uint64_t)clip->parts[HFX_REAC].count);
   for (k = 0; k < 7; k++) sum += parts[k];
   return sum;
 }
@@ -86,7 +90,7 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   self->body = body;
   self->frame = 0;
   self->chunks = (uint32_t)(parts[1] / sizeof(hfx_chunk));
-  hfx_find_rest(self);
+  hfx_find_bone_extents(self);
   self->is_posed = self->was_posed = 0;
   self->time_s = 0.0;
   for (k = 0; k < hfx_clip_effects(clip); k++) {
@@ -170,8 +174,10 @@ static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
   felt->was_on = is_on;
 }
 
-/* Vibrations at one place: within 1 Hz they add, else their powers do. The strongest's frequency. */
-static inline double hfx_together(float *strengths, float *hertz, uint32_t count, double *found_hz) {
+/* Sum of vibrations at one place: within 1 Hz they add, else their powers do. The strongest's
+ * frequency. */
+static inline double hfx_together(float *strengths, float *hertz, uint32_t count,
+                                  double *found_hz) {
   double power = 0.0, group = 0.0, strongest = 0.0, group_hz = 0.0;
   uint32_t i, k;
   for (i = 1; i < count; i++)
@@ -194,7 +200,8 @@ static inline double hfx_together(float *strengths, float *hertz, uint32_t count
 }
 
 /* Gain of an actuator for an effect: weights of the vertices that it reaches, times factors. */
-static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const unsigned char *reaction) {
+static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt,
+                              const unsigned char *reaction) {
   const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
   const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
   const float *weights = self->weights + felt->first_weight;
@@ -213,8 +220,8 @@ static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const 
 }
 
 /* Value of a reaction at its actuator, and for vibrations its frequency. */
-static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target, float *strengths,
-                                  float *hertz, double *found_hz) {
+static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target,
+                                  float *strengths, float *hertz, double *found_hz) {
   const uint32_t modality = hfx_u32(at + 8), effects = hfx_clip_effects(self->clip);
   double sum = 0.0, wind[3] = {0.0, 0.0, 0.0};
   uint32_t k, count = 0;
@@ -227,7 +234,7 @@ static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint3
     if (hfx_u32(effect + 8) != modality) continue;
     does = hfx_gain(self, felt, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
-    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? (double)hfx_f32(effect + 56) : 0.0);
+    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? hfx_f32(effect + 56) : 0.0);
     for (c = 0; c < 3; c++) wind[c] += does * felt->parameters[1 + c];
     strengths[count] = (float)does;
     hertz[count++] = felt->parameters[1];
@@ -239,6 +246,10 @@ static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint3
   if (target != HFX_TEMPERATURE) sum = fabs(sum);
   if (hfx_f32(at + 20) > 0.0f) *found_hz = hfx_f32(at + 20);
   return sum * hfx_f32(at + 16);
+}
+
+static inline float hfx_limited(const unsigned char *column, double value) {
+  return (float)hfx_clamped(value, hfx_f64(column + 16), hfx_f64(column + 24));
 }
 
 static inline void hfx_drive(hfx_body *self, float *out) {
@@ -266,13 +277,13 @@ static inline void hfx_drive(hfx_body *self, float *out) {
       of_reactions[reactions + count++] = (float)hz;
     }
     if (!count) continue;
-    if (target == HFX_VIBRATION) sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
+    if (target == HFX_VIBRATION)
+      sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
     if (target == HFX_TEMPERATURE) sum += hfx_f64(column + 32);
     if (!hfx_is_within(sum, -HFX_HUGE_F64, HFX_HUGE_F64)) continue; /* of a strange clip: neutral */
-    out[hfx_u32(actuator + 8)] = (float)hfx_clamped(sum, hfx_f64(column + 16), hfx_f64(column + 24));
+    out[hfx_u32(actuator + 8)] = hfx_limited(column, sum);
     if (target != HFX_VIBRATION || hfx_u32(actuator + 12) < 2) continue;
-    column += 40;
-    out[hfx_u32(actuator + 8) + 1] = (float)hfx_clamped(hz, hfx_f64(column + 16), hfx_f64(column + 24));
+    out[hfx_u32(actuator + 8) + 1] = hfx_limited(column + 40, hz);
   }
 }
 
@@ -283,7 +294,7 @@ HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
   if (self->body >= hfx_clip_bodies(self->clip)) return;
   seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
-  if (self->is_posed) hfx_pose(self);
+  if (self->is_posed) hfx_begin_pose(self);
   for (k = 0; k < hfx_clip_effects(self->clip); k++) hfx_feel(self, k, seconds);
   for (k = 0; k < hfx_clip_bones(self->clip, self->body); k++)
     for (c = 0; c < 16; c++) self->bones[k].before[c] = self->bones[k].now[c];
@@ -298,7 +309,8 @@ HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uin
 }
 
 HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect) {
-  return hfx_has_effect(self, effect) ? self->felt[effect].level * self->felt[effect].response : 0.0;
+  if (!hfx_has_effect(self, effect)) return 0.0;
+  return self->felt[effect].level * self->felt[effect].response;
 }
 
 #ifdef __cplusplus

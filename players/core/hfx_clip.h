@@ -157,7 +157,8 @@ static inline const char *hfx_text(const hfx_clip *clip, const unsigned char *at
   return (const char *)clip->parts[HFX_TEXT].at + hfx_u32(at);
 }
 
-static inline int hfx_is_field(const hfx_clip *clip, const unsigned char *at, int check, uint32_t of) {
+static inline int hfx_is_field(const hfx_clip *clip, const unsigned char *at, int check,
+                               uint32_t of) {
   switch (check) {
     case HFX_IS_TEXT: return hfx_u32(at) < clip->parts[HFX_TEXT].count;
     case HFX_IS_INDEX: return hfx_u32(at) < clip->parts[of].count;

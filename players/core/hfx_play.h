@@ -18,7 +18,7 @@ static inline double hfx_clamped(double value, double lowest, double highest) {
   return value < lowest ? lowest : value > highest ? highest : value;
 }
 
-/* Seconds between two frames; more than 30 years, which no sum of times survives, count as those. */
+/* Seconds between two frames, at most 30 years, which no sum of times survives. */
 static inline double hfx_elapsed(double seconds) {
   return hfx_clamped(hfx_positive(seconds), 0.0, 1e9);
 }
@@ -101,7 +101,8 @@ static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], 
   }
 }
 
-static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s, double end_s) {
+static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s,
+                             double end_s) {
   int k;
   player->clip = clip;
   player->position_s = player->start_s = start_s;

@@ -24,7 +24,8 @@ static inline double hfx_control(const unsigned char *filter, int index) {
 }
 
 static inline int hfx_is_in_space(const unsigned char *filter) {
-  return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
+  if (hfx_u32(filter) == HFX_SINE) return hfx_u32(filter + 8) != 2;
+  return hfx_u32(filter) == HFX_DISTANCE;
 }
 
 /* Nearness of a vertex, 1 at the volume and inside, 0 at the range and beyond. */
@@ -32,14 +33,14 @@ static inline double hfx_nearness(const unsigned char *filter, double away_m) {
   return away_m > 0.0 ? pow(1.0 - away_m / hfx_control(filter, 1), hfx_control(filter, 2)) : 1.0;
 }
 
-/* Ways in metres from a volume to the vertices of a chunk; beyond the range some number above it. */
-static inline void hfx_ways(const hfx_volume *volume, const hfx_chunk *chunk, float range_m,
+/* Distances of a chunk's vertices from a volume, metres; beyond the range any number above it. */
+static inline void hfx_distances(const hfx_volume *volume, const hfx_chunk *chunk, float range_m,
                             double *found) {
   const float *m = volume->to_shape;
   float most[3], gauge[HFX_CHUNK];
   hfx_chunk p;
   int i, is_far[HFX_CHUNK];
-  hfx_moved(m, chunk, &p);
+  hfx_transform(m, chunk, &p);
   hfx_gauge(volume, &p, gauge);
   for (i = 0; i < 3; i++, m += 4)
     most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
@@ -51,31 +52,32 @@ static inline void hfx_ways(const hfx_volume *volume, const hfx_chunk *chunk, fl
 }
 
 /* Nearness of untouched skin, 0 to 1 at the boundary, added to the weights where it is felt. */
-static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int is_touched) {
+static inline double hfx_add_proximity(hfx_touch *touch, const unsigned char *filter,
+                                       int is_touched) {
   const double range_m = hfx_control(filter, 1), rises = hfx_control(filter, 2) > 0.0;
   double peak = is_touched ? 1.0 : 0.0, least_m = HFX_HUGE_F64;
   int pass;
   if (!(hfx_control(filter, 0) > 0.0)) return peak;
   for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
-    uint32_t k = hfx_next(touch, 0, (float)range_m);
-    for (; k < touch->count; k = hfx_next(touch, k + 1, (float)range_m)) {
+    uint32_t k = hfx_next_near(touch, 0, (float)range_m);
+    for (; k < touch->count; k = hfx_next_near(touch, k + 1, (float)range_m)) {
       float *weights = touch->weights + HFX_CHUNK * (size_t)k;
-      double ways[HFX_CHUNK], nearness;
+      double away_m[HFX_CHUNK], nearness;
       int i;
-      hfx_ways(&touch->volume, hfx_posed(touch, k), (float)range_m, ways);
+      hfx_distances(&touch->volume, hfx_posed(touch, k), (float)range_m, away_m);
       for (i = 0; i < HFX_CHUNK; i++) {
-        if (!(ways[i] < range_m) || (pass == 0 && rises && ways[i] >= least_m)) continue;
-        nearness = hfx_nearness(filter, ways[i]);
-        least_m = ways[i];
+        if (!(away_m[i] < range_m) || (pass == 0 && rises && away_m[i] >= least_m)) continue;
+        nearness = hfx_nearness(filter, away_m[i]);
+        least_m = away_m[i];
         if (pass == 0 && nearness > peak) peak = nearness;
         if (pass == 0 || !(nearness / peak > weights[i])) continue;
         weights[i] = (float)(nearness / peak);
-        hfx_look_at(touch, k);
+        hfx_widen_range(touch, k);
       }
     }
     if (!(peak > 0.0)) break;
   }
-  hfx_trim(touch);
+  hfx_clear_padding(touch);
   return peak;
 }
 
@@ -84,7 +86,7 @@ static inline double hfx_wave(double turns, double depth, double phase) {
 }
 
 /* Weights times a filter that has a value for each vertex; whether anything is left. */
-static inline int hfx_over_space(hfx_touch *touch, const unsigned char *filter) {
+static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *filter) {
   const float *matrix = touch->volume.to_world;
   const int is_wave = hfx_u32(filter) == HFX_SINE;
   const double influence = hfx_control(filter, 0), first = hfx_control(filter, 1);
@@ -98,7 +100,7 @@ static inline int hfx_over_space(hfx_touch *touch, const unsigned char *filter) 
   for (c = 0; c < 3; c++) length += (double)matrix[4 * c + 2] * matrix[4 * c + 2];
   if (hfx_u32(filter + 8) == 1 && length > 0.0)
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrt(length);
-  for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
+  for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const hfx_chunk *of = hfx_posed(touch, k);
     float *weights = touch->weights + HFX_CHUNK * (size_t)k;
     for (i = 0; i < HFX_CHUNK; i++) {
@@ -135,6 +137,7 @@ static inline double hfx_envelope(const hfx_impact *impact, double since_s, int 
 /* A new impact, in the place of the one that ends first where there are too many. */
 static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint32_t index,
                               double time_s, double speed) {
+  const double full = hfx_control(filter, 3);
   int k, chosen = 0;
   hfx_impact *made;
   for (k = 1; k < felt->impact_count; k++)
@@ -142,7 +145,7 @@ static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint3
   if (felt->impact_count < HFX_IMPACTS) chosen = felt->impact_count++;
   made = &felt->impacts[chosen];
   made->time_s = time_s;
-  made->strength = hfx_clamped(speed / (hfx_control(filter, 3) > 1e-3 ? hfx_control(filter, 3) : 1e-3), 0.0, 1.0);
+  made->strength = hfx_clamped(speed / (full > 1e-3 ? full : 1e-3), 0.0, 1.0);
   made->attack_s = hfx_clamped(hfx_control(filter, 1), 0.0, 10.0);
   made->decay_s = hfx_clamped(hfx_control(filter, 2), 1e-3, 10.0);
   made->filter = index;
@@ -183,7 +186,7 @@ static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weig
     if (range_m > reach) reach = (float)range_m;
   }
   hfx_forget_ended(touch->felt, self->time_s);
-  if (touch->felt->impact_count || hfx_next(touch, 0, reach) < touch->count) return 0;
+  if (touch->felt->impact_count || hfx_next_near(touch, 0, reach) < touch->count) return 0;
   hfx_clear(touch->felt, weights);
   touch->felt->was_touched = 0;
   return 1;
@@ -195,7 +198,7 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
   hfx_felt *felt = touch->felt;
   const uint32_t count = hfx_u32(touch->effect + 64);
   double nearness[16], speed, result;
-  int is_touched, is_any, multiplies = 0, rings;
+  int is_touched, is_any, is_new, multiplies = 0, rings;
   uint32_t i, f;
   if (hfx_is_far(self, touch, weights)) return 0.0;
   touch->from = touch->count;
@@ -206,29 +209,31 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
     hfx_clear(felt, weights);
     touch->weights = weights;
   }
-  is_touched = is_any = hfx_inside(touch);
-  speed = count && is_touched ? hfx_speed(touch, seconds) : 0.0;
+  is_touched = is_any = hfx_contact_weights(touch);
+  speed = count && is_touched ? hfx_mean_speed(touch, seconds) : 0.0;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
     if (hfx_u32(filter) == HFX_IMPACT) multiplies |= hfx_u32(filter + 4) == 0;
     if (hfx_u32(filter) != HFX_PROXIMITY) continue;
-    nearness[f] = hfx_near(touch, filter, is_touched);
+    nearness[f] = hfx_add_proximity(touch, filter, is_touched);
     is_any |= nearness[f] > 0.0;
   }
   for (f = 0; f < count && is_any; f++)
     if (hfx_is_in_space(hfx_filter(self, touch, f))) {
-      is_any = hfx_over_space(touch, hfx_filter(self, touch, f));
+      is_any = hfx_scale_over_space(touch, hfx_filter(self, touch, f));
       is_touched &= is_any;
     }
+  is_new = is_touched && !felt->was_touched && felt->was_on;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
-    if (hfx_u32(filter) == HFX_IMPACT && is_touched && !felt->was_touched && felt->was_on && speed > 0.0)
+    if (hfx_u32(filter) == HFX_IMPACT && is_new && speed > 0.0)
       hfx_strike(felt, filter, f, self->time_s, speed);
   }
   rings = felt->impact_count > 0;
   if (is_any && touch->weights != weights) {
     hfx_clear(felt, weights);
-    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++) weights[i] = touch->weights[i];
+    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
+      weights[i] = touch->weights[i];
   }
   if (is_any || touch->weights == weights) felt->from = touch->from, felt->to = touch->to;
   result = is_touched || (rings && multiplies) ? 1.0 : 0.0;
@@ -240,7 +245,8 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
     if (hfx_is_in_space(filter)) continue;
     if (kind == HFX_SPEED) {
       const double full = hfx_control(filter, 2) - still;
-      if (is_touched) felt->speeds[f] = hfx_clamped((speed - still) / (full > 1e-9 ? full : 1e-9), 0.0, 1.0);
+      const double share = (speed - still) / (full > 1e-9 ? full : 1e-9);
+      if (is_touched) felt->speeds[f] = hfx_clamped(share, 0.0, 1.0);
       else if (!rings) felt->speeds[f] = 0.0;
       value = felt->speeds[f];
     } else if (kind == HFX_IMPACT) {

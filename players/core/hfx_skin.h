@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 #define HFX_FARTHEST 3.4e38f
-#define HFX_ANYWHERE 1e30f /* slack of a chunk whose place is not known */
+#define HFX_UNKNOWN_SLACK 1e30f /* slack of a chunk whose place is not known */
 
 #define HFX_ROUNDING 4e-6f /* of places in the world: far more than a sum of products has */
 
@@ -60,12 +60,12 @@ static inline void hfx_pose_chunk(const hfx_clip *clip, const float *matrices,
   for (c = 0; c < 4; c++) box[c] = low[c], box[4 + c] = high[c];
 }
 
-static inline uint32_t hfx_chunks(uint32_t vertices) {
+static inline uint32_t hfx_chunk_count(uint32_t vertices) {
   return vertices / HFX_CHUNK + (vertices % HFX_CHUNK > 0);
 }
 
-/* Sets up what is known of a body before it is posed. */
-static inline void hfx_find_rest(hfx_body *self) {
+/* Finds the boxes in rest space of the vertices that follow each bone. */
+static inline void hfx_find_bone_extents(hfx_body *self) {
   const hfx_clip *clip = self->clip;
   const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
   uint32_t i, k, m;
@@ -90,8 +90,8 @@ static inline void hfx_find_rest(hfx_body *self) {
   }
 }
 
-/* The longest way along an axis that a vertex may have moved since the frame before, metres. */
-static inline float hfx_motion(const hfx_body *self, uint32_t bones) {
+/* Upper bound of a vertex's motion along any axis since the frame before, metres. */
+static inline float hfx_largest_motion(const hfx_body *self, uint32_t bones) {
   float most[4] = {0.0f, 0.0f, 0.0f, 0.0f}, longest;
   uint32_t i;
   int c;
@@ -114,23 +114,23 @@ static inline float hfx_motion(const hfx_body *self, uint32_t bones) {
   }
   longest = most[0] <= most[1] ? most[1] : most[0];
   longest = longest <= most[2] ? most[2] : longest;
-  return longest < HFX_ANYWHERE ? longest : HFX_ANYWHERE;
+  return longest < HFX_UNKNOWN_SLACK ? longest : HFX_UNKNOWN_SLACK;
 }
 
 /* Begins a frame: all chunks may have moved, and none is posed. */
-static inline void hfx_pose(hfx_body *self) {
+static inline void hfx_begin_pose(hfx_body *self) {
   const uint32_t bones = hfx_clip_bones(self->clip, self->body);
-  const float way = self->was_posed ? hfx_motion(self, bones) : HFX_ANYWHERE;
+  const float way = self->was_posed ? hfx_largest_motion(self, bones) : HFX_UNKNOWN_SLACK;
   hfx_chunk *spare = self->before;
   uint32_t k;
   int i;
   self->before = self->places;
   self->places = spare;
   self->frame++;
-  for (k = 0; k < hfx_chunks(self->chunks); k++)
+  for (k = 0; k < hfx_chunk_count(self->chunks); k++)
     for (i = 0; i < HFX_CHUNK; i++) {
       const float slack = self->boxes[k].slack[i] + way;
-      self->boxes[k].slack[i] = slack < HFX_ANYWHERE ? slack : HFX_ANYWHERE;
+      self->boxes[k].slack[i] = slack < HFX_UNKNOWN_SLACK ? slack : HFX_UNKNOWN_SLACK;
     }
 }
 

@@ -18,22 +18,22 @@ typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
   float *weights;                  /* of the model */
   uint32_t vertices, first, count; /* of the model: vertices, first chunk of the body, chunks */
   uint32_t from, to;               /* chunks that have weights */
-  float bounds[HFX_CHUNK];         /* of the boxes that hfx_next is at */
+  float bounds[HFX_CHUNK];         /* of the boxes that hfx_next_near is at */
 } hfx_touch;
 
 /* First chunk from `k` on that may be within reach; begins at 0. */
-static inline uint32_t hfx_next(hfx_touch *touch, uint32_t k, float reach) {
+static inline uint32_t hfx_next_near(hfx_touch *touch, uint32_t k, float reach) {
   for (; k < touch->count; k++) {
     const uint32_t at = touch->first + k;
     if (k == 0 || at % HFX_CHUNK == 0)
-      hfx_bound(&touch->volume, touch->body->boxes + at / HFX_CHUNK, reach, touch->bounds);
+      hfx_least_gauges(&touch->volume, touch->body->boxes + at / HFX_CHUNK, reach, touch->bounds);
     if (touch->bounds[at % HFX_CHUNK] <= 1.0f + HFX_ROUNDING) break;
   }
   return k;
 }
 
 /* Poses a chunk of the model; `box`: as of hfx_pose_chunk. */
-static inline void hfx_pose_of(const hfx_touch *touch, const float *matrices, uint32_t k,
+static inline void hfx_pose_model_chunk(const hfx_touch *touch, const float *matrices, uint32_t k,
                                hfx_chunk *chunk, float *box) {
   const uint32_t i = HFX_CHUNK * k;
   const unsigned char *at = hfx_record(touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
@@ -49,7 +49,7 @@ static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
   float box[8], middle[4], half[4];
   int c;
   if (chunk->frame == self->frame) return chunk;
-  hfx_pose_of(touch, self->bones->now, k, chunk, box);
+  hfx_pose_model_chunk(touch, self->bones->now, k, chunk, box);
   for (c = 0; c < 4; c++) {
     middle[c] = 0.5f * box[c] + 0.5f * box[4 + c];
     half[c] = 0.5f * box[4 + c] - 0.5f * box[c];
@@ -67,19 +67,20 @@ static inline const hfx_chunk *hfx_posed_before(hfx_touch *touch, uint32_t k) {
   hfx_body *self = touch->body;
   hfx_chunk *chunk = self->before + touch->first + k;
   float box[8];
-  if (chunk->frame != self->frame - 1) hfx_pose_of(touch, self->bones->before, k, chunk, box);
+  if (chunk->frame == self->frame - 1) return chunk;
+  hfx_pose_model_chunk(touch, self->bones->before, k, chunk, box);
   chunk->frame = self->frame - 1;
   return chunk;
 }
 
 /* Widens the range of chunks that have weights. */
-static inline void hfx_look_at(hfx_touch *touch, uint32_t k) {
+static inline void hfx_widen_range(hfx_touch *touch, uint32_t k) {
   if (k < touch->from) touch->from = k;
   if (k >= touch->to) touch->to = k + 1;
 }
 
 /* Next chunk from `k` on that has weights. */
-static inline uint32_t hfx_next_felt(const hfx_touch *touch, uint32_t k) {
+static inline uint32_t hfx_next_weighted(const hfx_touch *touch, uint32_t k) {
   for (; k < touch->to; k++) {
     const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
     int i, is_any = 0;
@@ -90,39 +91,39 @@ static inline uint32_t hfx_next_felt(const hfx_touch *touch, uint32_t k) {
 }
 
 /* Takes weights from what fills the last chunk. */
-static inline void hfx_trim(const hfx_touch *touch) {
+static inline void hfx_clear_padding(const hfx_touch *touch) {
   uint32_t i;
   for (i = touch->vertices; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
 }
 
 /* Weights of what is inside; whether anything is. The weights are 0 before. */
-static inline int hfx_inside(hfx_touch *touch) {
+static inline int hfx_contact_weights(hfx_touch *touch) {
   uint32_t k;
-  for (k = hfx_next(touch, 0, 0.0f); k < touch->count; k = hfx_next(touch, k + 1, 0.0f)) {
+  for (k = hfx_next_near(touch, 0, 0.0f); k < touch->count; k = hfx_next_near(touch, k + 1, 0.0f)) {
     hfx_chunk p;
     float gauge[HFX_CHUNK];
-    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
+    hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_gauge(&touch->volume, &p, gauge);
-    if (hfx_weigh(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k))
-      hfx_look_at(touch, k);
+    if (hfx_falloff_weights(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k))
+      hfx_widen_range(touch, k);
   }
-  hfx_trim(touch);
-  return hfx_next_felt(touch, touch->from) < touch->to;
+  hfx_clear_padding(touch);
+  return hfx_next_weighted(touch, touch->from) < touch->to;
 }
 
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
-static inline double hfx_speed(hfx_touch *touch, double seconds) {
+static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
   float then[12];
   double sum = 0.0, weights = 0.0;
   uint32_t k;
   if (!touch->body->was_posed || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
   if (!hfx_inverse(touch->felt->before, then)) return 0.0;
-  for (k = hfx_next_felt(touch, touch->from); k < touch->to; k = hfx_next_felt(touch, k + 1)) {
+  for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
     hfx_chunk p, q;
     int i, c;
-    hfx_moved(touch->volume.to_shape, hfx_posed(touch, k), &p);
-    hfx_moved(then, hfx_posed_before(touch, k), &q);
+    hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
+    hfx_transform(then, hfx_posed_before(touch, k), &q);
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
       float way[3];

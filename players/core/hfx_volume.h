@@ -42,7 +42,7 @@ static inline int hfx_inverse(const float *matrix, float *found) {
 
 /* Takes a chunk to another space. Like all loops over a chunk, which have a fixed length and no
  * branches, this becomes vector instructions. */
-static inline void hfx_moved(const float *m, const hfx_chunk *of, hfx_chunk *found) {
+static inline void hfx_transform(const float *m, const hfx_chunk *of, hfx_chunk *found) {
   int i;
   for (i = 0; i < HFX_CHUNK; i++) {
     const float x = of->x[i], y = of->y[i], z = of->z[i];
@@ -82,7 +82,8 @@ static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p, float
 }
 
 /* Weights of the vertices of a chunk from squares of their gauge; whether any is inside. */
-static inline int hfx_weigh(const hfx_volume *volume, const float *gauge, float *weights) {
+static inline int hfx_falloff_weights(const hfx_volume *volume, const float *gauge,
+                                      float *weights) {
   float rise[HFX_CHUNK];
   int i, is_any = 0;
   for (i = 0; i < HFX_CHUNK; i++) is_any |= gauge[i] <= 1.0f;
@@ -144,7 +145,7 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
 }
 
 /* Squares of the least gauge that anything within `reach` metres of boxes may have. */
-static inline void hfx_bound(const hfx_volume *volume, const hfx_boxes *boxes, float reach,
+static inline void hfx_least_gauges(const hfx_volume *volume, const hfx_boxes *boxes, float reach,
                              float *found) {
   hfx_chunk centre, half, sizes, nearest;
   int i;
@@ -154,8 +155,8 @@ static inline void hfx_bound(const hfx_volume *volume, const hfx_boxes *boxes, f
     half.y[i] = boxes->half.y[i] + more;
     half.z[i] = boxes->half.z[i] + more;
   }
-  hfx_moved(volume->to_shape, &boxes->centre, &centre);
-  hfx_moved(volume->to_shape_sizes, &half, &sizes);
+  hfx_transform(volume->to_shape, &boxes->centre, &centre);
+  hfx_transform(volume->to_shape_sizes, &half, &sizes);
   for (i = 0; i < HFX_CHUNK; i++) { /* the place of each box that is nearest to the shape */
     const float x = fabsf(centre.x[i]) - sizes.x[i], y = fabsf(centre.y[i]) - sizes.y[i];
     const float z = fabsf(centre.z[i]) - sizes.z[i];

@@ -265,6 +265,9 @@ def test_every_operator_works_or_says_what_it_needs(
             is_told = text.startswith("Error: ") if can else refused.strip() not in ("", _UNTOLD)
             if not is_told or "Traceback" in text or "Python:" in text:
                 faults.append(f"{name}{arguments or ''}: {text.strip()}")
+        in_a_mode = {o for o in bpy.context.view_layer.objects if o.mode != "OBJECT"}
+        if in_a_mode - {bpy.context.object}:
+            faults.append(f"{name}{arguments or ''}: left an object in its mode")
     assert faults == []
 
 

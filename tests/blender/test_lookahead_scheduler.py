@@ -227,7 +227,7 @@ def test_what_cannot_be_told_is_a_reason_and_no_fault(
     def refused(*_: object) -> bytes:
         raise MessageError("a message of 17000000 bytes")
 
-    monkeypatch.setattr(lookahead_scheduler, "packed", refused)
+    monkeypatch.setattr(lookahead_scheduler, "encode_object", refused)
     reading = Reading()
     reading.slices(3)
     assert "17000000 bytes" in reading.lookahead.reason

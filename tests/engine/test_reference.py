@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 
 import igl
 import numpy as np
@@ -49,6 +51,8 @@ RNG = np.random.default_rng(20)
 SEEDS = 1, 2, 3, 11, 14, 15, 19, 26, 29, 30, 43, 46, 50, 51, 53, 58, 59, 65, 68
 """Scenes that are looked at within tenths of a second, with each shape, binding and record."""
 
+DEFORMING = 11, 14
+
 
 # The engine
 
@@ -56,6 +60,25 @@ SEEDS = 1, 2, 3, 11, 14, 15, 19, 26, 29, 30, 43, 46, 50, 51, 53, 58, 59, 65, 68
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
     case = RandomContact(seed)
+    assert case.difference < NEAR, case
+
+
+class _Deforming(RandomContact):
+    """A mesh that is another one at each row, of other faces."""
+
+    @cached_property
+    def animated(self) -> EffectBlock:
+        block, made = super().animated, ball(1.0, 2)
+        dents = np.random.default_rng(self.seed).uniform(0.4, 1.2, len(made))[:, None]
+        many = MeshVolume(made.vertices.astype(float) * dents, made.triangles, "many")
+        few = MeshVolume.box(np.array([[-0.6, -0.4, -0.9], [0.3, 0.5, 0.4]]), "few")
+        which = (np.arange(len(block.levels)) % 2).astype(np.int32)
+        return replace(block, shapes=(many, few), shape_index=which)
+
+
+@pytest.mark.parametrize("seed", DEFORMING)
+def test_meshes_whose_faces_change_are_felt_so_too(seed: int) -> None:
+    case = _Deforming(seed)
     assert case.difference < NEAR, case
 
 

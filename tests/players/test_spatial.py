@@ -137,6 +137,23 @@ def test_skin_is_felt_that_arrives_after_frames_far_away(tmp_path: Path) -> None
     assert body.weights(0).tolist() == is_inside.tolist()
 
 
+def test_the_speed_of_a_touch_is_the_mean_over_the_touched_skin(tmp_path: Path) -> None:
+    content = write_small_clip(tmp_path).read_bytes()
+    places = rules.read(content, "x")["VERT"]["place"].astype(np.float64)
+    body = Body(Clip(content))
+    for scale in (1.0, 1.01):
+        body.set_bones(np.tile(scale * np.eye(4)[:3], (2, 1, 1)))
+        body.evaluate(0.02)
+    x, y, z = 1.01 * places.T  # the third volume: a cylinder with a smooth falloff of 0.7
+    rise = np.clip((1.0 - np.maximum(np.hypot(x, y), np.abs(z))) / 0.7, 0.0, 1.0)
+    weights = 3.0 * rise**2 - 2.0 * rise**3
+    speed = np.average(np.linalg.norm(0.01 * places, axis=1), weights=weights) / 0.02
+    value = np.clip((speed - 0.1) / (1.2 - 0.1), 0.0, 1.0)
+    wave = 1.0 - 0.8 * (1.0 - np.sin(2.0 * np.pi * (3.0 * 0.04 + 0.2))) / 2.0
+    expected = 0.9 * (1.0 + 0.8 * (value - 1.0)) * (1.0 + 0.7 * (wave - 1.0))
+    assert body.level(2) == pytest.approx(expected, rel=1e-4)
+
+
 def test_filters_beyond_all_measure_give_numbers_that_a_device_may_play(tmp_path: Path) -> None:
     known = rules.read(write_small_clip(tmp_path).read_bytes(), "x")
     sections = {name: of.copy() for name, of in known.items()}

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ..arrays import I32
 from . import library
 from .mesh_edges import expand
-from .model import PerceptualModel, SkinWeights, load_model
+from .model import PerceptualModel, SkinWeights
 
 LEVELS_FILE: Final = "{modality}-levels.npz"
 
@@ -30,8 +30,8 @@ class Level:
     coarse_of: I32  # (V,) the level's id that stands for each vertex of the model
 
 
-def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
-    """Load a model with fewer vertices, and the mapping from its own ids to them.
+def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
+    """Copy of a model with fewer vertices, and the mapping from the model's ids to its ids.
 
     Nothing may refer to the ids of a level: effects, tracks and devices speak the model's own.
 
@@ -50,13 +50,8 @@ def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
     Raises
     ------
     InputError
-        The model is unknown or has no such level.
+        The model has no such level.
     """
-    return at_level(load_model(model_id), level)
-
-
-def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """Apply :func:`load_level` to a given model, for instance one fitted to an avatar."""
     chosen = level_of(model, level)
     kept = chosen.vertices
     if level == 0:

@@ -177,11 +177,18 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
             if float(legs @ trunk) > _UPRIGHT * length * float(np.linalg.norm(legs)):
                 faults.append("its legs do not stand below its trunk")
             break
+    widths = {
+        joint: float(np.linalg.norm(joints[f"{joint}.L"] - joints[f"{joint}.R"]))
+        for joint in ("hip", "shoulder")
+    }
+    if {"knee.L", "knee.R"} <= joints.keys() and widths["shoulder"] < widths["hip"]:
+        thighs = (joints["knee.L"] + joints["knee.R"]) / 2 - hips
+        if float(thighs @ trunk) > _UPRIGHT * length * float(np.linalg.norm(thighs)):
+            faults.append("it stands on four legs: shoulders narrower than hips, thighs across")
     top = joints.get("head", joints.get("neck", chest + trunk))
     if float((top - hips) @ trunk) < length * length:
         faults.append("its head is not above its shoulders")
-    for joint in ("hip", "shoulder"):
-        width = float(np.linalg.norm(joints[f"{joint}.L"] - joints[f"{joint}.R"]))
+    for joint, width in widths.items():
         if not _WIDTHS[0] * length <= width <= _WIDTHS[1] * length:
             faults.append(f"its {joint}s are {width / max(length, 1e-12):.2g} trunks apart")
     if faults:

@@ -148,17 +148,39 @@ def _head_pieces(
     way = surface.centres[asked] - eyes
     off_m = np.linalg.norm(way, axis=1)
     way /= np.maximum(off_m, 1e-9)[:, None]
-    cells = np.round(way / _STEP).astype(int) @ (1, 100, 10_000)
-    ahead = np.flatnonzero(way[:, 1] < -_AHEAD)  # normalised bodies face -Y
-    order = ahead[np.argsort(off_m[ahead], kind="stable")]
-    first = order[np.unique(cells[order], return_index=True)[1]]
-    face = int(np.bincount(piece[asked[first]]).argmax()) if len(first) else -1
+    face = _face(piece[asked], way, off_m)
     is_face = piece[asked] == face
     above = np.flatnonzero(~is_face & (way[:, 2] > _CHIN))
     if not (is_face.any() and len(above)):
         return face, asked[:0]
     aside, _ = cKDTree(way[is_face]).query(way[above], workers=-1)
     return face, asked[above[aside < _STEP]]
+
+
+def _face(piece: I64, way: F64, off_m: F64) -> int:
+    """Piece of a head's triangles that is met first in most directions ahead; -1 without one.
+
+    A solid that fills the head and reaches out of it behind (a sphere for hair) is met before the
+    face too: the face is what lies beyond it ahead, and below it elsewhere.
+    """
+    pieces, row = np.unique(piece, return_inverse=True)
+    steps = np.round(way / _STEP).astype(int)
+    cells, column = np.unique(steps, axis=0, return_inverse=True)
+    nearest = np.full((len(pieces), len(cells)), np.inf)
+    np.minimum.at(nearest, (row, column.ravel()), off_m)
+    ahead = cells[:, 1] * _STEP < -_AHEAD  # normalised bodies face -Y
+    if not ahead.any():
+        return -1
+    first = np.bincount(nearest[:, ahead].argmin(axis=0), minlength=len(pieces))
+    found = int(first.argmax())
+    both = np.isfinite(nearest) & np.isfinite(nearest[found])
+    beyond = both & (nearest > nearest[found])
+    below = both & (nearest < nearest[found])
+    holds = (beyond & ahead).sum(axis=1) > first[found] / 2
+    holds &= (below & ~ahead).sum(axis=1) > (both & ~ahead).sum(axis=1) / 2
+    if holds.any():
+        found = int(np.where(holds, (beyond & ahead).sum(axis=1), -1).argmax())
+    return int(pieces[found])
 
 
 def _neighbours() -> npt.NDArray[np.bool_]:

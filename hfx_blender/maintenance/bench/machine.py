@@ -56,10 +56,10 @@ def as_one_line(machines: Sequence[dict[str, Any]]) -> str:
     """
     together: dict[str, Any] = {}
     for key in dict.fromkeys(key for each in machines for key in each):
-        told = [each[key] for each in machines if each.get(key) is not None]
+        values = [each[key] for each in machines if each.get(key) is not None]
         if key == "date":
-            told = sorted(each.partition("T")[0] for each in told)
-        together[key] = " and ".join(dict.fromkeys(map(str, told))) or None
+            values = sorted(each.partition("T")[0] for each in values)
+        together[key] = " and ".join(dict.fromkeys(map(str, values))) or None
     return as_line({**together, "load": None})
 
 

@@ -30,7 +30,8 @@ def pair(
     request: pytest.FixtureRequest,
 ) -> tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]:
     identity, level = request.param
-    return model.load_model(identity), *level_files.load_level(identity, level), level
+    fine = model.load_model(identity)
+    return fine, *level_files.at_level(fine, level), level
 
 
 Pair = tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]
@@ -101,30 +102,30 @@ def test_a_level_says_that_its_ids_are_its_own(pair: Pair) -> None:
 
 
 def test_level_0_is_the_model_and_temperature_has_no_other() -> None:
-    same, coarse_of = level_files.load_level("hfx-temperature-1", 0)
+    same, coarse_of = level_files.at_level(model.load_model("hfx-temperature-1"), 0)
     assert same is model.load_model("hfx-temperature-1")
     assert np.array_equal(coarse_of, np.arange(len(same)))
     assert level_files.level_count(same) == 0
     assert level_files.level_count(model.load_model("hfx-pressure-1")) == 2
     for identity, level, there in (("hfx-temperature-1", 1, 0), ("hfx-pressure-1", 3, 2)):
         with pytest.raises(InputError, match=f"has levels 0 to {there}, not {level}"):
-            level_files.load_level(identity, level)
+            level_files.at_level(model.load_model(identity), level)
 
 
 def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
     fine = model.load_model("hfx-pressure-1")
     tall = replace(fine, vertices=2.0 * fine.vertices)
     coarse, _ = level_files.at_level(tall, 2)
-    assert np.array_equal(coarse.vertices, 2.0 * level_files.load_level(fine.id, 2)[0].vertices)
+    assert np.array_equal(coarse.vertices, 2.0 * level_files.at_level(fine, 2)[0].vertices)
 
 
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.engine.body.levels import load_level\n"
+        "from hfx_blender.engine.body.levels import at_level\n"
         "from hfx_blender.engine.body.cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
-        "print(len(load_level('hfx-pressure-1', 1)[0]))\n"
+        "print(len(at_level(load_model('hfx-pressure-1'), 1)[0]))\n"
         "print(len(cell_of_skin(load_model('hfx-temperature-1'))[1]))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

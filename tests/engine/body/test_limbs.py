@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import retarget_variants as variants
 
 from hfx_blender.engine.body.model import load_avatar, load_model
@@ -17,6 +18,7 @@ from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.limbs import Limbs
 from hfx_blender.engine.retargeting.pose import matrices, posed
 from hfx_blender.engine.retargeting.turns import apply
+from hfx_blender.errors import InputError
 
 MODEL_ID = "hfx-pressure-1"
 
@@ -76,6 +78,20 @@ def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
         np.testing.assert_allclose(
             bodies.joints["head"], canonical_heads()["head"], rtol=0.0, atol=0.03
         )
+
+
+def test_a_quadruped_whose_legs_are_bent_as_a_sitters_is_refused() -> None:
+    sitting = {f"upperleg01.{side}": variants.turn(0, -85.0) for side in "LR"}
+    sitting |= {f"lowerleg01.{side}": variants.turn(0, 60.0) for side in "LR"}
+    seated = variants.posed(variants.canonical(), sitting, {}).target
+    narrow = [
+        replace(bone, head=(0.3 * bone.head[0], *bone.head[1:])) if bone.head[2] > 1.0 else bone
+        for bone in seated.bones
+    ]
+    mapping = BoneMapping("plain", {bone.name: bone.name for bone in seated.bones}, {}, ())
+    skeletons_of(load_avatar(), seated, mapping)
+    with pytest.raises(InputError, match="four legs"):
+        skeletons_of(load_avatar(), replace(seated, bones=tuple(narrow)), mapping)
 
 
 def test_a_forearm_without_a_wrist_points_at_its_hand() -> None:

@@ -193,6 +193,12 @@ def test_a_hat_that_is_wider_than_the_head_is_no_head() -> None:
     assert finish(skin_of(load_avatar(), [hat, target], mapping)) == [1]
 
 
+def test_a_solid_that_fills_the_head_and_shows_behind_it_is_no_face() -> None:
+    target, mapping = canonical_mesh()
+    hair = _ball(target, (0.0, 0.0, 1.74), 0.115)
+    assert finish(skin_of(load_avatar(), [hair, target], mapping)) == [1]
+
+
 def test_a_hand_alone_is_no_body() -> None:
     target, mapping = canonical_mesh()
     hand = _part(target, target.vertices[:, 0] > 0.62)

@@ -37,8 +37,9 @@ typedef struct {
   double depth;          // radius of the largest ball inside; 0: not asked for, or there is none
 } hfx_mesh;
 
-// The search before: of neighbours it often tells enough.
+// The search before, in which mesh: of neighbours it often tells enough.
 typedef struct {
+  const hfx_mesh *mesh;
   double known[3], least, most;
   int64_t at, is_known;
 } hfx_search;

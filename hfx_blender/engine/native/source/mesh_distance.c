@@ -136,7 +136,13 @@ HFX_EXPORT void hfx_mesh_nearest(const hfx_tree *known, const double *points, in
   }
 }
 
+// A mesh that deforms is another one at each row: nothing that was found of the one before holds.
+static void begin_search(const hfx_mesh *mesh, hfx_search *search) {
+  if (search->mesh != mesh) *search = (hfx_search){.mesh = mesh};
+}
+
 double hfx_mesh_distance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  begin_search(mesh, search);
   const Tree tree = all_of(mesh->tree);
   double point[3];
   for (int k = 0; k < 3; ++k) point[k] = p[k] - mesh->middle[k];
@@ -164,6 +170,7 @@ static double distance_at_least(const hfx_tree *known, const double *point, hfx_
 }
 
 double hfx_mesh_clearance(const hfx_mesh *mesh, const double p[3], hfx_search *search) {
+  begin_search(mesh, search);
   const double *low = mesh->grid->box, *high = low + 3;
   double to_box = -INFINITY, extent = 0.0, far = 0.0, about[3];
   for (int k = 0; k < 3; ++k) {
