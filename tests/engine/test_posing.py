@@ -159,6 +159,22 @@ def test_a_collapsed_triangle_gives_a_point_on_it() -> None:
     assert np.abs(points - 0.25).max() < 1e-15
 
 
+def test_pairs_of_clusters_and_rows_are_posed_one_after_the_other() -> None:
+    body, posed = model(), pose(TIMES)
+    anchors, ridden = _surface()
+    rows, clusters, at = np.array([3, 0, 2]), np.array([0, 2, 2, 5]), np.array([1, 0, 2, 1])
+    for bound, each in (
+        (SkinnedModel(body, SkinBinding(BONES)), posed),
+        (SurfaceModel(body, anchors), ridden),
+    ):
+        found = bound.pair_points(clusters, at, each, rows, each.to_world[rows])
+        expected = [
+            bound.points(bound.clusters[cluster], each, row, each.to_world[row])
+            for cluster, row in zip(clusters.tolist(), rows[at].tolist(), strict=True)
+        ]
+        assert found == pytest.approx(np.concatenate(expected, axis=1), abs=1e-12)
+
+
 def test_a_box_holds_every_cluster() -> None:
     body, posed = model(), pose(4)
     bound = SkinnedModel(body, SkinBinding(BONES))

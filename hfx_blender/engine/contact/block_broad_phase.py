@@ -15,7 +15,7 @@ from ..active_rows import posed_rows
 from ..arrays import F64, I64
 from ..kinematics.motion import turned_by
 from ..native import library
-from ..native import volume_boxes as native
+from ..native import placements as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
 from .reachable_bounds import ReachableBounds, bounds_of, box_of

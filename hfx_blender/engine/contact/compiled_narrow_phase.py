@@ -165,7 +165,7 @@ class _NarrowPhaseCall:
             *(posing.own and posing.own.table, posing.bones and posing.bones.pointers),
             *(posing.surface and posing.surface.pointers, target.pointers, drift, self._found),
         )
-        self._kept = posing, target  # their structures hold addresses alone
+        self._kept = posing  # whose tables of clusters hold addresses alone
         self._room = room, events
 
     def run(self, details: Any = None) -> int:

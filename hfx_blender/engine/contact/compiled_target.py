@@ -104,6 +104,7 @@ class PlacedTarget:
         self.pointers = structure("hfx_target")(
             *(count, *places[:4], *rises, amplitude, *places[4:], None, self.is_usable)
         )
+        self.pointers.kept += [self._room, shapes]  # of which it has addresses alone
         shortest = min(len(each) for each in (matrices, to_world, shape_index) if each is not None)
         if count and not 0 <= rows[0] <= rows[-1] < shortest:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")

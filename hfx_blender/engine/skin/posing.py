@@ -8,7 +8,11 @@ to float32 far from the origin.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Protocol
+
+import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..scene import PoseBlock
@@ -31,5 +35,19 @@ class PosableModel(Protocol):
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 
+    def pair_points(
+        self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> F64:
+        """Positions of the vertices of cluster-row pairs, one pair after the other, (3, N).
+
+        ``clusters`` (m,) ascend, ``at`` (m,) are places among the rows.
+        """
+
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
+
+
+def runs(clusters: I64) -> Iterator[tuple[int, slice]]:
+    """Each of ascending clusters, and where it stands."""
+    cuts = np.flatnonzero(np.diff(clusters, prepend=-1, append=-1)).tolist()
+    return ((int(clusters[first]), slice(first, last)) for first, last in pairwise(cuts))

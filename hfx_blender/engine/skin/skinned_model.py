@@ -16,6 +16,7 @@ from ..native.bounds import Outline
 from ..native.skin_table import Table
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
+from .posing import runs
 
 
 class SkinnedModel:
@@ -61,8 +62,11 @@ class SkinnedModel:
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
-        still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))
-        posed = np.concatenate([pose.bones[rows], still], axis=1)[:, bones]
+        if len(bones) and bones[-1] == pose.bones.shape[1]:  # what rests
+            still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))
+            posed = np.concatenate([pose.bones[rows], still], axis=1)[:, bones]
+        else:
+            posed = pose.bones[rows[:, None], bones]
         matrices: F64 = to_target[:, None, :3, :3] @ posed
         matrices[..., 3] += to_target[:, None, :3, 3]
         return matrices
@@ -91,9 +95,22 @@ class SkinnedModel:
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones, factors = self._cluster_factors(cluster)
-        matrices, count = self.bone_matrices(pose, rows, to_target, bones), len(rows)
-        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(1, 3 * count, -1)
-        return stacked_product(stacked, factors).reshape(3, count, -1)
+        matrices = self.bone_matrices(pose, rows, to_target, bones)
+        return _products(matrices, factors).reshape(3, len(rows), -1)
+
+    def pair_points(
+        self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> F64:
+        is_used = np.zeros(self._weights.bone_count + 1, np.bool_)
+        for cluster, _ in runs(clusters):
+            is_used[self.cluster_bones(cluster)] = True
+        slots = np.cumsum(is_used) - 1
+        every = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
+        found = []
+        for cluster, mine in runs(clusters):
+            bones, factors = self._cluster_factors(cluster)
+            found.append(_products(every[at[mine, None], slots[bones]], factors))
+        return np.concatenate(found, axis=1)
 
     @property
     def used_bones(self) -> I64:
@@ -118,3 +135,9 @@ class SkinnedModel:
         moved = np.einsum("eij,ej->ie", matrices[slot], factors)
         points: F64 = np.add.reduceat(moved, np.searchsorted(owners, np.arange(len(vertices))), 1)
         return points
+
+
+def _products(matrices: F64, factors: F64) -> F64:
+    """Positions (3, n V) of vertices with factors (V, 4 B) under matrices (n, B, 3, 4)."""
+    stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3))
+    return stacked_product(stacked.reshape(1, 3 * len(matrices), -1), factors).reshape(3, -1)

@@ -14,6 +14,7 @@ from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..reference.pose import by_bones
 from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
+from .posing import runs
 
 
 class PointwiseModel(ABC):
@@ -44,6 +45,15 @@ class PointwiseModel(ABC):
         local = self._local(self.clusters[cluster], pose, rows)
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
+
+    def pair_points(
+        self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> F64:
+        found = [
+            self.cluster_points(cluster, pose, rows[at[mine]], to_target[at[mine]]).reshape(3, -1)
+            for cluster, mine in runs(clusters)
+        ]
+        return np.concatenate(found, axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         local = self._local(vertices, pose, np.array([row]))[0]

@@ -160,12 +160,10 @@ class SurfaceEffects:
         cluster, times = reached.T.nonzero()
         if not len(times):
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
-        members, found = [], []
-        for row, mine in ((int(rows[t]), cluster[times == t]) for t in np.unique(times)):
-            members.append(np.concatenate([skin.skin.clusters[each] for each in mine.tolist()]))
-            found.append(skin.vertices.points(members[-1], pose, row, pose.to_world[row]))
-        ids, places = np.concatenate(members), np.concatenate(found, axis=1)
-        time = np.repeat(np.unique(times), [len(each) for each in members])
+        places = skin.vertices.pair_points(cluster, times, pose, rows, pose.to_world[rows])
+        members = [skin.skin.clusters[each] for each in cluster.tolist()]
+        ids = np.concatenate(members)
+        time = times.repeat([len(each) for each in members])
         self._counters.vertices_posed += len(time)
         inside = (places >= low.T.take(time, axis=1)) & (places <= high.T.take(time, axis=1))
         near = (inside[0] & inside[1] & inside[2]).nonzero()[0]

@@ -24,7 +24,7 @@ from hfx_blender.engine.contact.reachable_bounds import ReachableBounds, bounds_
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.kinematics.motion import largest_stretch, turned_by
 from hfx_blender.engine.native import bounds as native_bounds
-from hfx_blender.engine.native import volume_boxes
+from hfx_blender.engine.native import placements
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
 from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
@@ -147,7 +147,7 @@ def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volu
     levels = np.array(rng.integers(-1, 2, (volumes, rows)), np.float64)
     low = rng.normal(size=(volumes, 3))
     limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
-    found = volume_boxes.volume_boxes(matrices, levels, limits)
+    found = placements.volume_boxes(matrices, levels, limits)
     picks = np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)
     for volume in range(volumes):
         on = levels[volume] > 0.0

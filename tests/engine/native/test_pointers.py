@@ -13,9 +13,13 @@ import weakref
 
 import numpy as np
 import pytest
+from mesh_twins import needs_library
 
+from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.native import declarations
 from hfx_blender.engine.native.declarations import ArrayOf, structure
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.engine.volume.shape import Falloff
 
 READ = ArrayOf((np.float64,), is_written=False)
 DOUBLES = ArrayOf((np.float64,), is_written=True)
@@ -91,6 +95,17 @@ def test_a_structure_keeps_what_it_was_made_of() -> None:
     drift = structure("hfx_drift")([None, np.ones(2)] + 5 * [None], 7 * [None], 4)
     assert drift.before[0] is None and _read(drift.before[1], 2) == [1.0, 1.0]
     assert list(drift.after) == 7 * [None] and drift.intervals == 4
+
+
+@needs_library
+def test_a_placed_volume_lives_as_long_as_its_structure() -> None:
+    """Threads read it when nobody else holds it."""
+    still, rows = np.eye(4)[None], np.arange(1)
+    target = PlacedTarget((Sphere(),), None, still, still, rows, Falloff(), 0.0, 1e6)
+    pointers, room = target.pointers, weakref.ref(target._room)
+    del target
+    gc.collect()
+    assert room() is not None and _read(pointers.to_shape, 16) == np.eye(4).ravel().tolist()
 
 
 def test_declarations_are_read_as_they_stand_in_c(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Placement of volumes, and boxes around them. See engine/volume/placing_matrix.py and
+// Placement of volumes, boxes around them, and rotation angles between placements. See engine/volume/placing_matrix.py and
 // engine/contact/block_broad_phase.py.
 
 #include <float.h>
@@ -216,4 +216,9 @@ HFX_EXPORT void hfx_volume_boxes(int64_t count, int64_t rows, const double *matr
     double swing = turns ? sqrt(longest) : 0.0;
     for (int i = 0; i < 3; i++) boxes[i] -= swing, boxes[3 + i] += swing;
   }
+}
+
+// By how much each of some placements (count, 4, 4) turns to become another, (count,).
+HFX_EXPORT void hfx_turns(int64_t count, const double *before, const double *after, double *angles) {
+  for (int64_t n = 0; n < count; n++) angles[n] = hfx_turned_by(before + 16 * n, after + 16 * n);
 }

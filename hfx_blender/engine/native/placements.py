@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around all that volumes move through; ``placing.c``."""
+"""Boxes around all that volumes move through, and rotation angles; ``placing.c``."""
 
 from __future__ import annotations
 
@@ -31,3 +31,11 @@ def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Boo
     boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)
     loaded().hfx_volume_boxes(count, rows, matrices, levels, bounds, boxes, is_sure)
     return boxes[:, 0], boxes[:, 1], is_sure
+
+
+def turns(before: F64, after: F64) -> F64:
+    """Angles of rotation between placements (n, 4, 4), radians (n,); exactly 0 for no rotation."""
+    assert before.shape == after.shape == (len(before), 4, 4)
+    angles = np.empty(len(before))
+    loaded().hfx_turns(len(angles), before, after, angles)
+    return angles
