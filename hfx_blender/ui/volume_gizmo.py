@@ -10,7 +10,6 @@ import bpy
 from mathutils import Matrix, Vector
 
 from .. import compat
-from ..authoring import spot_placing
 from ..blender_events import push_undo_soon
 from ..operators.shared import active_effect
 
@@ -45,6 +44,8 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
         values[component] = length
         setattr(effect.hfx, name, values)
     path = f"hfx.{name}"
+    from ..authoring import spot_placing
+
     if spot_placing.is_auto_keyed(bpy.context, effect, path):  # Blender keys its own handles only
         effect.keyframe_insert(path, index=component)
 

@@ -37,6 +37,7 @@ from hfx_blender.playback.live import live
 from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.reading import stepping
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.reading.scene_tolerance import scene_tolerance
 
 pytestmark = pytest.mark.usefixtures("patient_devices")
@@ -240,7 +241,7 @@ def test_an_export_is_not_played(log: Path) -> None:
     go(5)
     until(lambda: not is_loud(log))
     count = len(rows(log))
-    with stepping.own_scene(bpy.context.scene, bpy.context.view_layer):
+    with stepping.own_scene(SceneReader(bpy.context.scene)._found):
         go(15)
         live_handlers._beat()
         time.sleep(0.05)

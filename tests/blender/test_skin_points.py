@@ -356,11 +356,10 @@ def _mouse(
         region_2d_to_vector_3d=lambda *_: Vector((0.0, -1.0, 0.0)),
     )
     monkeypatch.setattr(path_drawing, "view3d_utils", view)
-    window = SimpleNamespace(type="WINDOW", x=10, y=10, width=100, height=100)
+    window = SimpleNamespace(type="WINDOW", x=10, y=10, width=100, height=100, data=None)
     panel = SimpleNamespace(type="UI", x=80, y=10, width=30, height=100)  # lies on the view
     context = SimpleNamespace(
         region=panel,  # it was started from a button
-        space_data=SimpleNamespace(region_3d=None),
         area=SimpleNamespace(tag_redraw=lambda: None, regions=[panel, window]),
         object=bpy.context.object,
     )

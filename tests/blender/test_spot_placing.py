@@ -323,14 +323,13 @@ def mouse(spot: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
     monkeypatch.setattr(held_spot, "view3d_utils", look)
     monkeypatch.setattr(spot_handles, "view3d_utils", look)
-    region = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
+    region = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100, data=None)
     context = SimpleNamespace(
         object=spot,
         scene=bpy.context.scene,
         selected_objects=[spot],
         tool_settings=bpy.context.tool_settings,
         preferences=bpy.context.preferences,
-        space_data=SimpleNamespace(region_3d=None),
         area=SimpleNamespace(type="VIEW_3D", tag_redraw=lambda: None, regions=[region]),
         window=SimpleNamespace(cursor_modal_set=lambda _: None),
         window_manager=SimpleNamespace(modal_handler_add=lambda _: None),

@@ -366,7 +366,7 @@ def test_a_device_that_leaves_the_server_is_lost(serve):
 @given(st.binary(max_size=300))
 def test_any_bytes_of_a_server_are_frames_or_a_lost_connection(content):
     try:
-        found = websocket._parsed(bytearray(content))
+        found = websocket._decode_frame(bytearray(content))
     except OutputLostError:
         return
     if found is not None:
