@@ -179,7 +179,8 @@ def test_a_box_holds_every_cluster() -> None:
     body, posed = model(), pose(4)
     bound = SkinnedModel(body, SkinBinding(BONES))
     rows = np.arange(4)
-    low, high = bound.box(posed, rows, posed.to_world[rows])
+    to_world = posed.to_world[rows]
+    low, high = bound.outline.bounds(posed.bones, rows, to_world, None)[2].transpose(1, 0, 2)
     points = [
         bound.cluster_points(k, posed, rows, posed.to_world[rows])
         for k in range(len(bound.clusters))

@@ -149,11 +149,6 @@ def test_boxes_of_bones_are_around_what_they_move(seed):
             np.testing.assert_array_equal(found.low[pair], np.min(places, axis=0))
             np.testing.assert_array_equal(found.high[pair], np.max(places, axis=0))
             pair += 1
-    middles, halves = found.of_bones
-    for k in range(len(found.used)):
-        mine = found.slots == k
-        np.testing.assert_allclose(middles[k] - halves[k], found.low[mine].min(axis=0), atol=1e-15)
-        np.testing.assert_allclose(middles[k] + halves[k], found.high[mine].max(axis=0), atol=1e-15)
 
 
 def _weights(bound, cluster):
