@@ -16,13 +16,12 @@ from hfx_blender.engine.skin.surface_posing import SurfaceModel
 TIMES = 4
 
 
-@pytest.mark.parametrize("leaf_size", [1, 7, 50, 10_000])
-def test_every_vertex_is_in_one_cluster_of_one_part(leaf_size: int) -> None:
+def test_every_vertex_is_in_one_cluster_of_one_part() -> None:
     body = model()
-    clusters = clusters_of(body, leaf_size)
+    clusters = clusters_of(body)
     assert np.sort(np.concatenate(clusters)).tolist() == list(range(len(body)))
     for ids in clusters:
-        assert 0 < len(ids) <= leaf_size
+        assert 0 < len(ids) <= LEAF_SIZE
         assert (np.diff(ids) > 0).all()
         assert len(np.unique(body.part[ids])) == len(np.unique(body.side[ids])) == 1
 
