@@ -190,7 +190,8 @@ class HFX_OT_move_to_body(OnBodyOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        body = context.scene.objects[self.body]
+        every = effects.bodies_of(context.scene)
+        body = next(each for each in every if each.name == self.body)
         if self.which == "ACTIVE":
             active = active_effect(context)
             found = [active] if active is not None else []

@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from ..authoring import effect_values, effects, volumes
+from ..background_scenes import scene_objects
 from ..engine.arrays import F64, Bool
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
@@ -57,7 +58,7 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Volumes that something in a scene may instance, by their full names."""
     if not any(_is_volume(obj) for obj in bpy.data.objects):
         return {}
-    instancers = [obj for obj in scene.objects if is_instancer(obj)]
+    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     found = reached_from(instancers) if instancers else set()
     named = {obj.name_full: obj for obj in found if _is_volume(obj)}
     return dict(sorted(named.items()))

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from .. import stored_values
 from ..authoring.effect_values import Shapes
+from ..background_scenes import scene_objects
 from ..engine.arrays import I64
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
@@ -150,7 +151,7 @@ class SceneReader:
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
         warned = self.description.warnings
-        makers = filter(is_instancer, scene.objects) if more else ()
+        makers = filter(is_instancer, scene_objects(scene)) if more else ()
         unbaked = to_bake(scene, [*self._found.read, *makers])
         warnings = (*warned, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..background_scenes import scene_objects
 from . import simulation as simulations
 from . import visibility
 from .reached import data_reached_from, data_reaching, is_instancer, reached_from
@@ -83,7 +84,7 @@ class Stepper:
     @cached_property
     def is_changing(self) -> bool:
         """Test that the scene may show other objects at other times."""
-        return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
+        return self.is_own or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
@@ -121,7 +122,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
     """Dormant effects that neither code nor another object of the scene may depend on."""
-    asleep, objects = found.dormant, found.scene.objects
+    asleep, objects = found.dormant, scene_objects(found.scene)
     if not asleep or foreign_handler() is not None or runs_code(objects):
         return []
     kept = reached_from(obj for obj in objects if obj not in asleep)
@@ -207,8 +208,8 @@ def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.
     """Metaballs of a scene that make one surface with another: all of its name but the number."""
     if obj.type != "META":
         return []
-    shown = visibility.enabled_objects(scene.view_layers[0].layer_collection)
-    balls = [each for each in scene.objects if each.type == "META" and each in shown]
+    shown = visibility.enabled_objects(scene, scene.view_layers[0])
+    balls = [each for each in scene_objects(scene) if each.type == "META" and each in shown]
     return [ball for ball in balls if _without_number(ball.name) == _without_number(obj.name)]
 
 
