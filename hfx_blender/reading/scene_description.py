@@ -66,7 +66,8 @@ class HapticObjects:
     warnings: tuple[str, ...]
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
-    # Effects that are not felt at any time that is read, and why; nothing else of them is read.
+    # Effects that are not felt at any time that is read, also such as only instances could show,
+    # and why; nothing else of them is read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
 
     @property

@@ -143,6 +143,7 @@ class SceneReader:
         found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
+        found = replace(found, dormant={**found.dormant, **self._instances.asleep})
         more = self._instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
@@ -202,7 +203,7 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt, *self._instances.notes)))
+        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""

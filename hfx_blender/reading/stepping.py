@@ -99,8 +99,8 @@ Stepping = AbstractContextManager[Stepper]
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     """Context that steps the user's scene, after its simulation; frame and camera are restored.
 
-    Meanwhile dormant effects that nothing else can depend on are disabled in viewports, so that
-    Blender does not evaluate them.
+    Meanwhile dormant effects that nothing else can depend on, and what makes instances of them
+    alone, are disabled in viewports, so that Blender does not evaluate them.
     """
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
@@ -121,17 +121,21 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
-    """Dormant effects that neither code nor another object of the scene may depend on."""
-    asleep, objects = found.dormant, scene_objects(found.scene)
-    if not asleep or foreign_handler() is not None or runs_code(objects):
+    """Dormant effects, and instancers of such alone, that neither code nor another object of the
+    scene may depend on.
+    """
+    objects = scene_objects(found.scene)
+    if not found.dormant or foreign_handler() is not None or runs_code(objects):
         return []
-    kept = reached_from(obj for obj in objects if obj not in asleep)
-    felt = (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT" and obj not in asleep)
-    kept.update(filter(is_instancer, data_reaching(felt)))
-    kept.update(obj for obj in asleep if obj.type == "META")  # others may be of its family
+    felt = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
+    shown = set(filter(is_instancer, data_reaching([*felt, *found.read])))
+    makers = set(filter(is_instancer, data_reaching(found.dormant))) - shown - set(found.read)
+    idle = {obj for obj in objects if obj in found.dormant or obj in makers}
+    kept = shown | reached_from(obj for obj in objects if obj not in idle)
+    kept.update(obj for obj in idle if obj.type == "META")  # others may be of its family
     return [
         obj
-        for obj in asleep
+        for obj in idle
         if not (obj in kept or visibility.is_keyed(obj) or simulations.takes_part(obj))
     ]
 
