@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 import uuid
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -16,6 +16,7 @@ from mathutils import Matrix, Vector
 from .. import compat
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
+from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
@@ -63,6 +64,7 @@ def adding_body(
     armature: bpy.types.Object,
     avatar: bpy.types.Object | None,
     parts: Sequence[bpy.types.Object] = (),
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[str]]:
     """Make an avatar a haptic body, in steps: the perceptual models are fitted to it.
 
@@ -75,6 +77,8 @@ def adding_body(
         The mesh that shows the body, or the first of several.
     parts : sequence of Object
         Further meshes of an avatar that is in several pieces.
+    mapping_of : callable
+        Finds the bone mapping of an armature; a cache where the meshes were chosen by it.
 
     Returns
     -------
@@ -98,7 +102,7 @@ def adding_body(
             "mesh and then its armature."
         )
     check_scipy()
-    mapping = bone_table.mapping_of(armature)
+    mapping = mapping_of(armature)
     yield from _importing()
     # Fitting has half of this module's imports, and Blender's start must not wait for it.
     from .fitting import fitting
@@ -111,7 +115,9 @@ def adding_body(
 
 
 def choosing_meshes(
-    context: bpy.types.Context, armature: bpy.types.Object
+    context: bpy.types.Context,
+    armature: bpy.types.Object,
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes to fit a body to, in steps: the selected ones, or those that form the skin.
 
@@ -131,11 +137,13 @@ def choosing_meshes(
     ]
     if selected:
         return _largest_first(selected)
-    return (yield from choosing_again(context, armature))
+    return (yield from choosing_again(context, armature, mapping_of))
 
 
 def choosing_again(
-    context: bpy.types.Context, armature: bpy.types.Object
+    context: bpy.types.Context,
+    armature: bpy.types.Object,
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Take the meshes of a body; without any, or if another layer was chosen since, choose those
     that show it, in steps.
@@ -146,7 +154,7 @@ def choosing_again(
     found = avatar_meshes.meshes_on(context, armature)
     if len(found) < 2 or body_binding.from_canonical(armature) is None:
         return _largest_first(found)[:1]
-    mapping = bone_table.mapping_of(armature)
+    mapping = mapping_of(armature)
     yield from _importing()
     return (yield from avatar_meshes.choosing(armature, found, mapping))
 

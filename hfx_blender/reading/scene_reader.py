@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from .. import stored_values
 from ..authoring.effect_values import Shapes
+from ..background_scenes import scene_objects
 from ..engine.arrays import I64
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
@@ -145,6 +146,7 @@ class SceneReader:
         found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
+        found = replace(found, dormant={**found.dormant, **self._instances.asleep})
         more = self._instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
@@ -153,7 +155,7 @@ class SceneReader:
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
         warned = self.description.warnings
-        makers = filter(is_instancer, scene.objects) if more else ()
+        makers = filter(is_instancer, scene_objects(scene)) if more else ()
         unbaked = to_bake(scene, [*self._found.read, *makers])
         warnings = (*warned, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
@@ -204,7 +206,7 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt, *self._instances.notes)))
+        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""
