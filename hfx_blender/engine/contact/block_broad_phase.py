@@ -96,7 +96,7 @@ class BlockBroadPhase:
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
         skin = self._skins.of(body, model_id)
         if isinstance(skin.surface, PointwiseModel):
-            low, high = box_of(skin.surface, skin.skin.margins_m, pose, rows)
+            low, high = box_of(skin, pose, rows)
         else:  # clusters that bones move cost no more than a box of their own
             low, high = self.bounds(body, model_id).of_rows.transpose(1, 0, 2)
         origins = pose.to_world[rows, :3, 3]

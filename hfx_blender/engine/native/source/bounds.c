@@ -90,7 +90,7 @@ static inline void put(hfx_corners box, double *low, double *high) {
 // See SkinnedModel.cluster_bounds: boxes around clusters, (rows, clusters, 3) each, around all of
 // them at each row, (rows, 2, 3), and around each at all rows, (clusters, 2, 3). Skin lies beyond
 // what bones move by `margins`, NULL: not at all. `room` holds 22 numbers for each bone.
-HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t all, const double *posed,
+HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t posed_bones, const double *posed,
                            const int64_t *row, const double *to_target, const double *margins,
                            double *room, double *low, double *high, double *of_rows,
                            double *of_clusters) {
@@ -103,7 +103,7 @@ HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t all
     int is_sure = 1;
     for (int64_t b = 0; b < outline->bone_count; b++) {
       double m[12], sum = 0.0;
-      hfx_find_matrix(posed + 12 * row[n] * all, all, outline->bones[b], target, m);
+      hfx_find_matrix(posed + 12 * row[n] * posed_bones, posed_bones, outline->bones[b], target, m);
       columns_of(m, columns + COLUMNS * b);
       for (int i = 0; i < 12; i++) sum += fabs(m[i]);
       is_sure &= sum <= LARGEST;

@@ -15,7 +15,7 @@
 
 // Groups of clusters, one after the other, with the first group and pair of each; see hfx_groups.
 typedef struct {
-  int64_t *first_groups, *first_pairs;  // (asked + 1,)
+  int64_t *first_groups, *first_pairs;  // (requested + 1,)
   int64_t *starts;                      // one more for each cluster than it has groups
   double *distances, *boxes;
   int64_t *bones;
@@ -52,7 +52,7 @@ static void weigh(const hfx_cluster *cluster, int64_t places, double *weights, d
 }
 
 // Mean difference of weights of a unit's skin from its own, (bones,); returns its radius.
-static double look_around(const hfx_skin_mesh *mesh, const int32_t *ids, const int64_t *place,
+static double weight_changes_around(const hfx_skin_mesh *mesh, const int32_t *ids, const int64_t *place,
                           int64_t unit, int64_t bones, const double *weights, const double *rest,
                           double *changes) {
   const float *here = mesh->vertices + 3 * (int64_t)ids[unit];
@@ -99,7 +99,7 @@ static int64_t group_alike(const cells *all, int64_t *group, int64_t *numbers) {
 }
 
 // See _Groups.of: from cells and the group of each, whose bones are these.
-static void tell(const cells *all, const int64_t *group, int64_t groups, const int64_t *bones,
+static void write_groups(const cells *all, const int64_t *group, int64_t groups, const int64_t *bones,
                  int64_t *sizes, double *room, const hfx_found_groups *found, int64_t cluster) {
   int64_t first = found->first_groups[cluster], pair = found->first_pairs[cluster], start = pair;
   double *shares = take(&room, groups * all->bones), *largest = take(&room, groups * all->bones);
@@ -168,11 +168,11 @@ static int64_t unite(const hfx_cluster *one, const hfx_cluster *other, int64_t *
 // are others, else null. `place` holds a zero for each vertex of the mesh; `counts` and `room` have
 // room for what a cluster needs.
 HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mesh,
-                                const hfx_cluster *surface, const hfx_cluster *own, int64_t asked,
+                                const hfx_cluster *surface, const hfx_cluster *own, int64_t requested,
                                 const int64_t *clusters, int64_t *place, int64_t *counts,
                                 double *room, const hfx_found_groups *found) {
   found->first_groups[0] = found->first_pairs[0] = 0;
-  for (int64_t k = 0; k < asked; k++) {
+  for (int64_t k = 0; k < requested; k++) {
     int64_t c = clusters[k], start = table->starts[c], units = table->unit_counts[c];
     int64_t places = table->place_counts[c], first = table->cell_starts[c];
     int64_t count = table->cell_starts[c + 1] - first;
@@ -184,7 +184,7 @@ HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mes
     for (int64_t p = 0; p < places; p++) place[ids[p]] = p;
     weigh(skin, places, weights, rest);
     for (int64_t u = 0; u < units; u++)
-      radii[u] = look_around(mesh, ids, place, u, skin->bone_count, weights, rest,
+      radii[u] = weight_changes_around(mesh, ids, place, u, skin->bone_count, weights, rest,
                              changes + u * skin->bone_count);
     for (int64_t p = 0; p < places; p++) place[ids[p]] = 0;
     if (!own) {
@@ -192,7 +192,7 @@ HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mes
       for (int64_t u = 0; u < units; u++) distances[u] = DISC * radii[u];
       cells all = {units, skin->bone_count, weights, changes, rest, distances};
       int64_t *sizes = counts + units, groups = group_alike(&all, counts, sizes + units);
-      tell(&all, counts, groups, skin->bones, sizes, left, found, k);
+      write_groups(&all, counts, groups, skin->bones, sizes, left, found, k);
       continue;
     }
     const hfx_cluster *model = own + c;
@@ -228,6 +228,6 @@ HFX_EXPORT void hfx_cell_groups(const hfx_table *table, const hfx_skin_mesh *mes
       }
       for (int64_t b = 0; b < bones; b++) all.changes[owner * bones + b] += share * theirs[b];
     }
-    tell(&all, group, count, every, group + count, left, found, k);
+    write_groups(&all, group, count, every, group + count, left, found, k);
   }
 }

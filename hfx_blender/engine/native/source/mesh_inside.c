@@ -97,22 +97,22 @@ typedef struct {
   double x, y, z;
   uint64_t limits;
   int64_t winding, at, run;
-} Asked;
+} Query;
 
 // A listed triangle that may be crossed by the way up from a point.
 typedef struct {
-  int64_t asked, listed;
+  int64_t query, listed;
 } Pair;
 
 static void add_windings(Pair *pairs, int64_t count, const int64_t *listed, const double *spans,
-                         Asked *asked) {
+                         Query *queries) {
   for (int64_t k = 0; k < count; ++k) {
     pairs[k].listed = listed[pairs[k].listed];
     HFX_SOON(spans + SPAN * pairs[k].listed);
     HFX_SOON(spans + SPAN * pairs[k].listed + 8);
   }
   for (int64_t k = 0; k < count; ++k) {
-    Asked *mine = asked + pairs[k].asked;
+    Query *mine = queries + pairs[k].query;
     mine->winding += winding_of(spans + SPAN * pairs[k].listed, mine->x, mine->y, mine->z);
   }
 }
@@ -128,7 +128,7 @@ HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int6
   const double height = 1.0 / (double)cells[2];
   for (int64_t first = 0; first < count; first += BLOCK) {
     const int64_t end = first + BLOCK < count ? first + BLOCK : count;
-    Asked asked[BLOCK + 1];
+    Query queries[BLOCK + 1];
     Pair pairs[PAIRS + 1];
     int64_t cell[BLOCK + 1], near = 0, unsure = 0, paired = 0;
     for (int64_t n = first; n < end; ++n) {
@@ -142,7 +142,7 @@ HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int6
       i = i < cells[0] ? i : cells[0] - 1;
       j = j < cells[1] ? j : cells[1] - 1;
       k = k < cells[2] ? k : cells[2] - 1;
-      asked[near] = (Asked){x, y, z, limits_of(x - (double)i, y - (double)j, z * height), 0, n, 0};
+      queries[near] = (Query){x, y, z, limits_of(x - (double)i, y - (double)j, z * height), 0, n, 0};
       cell[near] = (i * cells[1] + j) * cells[2] + k;
       HFX_SOON(codes + cell[near]);
       inside[n] = 0;
@@ -150,31 +150,31 @@ HFX_EXPORT void hfx_mesh_inside(const hfx_grid *grid, const double *points, int6
     }
     for (int64_t n = 0; n < near; ++n) {
       const int64_t run = codes[cell[n]];
-      inside[asked[n].at] = run == -2;
-      asked[unsure] = asked[n];
-      asked[unsure].run = run;
+      inside[queries[n].at] = run == -2;
+      queries[unsure] = queries[n];
+      queries[unsure].run = run;
       unsure += run >= 0;
       HFX_SOON(offsets + (run < 0 ? 0 : run));
       HFX_SOON(beyond + (run < 0 ? 0 : run));
     }
     for (int64_t n = 0; n < unsure; ++n) {
-      const int64_t run = asked[n].run;
-      asked[n].winding = beyond[run];
+      const int64_t run = queries[n].run;
+      queries[n].winding = beyond[run];
       for (int64_t k = offsets[run]; k < offsets[run + 1]; k += 8) HFX_SOON(bounds + k);
     }
     for (int64_t n = 0; n < unsure; ++n) {
-      const uint64_t limits = asked[n].limits;
-      const int64_t stop = offsets[asked[n].run + 1];
-      for (int64_t k = offsets[asked[n].run]; k < stop; ++k) {
+      const uint64_t limits = queries[n].limits;
+      const int64_t stop = offsets[queries[n].run + 1];
+      for (int64_t k = offsets[queries[n].run]; k < stop; ++k) {
         pairs[paired] = (Pair){n, k};
         paired += ((limits - (uint64_t)bounds[k]) & ALL) == ALL;
         if (paired == PAIRS) {
-          add_windings(pairs, paired, listed, spans, asked);
+          add_windings(pairs, paired, listed, spans, queries);
           paired = 0;
         }
       }
     }
-    add_windings(pairs, paired, listed, spans, asked);
-    for (int64_t n = 0; n < unsure; ++n) inside[asked[n].at] = asked[n].winding != 0;
+    add_windings(pairs, paired, listed, spans, queries);
+    for (int64_t n = 0; n < unsure; ++n) inside[queries[n].at] = queries[n].winding != 0;
   }
 }

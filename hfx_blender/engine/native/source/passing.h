@@ -70,8 +70,7 @@ static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t ste
   return 0;
 }
 
-// First and last time at which something on a path is inside a volume with a formula. Only `open` steps,
-// one bit each, are looked at.
+// First and last time at which a point on a path is inside a formula's volume, in `open` steps, a bit each.
 static inline void pass(hfx_shape shape, const double (*path)[3], int64_t steps, uint64_t open,
                         double times[2]) {
   int64_t begin = 0;
@@ -92,33 +91,33 @@ static inline void pass(hfx_shape shape, const double (*path)[3], int64_t steps,
 }
 
 // Adds when something on a path was inside. The number of events then.
-static inline int64_t enter(look *at, const double (*path)[3], int64_t steps, uint64_t open,
+static inline int64_t enter(context *ctx, const double (*path)[3], int64_t steps, uint64_t open,
                      double share, event *events, int64_t count) {
   double times[2] = {INFINITY, -INFINITY};
-  if (at->shape.mesh)
-    hfx_mesh_passage(at->shape.mesh, path, steps, open, times);
+  if (ctx->shape.mesh)
+    hfx_mesh_passage(ctx->shape.mesh, path, steps, open, times);
   else
-    pass(at->shape, path, steps, open, times);
+    pass(ctx->shape, path, steps, open, times);
   double first = times[0], last = times[1], strength = 1.0;
   if (first == INFINITY) return count;
-  if (!at->target->is_flat) {
+  if (!ctx->target->is_flat) {
     strength = 0.0;
     for (int k = 0; k < PLACES_ALONG; k++) {
       double p[3];
       along(path, steps, first + (double)k / (PLACES_ALONG - 1) * (last - first), p);
-      double here = weight_of(at, p);
+      double here = weight_of(ctx, p);
       if (here > strength) strength = here;
     }
   }
-  if (at->details) {
+  if (ctx->details) {
     double middle[3];
     along(path, steps, 0.5 * (first + last), middle);
-    tell_inside(at, middle);
-    if (first < at->began) {
+    record_inside(ctx, middle);
+    if (first < ctx->began) {
       int64_t step = step_at(steps, first);
-      at->began = first;
-      along(path, steps, first, at->entry);
-      for (int i = 0; i < 3; i++) at->way[i] = (path[step + 1][i] - path[step][i]) * (double)steps;
+      ctx->began = first;
+      along(path, steps, first, ctx->entry);
+      for (int i = 0; i < 3; i++) ctx->way[i] = (path[step + 1][i] - path[step][i]) * (double)steps;
     }
   }
   events[count].when = first, events[count++].change = share * strength;
@@ -164,11 +163,11 @@ static inline double peak_of(event *events, int64_t count) {
 }
 
 // Upper bounds of the stretch of points on the way to each end of a step, (steps + 1,).
-static inline const double *stretches_of(look *at, const hfx_drift *drift, int64_t steps, int kind,
+static inline const double *stretches_of(context *ctx, const hfx_drift *drift, int64_t steps, int kind,
                                          int64_t interval) {
-  double *stretches = at->on_the_way;
-  if (at->on_the_way_of == interval * STEP_KINDS + kind) return stretches;
-  at->on_the_way_of = interval * STEP_KINDS + kind;
+  double *stretches = ctx->on_the_way;
+  if (ctx->on_the_way_of == interval * STEP_KINDS + kind) return stretches;
+  ctx->on_the_way_of = interval * STEP_KINDS + kind;
   for (int64_t k = 0; k <= steps; k++) {
     int64_t matrix = 16 * (k * drift->intervals + interval);
     stretches[k] = hfx_larger(hfx_stretch(drift->before[kind] + matrix, 4),
@@ -181,16 +180,16 @@ static inline const double *stretches_of(look *at, const hfx_drift *drift, int64
 // at both rows. At the end of a step each flat place of it is in the triangle of its corners there: a
 // plane beside the volume that parts the corners of both ends from it, parts all of the step. Skin
 // bulges no farther than its height, stretched as the corners are.
-static inline uint64_t open_steps(look *at, const hfx_drift *drift, int64_t steps, int kind,
+static inline uint64_t open_steps(context *ctx, const hfx_drift *drift, int64_t steps, int kind,
                                   int64_t interval, int64_t quad, const triangle *a, const triangle *b) {
-  const hfx_quad *curved = at->table->quads + quad;
+  const hfx_quad *curved = ctx->table->quads + quad;
   double path[3][MOST_STEPS + 1][3], margins[MOST_STEPS + 1];
   for (int c = 0; c < 3; c++)
     path_of(drift, steps, kind, interval, EVERY_STEP, a->corners[c], b->corners[c], path[c]);
   // A height is at most a third of the largest bulge, in the middle of a triangle.
   double height = hfx_larger(fabs(curved->to_one), hfx_larger(fabs(curved->to_two), fabs(curved->between)));
-  height *= sqrt(hfx_larger(hfx_dot(a->out, a->out), hfx_dot(b->out, b->out))) / 3.0;
-  const double *stretches = height > 0.0 ? stretches_of(at, drift, steps, kind, interval) : NULL;
+  height *= sqrt(hfx_larger(hfx_dot(a->normal, a->normal), hfx_dot(b->normal, b->normal))) / 3.0;
+  const double *stretches = height > 0.0 ? stretches_of(ctx, drift, steps, kind, interval) : NULL;
   for (int64_t k = 0; k <= steps; k++) margins[k] = stretches ? SLACK * height * stretches[k] : 0.0;
   uint64_t open = 0;
   for (int64_t k = 0; k < steps; k++) {
@@ -198,64 +197,63 @@ static inline uint64_t open_steps(look *at, const hfx_drift *drift, int64_t step
     for (int c = 0; c < 6; c++)
       for (int i = 0; i < 3; i++) ends[c][i] = path[c % 3][k + c / 3][i];
     double margin = hfx_larger(margins[k], margins[k + 1]);
-    if (!hfx_parted(at->shape, (const double(*)[3])ends, 6, margin)) open |= (uint64_t)1 << k;
+    if (!hfx_parted(ctx->shape, (const double(*)[3])ends, 6, margin)) open |= (uint64_t)1 << k;
   }
   return open;
 }
 
-// True if the skin of a quad surely stays outside on a straight way. Nothing parts them if a corner
-// is inside.
-static inline int stays_outside(const look *at, const side *before, const side *now, int64_t unit,
-                                int64_t quad, const triangle *a, const triangle *b) {
-  const hfx_table *table = at->table;
-  double shallowest = hfx_smaller(before->clear[unit], now->clear[unit]), corners[6][3];
+// True if a quad's skin surely stays outside on a straight way. Nothing parts them if a corner is inside.
+static inline int stays_outside(const context *ctx, const posed_pair *before, const posed_pair *now,
+                                int64_t unit, int64_t quad, const triangle *a, const triangle *b) {
+  const hfx_table *table = ctx->table;
+  double shallowest = hfx_smaller(before->clearance[unit], now->clearance[unit]), corners[6][3];
   for (int k = 0; k < 2; k++) {
-    int64_t corner = table->around[2 * quad + k] - at->first;
-    shallowest = hfx_smaller(shallowest, hfx_smaller(before->clear[corner], now->clear[corner]));
+    int64_t corner = table->around[2 * quad + k] - ctx->first;
+    shallowest = hfx_smaller(shallowest, hfx_smaller(before->clearance[corner], now->clearance[corner]));
   }
   if (shallowest <= 0.0) return 0;
   for (int k = 0; k < 3; k++)
     for (int i = 0; i < 3; i++) corners[k][i] = a->corners[k][i], corners[3 + k][i] = b->corners[k][i];
-  double stretch = hfx_larger(at->stretch, hfx_stretch(at->target->to_shape + 16 * before->row, 4));
-  return hfx_parted(at->shape, (const double(*)[3])corners, 6, table->bulge_m[at->number] * stretch);
+  double stretch = hfx_larger(ctx->stretch, hfx_stretch(ctx->target->to_shape + 16 * before->row, 4));
+  return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, table->bulge_m[ctx->number] * stretch);
 }
 
 // Adds the entries of a quad of a unit between a pair and the next; returns the number of events.
-static inline int64_t follow_quad(look *at, side *before, side *now, int64_t unit, int64_t quad,
+static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *now, int64_t unit, int64_t quad,
                                   int64_t steps, int kind, const hfx_drift *drift, event *events,
                                   int64_t count) {
   int64_t interval = now->row - 1;
   uint64_t open = EVERY_STEP;
   triangle a, b;
-  corners_of(at, before, unit, quad, a.corners);
-  corners_of(at, now, unit, quad, b.corners);
-  if (steps == 1 && stays_outside(at, before, now, unit, quad, &a, &b)) return count;
+  corners_of(ctx, before, unit, quad, a.corners);
+  corners_of(ctx, now, unit, quad, b.corners);
+  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
   // Samples of the start stand outwards as the skin did there.
-  at->has_turns = 0;
-  find_edges(at, interval, quad, &a);
-  at->has_turns = 0;
-  find_edges(at, now->row, quad, &b);
-  if (steps > 1) open = open_steps(at, drift, steps, kind, interval, quad, &a, &b);
+  ctx->has_turns = 0;
+  find_edges(ctx, interval, quad, &a);
+  ctx->has_turns = 0;
+  find_edges(ctx, now->row, quad, &b);
+  if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, quad, &a, &b);
   if (!open) return count;
-  int64_t number = steps_of(at, before, quad, &a), later = steps_of(at, now, quad, &b);
+  int64_t number = steps_of(ctx, before, quad, &a), later = steps_of(ctx, now, quad, &b);
   number = number > later ? number : later;
   for (int64_t k = 0; k < number * number; k++) {
-    hfx_sample s = sample_of(at->table, quad, number, k);
+    hfx_sample s = sample_of(ctx->table, quad, number, k);
     double start[3], end[3], path[MOST_STEPS + 1][3];
     place_sample(&s, &a, start);
     place_sample(&s, &b, end);
-    path_of(drift, steps, kind, interval, at->details ? EVERY_STEP : open, start, end, path);
-    count = enter(at, (const double(*)[3])path, steps, open, s.share, events, count);
+    path_of(drift, steps, kind, interval, ctx->details ? EVERY_STEP : open, start, end, path);
+    count = enter(ctx, (const double(*)[3])path, steps, open, s.share, events, count);
   }
   return count;
 }
 
 // Adds the entries of a unit between a pair and the next; returns the number of events.
-static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t from, int64_t to,
-                      int64_t steps, const hfx_drift *drift, int cells[2], event *events,
+static int64_t follow(context *ctx, posed_pair *before, posed_pair *now, int64_t unit, int64_t from, int64_t to,
+                      int64_t steps, const hfx_drift *drift, int are_even[2], event *events,
                       int64_t count) {
-  const hfx_table *table = at->table;
-  int64_t place = at->first + unit, interval = now->row - 1;
+  const hfx_table *table = ctx->table;
+  int64_t place = ctx->first + unit, interval = now->row - 1;
   int kind = 0;
   while (((int64_t)1 << kind) < steps) kind++;
   double path[MOST_STEPS + 1][3];
@@ -263,29 +261,30 @@ static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t f
   // (a + b - l) / 2.
   double bound = hfx_larger(before->gaps[unit], now->gaps[unit]);
   bound *= 2.0 * table->reaches[place];
-  if (!at->cluster) bound = 2.0 * hfx_larger(reach_of(at, before, unit), reach_of(at, now, unit));
-  int is_straight = steps == 1 && at->is_same;
+  if (!ctx->cluster) bound = 2.0 * hfx_larger(reach_of(ctx, before, unit), reach_of(ctx, now, unit));
+  int is_straight = steps == 1 && ctx->is_same;
   if (is_straight) {
     double least = before->least[unit] + now->least[unit];
-    if (least - at->moved > bound + SPARE * (fabs(least) + at->moved)) return count;
+    if (least - ctx->moved > bound + SPARE * (fabs(least) + ctx->moved)) return count;
   }
-  const double *one = place_of(at, before, unit), *other = place_of(at, now, unit);
+  const double *one = place_of(ctx, before, unit), *other = place_of(ctx, now, unit);
   if (is_straight) {
-    double clear = before->clear[unit] + now->clear[unit];
+    double clearance = before->clearance[unit] + now->clearance[unit];
     double way[3] = {other[0] - one[0], other[1] - one[1], other[2] - one[2]};
-    double length = sqrt(hfx_dot(way, way)), spare = SPARE * (fabs(clear) + length);
-    if (clear - length > bound + spare) return count;
+    double length = sqrt(hfx_dot(way, way)), spare = SPARE * (fabs(clearance) + length);
+    if (clearance - length > bound + spare) return count;
   }
   path_of(drift, steps, kind, interval, EVERY_STEP, one, other, path);
-  if (!may_meet(at->shape, (const double(*)[3])path, steps, 0.5 * bound)) return count;
-  double reach = hfx_larger(reach_of(at, before, unit), reach_of(at, now, unit));
-  if (!may_meet(at->shape, (const double(*)[3])path, steps, reach)) return count;
-  int told = is_told(at, now, unit, from, to, &cells[1]) && is_told(at, before, unit, from, to, &cells[0]);
-  double share = told ? table->unit_shares[place] : table->vertex_shares[place];
-  count = enter(at, (const double(*)[3])path, steps, EVERY_STEP, share, events, count);
-  if (told || !table->is_split) return count;
+  if (!may_meet(ctx->shape, (const double(*)[3])path, steps, 0.5 * bound)) return count;
+  double reach = hfx_larger(reach_of(ctx, before, unit), reach_of(ctx, now, unit));
+  if (!may_meet(ctx->shape, (const double(*)[3])path, steps, reach)) return count;
+  int is_even = is_unit_even(ctx, now, unit, from, to, &are_even[1]) &&
+                is_unit_even(ctx, before, unit, from, to, &are_even[0]);
+  double share = is_even ? table->unit_shares[place] : table->vertex_shares[place];
+  count = enter(ctx, (const double(*)[3])path, steps, EVERY_STEP, share, events, count);
+  if (is_even || !table->is_split) return count;
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++)
-    count = follow_quad(at, before, now, unit, q, steps, kind, drift, events, count);
+    count = follow_quad(ctx, before, now, unit, q, steps, kind, drift, events, count);
   return count;
 }
 

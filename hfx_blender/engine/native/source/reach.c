@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Broad phase: which clusters a volume can reach, at which rows, and between. 
+// Broad phase: which clusters a volume can reach, at which rows, and between.
 
 #include <math.h>
 #include <string.h>
@@ -19,17 +19,17 @@ typedef struct {
   const hfx_outline *outline; // or NULL: places are given
   int64_t clusters;
   const int64_t *row;         // (rows,) of the block, ascending
-  const int64_t *all;         // (bounds,) the same of the boxes of the clusters
+  const int64_t *box_rows;    // (bounds,) the same of the boxes of the clusters
   const double *low, *high;   // (bounds, clusters, 3) world, of the clusters
   const double *of_rows;      // (bounds, 2, 3) around all clusters
   const double *of_clusters;  // (clusters, 2, 3) at all of them
   const uint8_t *follows;     // (rows,) whether the row before is the sample before
-  const uint8_t *reported;       // (rows,) whether it is reported
+  const uint8_t *reported;    // (rows,) whether it is reported
   double edge_m;
   int64_t is_split;
   int64_t is_always;          // what may pass is followed, however slowly
   // Results.
-  int64_t *at;         // (rows,) which of the boxes' rows
+  int64_t *box_at;     // (rows,) which of the boxes' rows
   uint8_t *flags;      // (clusters, rows)
   int64_t *near;       // (clusters,) those that the volume can meet at all, ascending
   int64_t near_count;
@@ -38,7 +38,7 @@ typedef struct {
 // Pose of its bones.
 typedef struct {
   const double *posed;       // (block, all, 3, 4) rest space to posed armature space
-  int64_t all;
+  int64_t bone_count;
   const int64_t *bones;      // those that matter: one that is not among all rests
   const hfx_outline *own;    // of the clusters' own vertices where the skin has others, or NULL
 } hfx_posed;
@@ -102,7 +102,7 @@ static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t
     if (angle == 0.0) continue;
     if (target->swept && !k && target->kinds[n] == HFX_MESH) angle /= SWEPT_PARTS;
     for (int64_t row = n - 1; row <= n; row++)
-      arm = hfx_larger(arm, k ? arm_of(broad->of_rows + 6 * broad->at[row], target->to_world + 16 * row)
+      arm = hfx_larger(arm, k ? arm_of(broad->of_rows + 6 * broad->box_at[row], target->to_world + 16 * row)
                               : arm_of(target->boxes + 6 * row, target->matrices + 16 * row));
     swing += sqrt(arm) * (1.0 - cos(0.5 * angle));
   }
@@ -122,7 +122,7 @@ static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, in
 HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int64_t *met) {
   int64_t count = 0, rows = target->rows, clusters = broad->clusters;
   double widest = 0.0;
-  find_rows(broad->all, broad->row, rows, broad->at);
+  find_rows(broad->box_rows, broad->row, rows, broad->box_at);
   memset(broad->flags, 0, (size_t)(rows * clusters));
   for (int64_t n = 1; n < rows && isfinite(broad->edge_m); n++)
     if (broad->follows[n]) widest = fmax(widest, swing_of(broad, target, n));
@@ -131,7 +131,7 @@ HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int6
     int64_t c = broad->near[k];
     int is_met = 0;
     for (int64_t n = 0; n < rows; n++) {
-      int64_t at = 3 * (broad->at[n] * clusters + c);
+      int64_t at = 3 * (broad->box_at[n] * clusters + c);
       if (!overlap(broad->low + at, broad->high + at, target->boxes + 6 * n)) continue;
       broad->flags[c * rows + n] = TOUCHES, is_met = 1;
     }
@@ -157,14 +157,14 @@ static double unseen(const hfx_target *target, int64_t n, double edge, double st
 
 // Largest distance by which anything in a cluster whose places are given has moved against the
 // volume since the row before, metres.
-static double given_moved_m(const hfx_target *target, const hfx_surface_places *given, int64_t n,
+static double surface_moved_m(const hfx_target *target, const hfx_surface_places *surface, int64_t n,
                             int64_t c) {
   double most = 0.0;
-  for (int64_t p = given->starts[c]; p < given->starts[c + 1]; p++) {
+  for (int64_t p = surface->starts[c]; p < surface->starts[c + 1]; p++) {
     double ends[2][3], squared = 0.0;
     for (int64_t k = 0; k < 2; k++) {
-      int64_t row = n - 1 + k, from = given->at[row] * given->place_count + p;
-      hfx_moved_by(target->body_to_shape + 16 * row, given->places + 3 * from, ends[k]);
+      int64_t row = n - 1 + k, from = surface->at[row] * surface->place_count + p;
+      hfx_moved_by(target->body_to_shape + 16 * row, surface->places + 3 * from, ends[k]);
     }
     for (int i = 0; i < 3; i++) ends[1][i] -= ends[0][i];
     for (int i = 0; i < 3; i++) {
@@ -178,9 +178,9 @@ static double given_moved_m(const hfx_target *target, const hfx_surface_places *
 
 // The same of any cluster; no less where bones move it.
 static double moved_m(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, int64_t n,
-                      const hfx_surface_places *given, int64_t c) {
+                      const hfx_surface_places *surface, int64_t c) {
   const hfx_outline *known = broad->outline;
-  if (given) return given_moved_m(target, given, n, c);
+  if (surface) return surface_moved_m(target, surface, n, c);
   return hfx_box_moves(bones, n - 1, n, target->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
                        known->pair_bones, known->centres, known->halves);
 }
@@ -198,7 +198,7 @@ static int64_t steps_for(double angle, double moved, double edge) {
 // True if at a row vertices suffice for a cluster that is met.
 static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
                      const hfx_groups *groups, double steepest, int64_t c, int64_t n) {
-  int64_t at = 3 * (broad->at[n] * broad->clusters + c);
+  int64_t at = 3 * (broad->box_at[n] * broad->clusters + c);
   if (target->is_flat) return encloses(target, n, broad->low + at, broad->high + at);
   if (!broad->is_split) return 1;
   if (!groups || !(target->amplitude > 0.0)) return 0;
@@ -209,7 +209,7 @@ static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx
 
 // Marks near clusters that may meet the volume between a row and the one before it.
 static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                   const hfx_surface_places *given, double steepest, int64_t n) {
+                   const hfx_surface_places *surface, double steepest, int64_t n) {
   int64_t rows = target->rows, clusters = broad->clusters;
   double swing = swing_of(broad, target, n), limit = unseen(target, n, broad->edge_m, steepest);
   const double *boxes = target->boxes + 6 * n;
@@ -219,7 +219,7 @@ static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *
     box[3 + i] =
         (target->swept ? target->swept[6 * n + 3 + i] : hfx_larger(boxes[3 + i], boxes[i - 3])) + swing;
   }
-  int64_t now = 3 * broad->at[n] * clusters, before = 3 * broad->at[n - 1] * clusters;
+  int64_t now = 3 * broad->box_at[n] * clusters, before = 3 * broad->box_at[n - 1] * clusters;
   for (int64_t k = 0; k < broad->near_count; k++) {
     int64_t c = broad->near[k];
     const double *low = broad->low + 3 * c, *high = broad->high + 3 * c;
@@ -231,7 +231,7 @@ static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *
     uint8_t *flag = broad->flags + c * rows + n;
     // Skin enters nothing from wholly inside, and is felt anyway where it gets there.
     if (target->is_flat && ((flag[-1] | (broad->is_always ? 0 : flag[0])) & SIMPLE)) continue;
-    if (broad->is_always || !(moved_m(broad, target, bones, n, given, c) <= limit)) *flag |= FOLLOWED;
+    if (broad->is_always || !(moved_m(broad, target, bones, n, surface, c) <= limit)) *flag |= FOLLOWED;
   }
 }
 
@@ -257,7 +257,7 @@ static void find_matrices(const hfx_broad *broad, const hfx_target *target, cons
     for (int64_t b = 0; b < bones->count; b++) {
       double *matrix = bones->matrices + 12 * (n * bones->count + b);
       if (!is_used[b]) continue;
-      hfx_find_matrix(pose->posed + 12 * broad->row[n] * pose->all, pose->all, pose->bones[b],
+      hfx_find_matrix(pose->posed + 12 * broad->row[n] * pose->bone_count, pose->bone_count, pose->bones[b],
                       target->body_to_shape + 16 * n, matrix);
       bones->stretches[n * bones->count + b] = hfx_stretch(matrix, 4);
     }
@@ -265,7 +265,7 @@ static void find_matrices(const hfx_broad *broad, const hfx_target *target, cons
 
 // Marks the near clusters, and rows, of the narrow phase.
 static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                        const hfx_surface_places *given, const hfx_groups *groups) {
+                        const hfx_surface_places *surface, const hfx_groups *groups) {
   double steepest = hfx_steepest(target);
   int64_t rows = target->rows;
   for (int64_t k = 0; k < broad->near_count; k++) {
@@ -275,7 +275,7 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
       if (flags[n] && is_simple(broad, target, bones, groups, steepest, c, n)) flags[n] |= SIMPLE;
   }
   for (int64_t n = 1; n < rows && isfinite(broad->edge_m); n++)
-    if (broad->follows[n]) follow(broad, target, bones, given, steepest, n);
+    if (broad->follows[n]) follow(broad, target, bones, surface, steepest, n);
   for (int64_t k = 0; k < broad->near_count; k++) {
     uint8_t *flags = broad->flags + broad->near[k] * rows;
     for (int64_t n = 0; n < rows; n++) {
@@ -289,16 +289,16 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
 // Lists the pairs of a cluster and a row of the narrow phase; see contacts.begin. `bones` are filled
 // in as far as they matter; `groups` are known for clusters that are met where the volume falls off. `pairs`
 // have room for all rows of the near clusters. Of the pairs' clusters, each once, ascending: all;
-// those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near
+// those whose skin is covered or followed; those whose vertices suffice: `lists` has room for all near
 // clusters thrice; `counts` are theirs, and the most steps of any pair.
 HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
-                          hfx_bones *bones, uint8_t *is_used, const hfx_surface_places *given,
+                          hfx_bones *bones, uint8_t *is_used, const hfx_surface_places *surface,
                           const hfx_groups *groups, hfx_pairs *pairs, int64_t *lists,
                           int64_t *counts) {
   int64_t rows = target->rows, p = 0;
   for (int i = 0; i < 4; i++) counts[i] = 0;
-  if (!given) find_matrices(broad, target, pose, bones, is_used);
-  find_needed(broad, target, bones, given, groups);
+  if (!surface) find_matrices(broad, target, pose, bones, is_used);
+  find_needed(broad, target, bones, surface, groups);
   for (int64_t k = 0; k < broad->near_count; k++) {
     int64_t c = broad->near[k], is_in[3] = {0, 0, 0};
     for (int64_t n = 0; n < rows; n++) {
@@ -310,7 +310,7 @@ HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_
       pairs->clusters[p] = c, pairs->rows[p] = n, pairs->how[p] = how;
       pairs->steps[p] = is_followed;
       if (is_followed && angle > 0.0)
-        pairs->steps[p] = steps_for(angle, moved_m(broad, target, bones, n, given, c), broad->edge_m);
+        pairs->steps[p] = steps_for(angle, moved_m(broad, target, bones, n, surface, c), broad->edge_m);
       if (pairs->steps[p] > counts[3]) counts[3] = pairs->steps[p];
       is_in[0] = 1, is_in[1] |= is_followed || how == HFX_COVERED, is_in[2] |= how == HFX_BY_VERTEX;
       p++;

@@ -60,10 +60,10 @@ HFX_EXPORT int64_t hfx_bone_boxes(const hfx_bound *model, uint8_t *is_there, dou
 // See hfx_cluster: its arrays for some clusters, one after the other. `column` holds a number for
 // each bone.
 HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
-                         const int64_t *pair_bones, int64_t asked, const int64_t *clusters,
+                         const int64_t *pair_bones, int64_t requested, const int64_t *clusters,
                          int64_t *column, int64_t *entry_bones, double *weights, int64_t *firsts,
                          double *rest, double *moved) {
-  for (int64_t k = 0; k < asked; k++) {
+  for (int64_t k = 0; k < requested; k++) {
     int64_t c = clusters[k], first = pair_starts[c], bones = pair_starts[c + 1] - first;
     int64_t start = model->starts[c], places = model->starts[c + 1] - start, entry = 0;
     memset(moved, 0, (size_t)(6 * bones) * sizeof *moved);
@@ -130,12 +130,12 @@ static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *
   }
 }
 
-// The same of some clusters, whose distances begin at the first of `starts` (2, asked + 1), and whose
+// The same of some clusters, whose distances begin at the first of `starts` (2, requested + 1), and whose
 // differences at the second. `room` holds 2 numbers for each bone of any of them.
-HFX_EXPORT void hfx_find_links(const hfx_table *table, const hfx_cluster *clusters, int64_t asked,
+HFX_EXPORT void hfx_find_links(const hfx_table *table, const hfx_cluster *clusters, int64_t requested,
                                const int64_t *numbers, const int64_t *starts, double *room,
                                double *distances, double *differences) {
-  for (int64_t k = 0; k < asked; k++)
+  for (int64_t k = 0; k < requested; k++)
     links_of(table, numbers[k], clusters + numbers[k], room, distances + starts[k],
-             differences + starts[asked + 1 + k]);
+             differences + starts[requested + 1 + k]);
 }

@@ -147,10 +147,10 @@ static double share_out(const hfx_table *table, const hfx_spacing *spacing, int6
 // known of the quads of a cluster; `areas` and `cells` hold numbers for a cluster's units and cells,
 // `counts` for its cells.
 HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
-                            const hfx_spacing *spacing, int64_t asked, const int64_t *clusters,
+                            const hfx_spacing *spacing, int64_t requested, const int64_t *clusters,
                             int64_t samples, int64_t *place, int64_t *balance, extent *extents,
                             double *areas, double *cells, int64_t *counts) {
-  for (int64_t k = 0; k < asked; k++) {
+  for (int64_t k = 0; k < requested; k++) {
     int64_t c = clusters[k], start = table->starts[c], end = start + table->unit_counts[c];
     int64_t first = table->cell_starts[c], count = table->cell_starts[c + 1] - first;
     int64_t quad = table->quad_starts[start], most = 1;
@@ -183,9 +183,9 @@ HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
 }
 
 // Writes the samples of the quads of these clusters, as hfx_fill left them.
-HFX_EXPORT void hfx_place_samples(const hfx_table *table, int64_t asked, const int64_t *clusters) {
+HFX_EXPORT void hfx_place_samples(const hfx_table *table, int64_t requested, const int64_t *clusters) {
   int64_t room = table->room;
-  for (int64_t k = 0; k < asked; k++) {
+  for (int64_t k = 0; k < requested; k++) {
     int64_t start = table->starts[clusters[k]], end = start + table->unit_counts[clusters[k]];
     for (int64_t u = start; u < end; u++)
       for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {

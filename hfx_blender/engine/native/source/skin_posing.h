@@ -25,10 +25,10 @@ static inline double hfx_stretch(const double *m, int width) {
 }
 
 // The matrix of a bone of `all` in a pose, rest to target space, (3, 4); any other rests.
-static inline void hfx_find_matrix(const double *posed, int64_t all, int64_t bone,
+static inline void hfx_find_matrix(const double *posed, int64_t posed_bones, int64_t bone,
                                    const double *target, double *matrix) {
   static const double rest[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-  const double *m = bone < 0 || bone >= all ? rest : posed + 12 * bone;
+  const double *m = bone < 0 || bone >= posed_bones ? rest : posed + 12 * bone;
   for (int i = 0; i < 3; i++, matrix += 4, target += 4) {
     for (int j = 0; j < 4; j++) matrix[j] = target[0] * m[j] + target[1] * m[4 + j] + target[2] * m[8 + j];
     matrix[3] += target[3];
@@ -173,8 +173,7 @@ static inline double hfx_moved_squared(const double *earlier, const double *late
   return squared;
 }
 
-// Largest distance that anything in boxes that bones move can have moved from one row to another. A
-// pair is a bone and a box.
+// Largest motion of anything in boxes that bones move, from one row to another. A pair: a bone and a box.
 static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64_t after,
                                    const double *linear, int width, int64_t first, int64_t last,
                                    const int64_t *pair_bones, const double *centres,
@@ -205,8 +204,7 @@ static inline double hfx_apart(const double *matrix, const hfx_two *mean, const 
   return sqrt(squared);
 }
 
-// No less than the mean distance of any cell's skin of a group from its vertex, in the matrices of a
-// row.
+// No less than the mean distance of any cell's skin of a group from its vertex, in a row's matrices.
 static inline double hfx_group_mean(const hfx_groups *known, int64_t group, const int64_t *slots,
                                     const double *matrices, const double *stretches) {
   int64_t first = known->starts[group], last = known->starts[group + 1];
