@@ -48,11 +48,7 @@ _AMPLITUDE_M_S2: Final = 10.0
 _FREQUENCY_HZ: Final = 150.0
 
 
-def import_node_map(
-    path: Path,
-    device_id: str,
-    folder: Path | None = None,
-) -> Path:
+def import_node_map(path: Path, device_id: str) -> Path:
     """Make a configuration of a node map, and keep it with the user's own devices.
 
     An actuator layout of Unitouch Studio is known by its content and taken as well. Every node
@@ -68,7 +64,7 @@ def import_node_map(
     """
     if not re.fullmatch(ID_PATTERN, device_id):
         raise InputError(f"'{device_id[:80]}' is no name for a device; allowed: {ID_DESCRIBED}.")
-    made = (folder or resources.user_devices()) / f"{device_id}.json"
+    made = resources.user_devices() / f"{device_id}.json"
     if made.exists():
         raise InputError(f"{made}: exists already; choose another name.")
     document = read(path)

@@ -8,7 +8,6 @@ parameter of its strength (of a temperature: its deviation from neutral).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import pairwise
@@ -37,6 +36,7 @@ from .checking import (
     Text,
     check,
     clean,
+    encoded,
     parse,
     read_bytes,
     refuse_errors,
@@ -134,13 +134,13 @@ def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
         header = _header(track.header)
         if is_compact:
             encoder = jsonl_compact.CompactEncoder(header)
-            file.write(_line(encoder.header))
+            file.write(encoded(encoder.header))
             for each in _entries(track):
-                file.write(_line(encoder.line(each)))
+                file.write(encoded(encoder.line(each)))
             return
-        file.write(_line(header))
+        file.write(encoded(header))
         for each in _entries(track):
-            file.write(_set_line(each) if isinstance(each, SetEntry) else _line(each.line()))
+            file.write(_set_line(each) if isinstance(each, SetEntry) else encoded(each.line()))
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:
@@ -232,10 +232,6 @@ def _texts_of_weights() -> npt.NDArray[np.uint64]:
 def _table(texts: list[str]) -> npt.NDArray[np.uint64]:
     """Table of texts of at most 8 bytes, zero-padded, as integers for fast look-up."""
     return np.array(texts, "S8").view(np.uint64)
-
-
-def _line(value: dict[str, Any]) -> bytes:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
 
 
 def validate(content: bytes, name: str) -> list[Finding]:

@@ -33,6 +33,11 @@ NODES = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def users_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path / "devices"))
+
+
 @pytest.fixture
 def written(tmp_path: Path):
     def write(nodes: Any, **others: Any) -> Path:
@@ -43,10 +48,10 @@ def written(tmp_path: Path):
     return write
 
 
-def test_a_node_map_becomes_a_device_that_fits(written: Any, tmp_path: Path) -> None:
-    made = import_node_map(written(NODES), "my_vest", tmp_path / "devices")
+def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
+    made = import_node_map(written(NODES), "my_vest")
     assert check(made) == []
-    device = load_device("my_vest", tmp_path / "devices")
+    device = load_device("my_vest")
     assert [each.id for each in device.actuators] == ["node_1", "node_2", "node_3", "node_4"]
     front, back, arm, head = (each.place for each in device.actuators)
     assert front.centre_m[0] > 0.0 > front.centre_m[1], "the wearer's left, in front"
@@ -87,15 +92,15 @@ def test_what_is_no_node_map_is_told_and_nothing_is_written(
     written: Any, tmp_path: Path, wrong: Any, told: str
 ) -> None:
     with pytest.raises(InputError, match=told):
-        import_node_map(written(wrong), "x", tmp_path / "devices")
+        import_node_map(written(wrong), "x")
     assert not (tmp_path / "devices").exists()
 
 
-def test_names_are_checked_and_nothing_is_overwritten(written: Any, tmp_path: Path) -> None:
+def test_names_are_checked_and_nothing_is_overwritten(written: Any) -> None:
     path = written(NODES)
     for name in ("", "../x", "A", "a b"):
         with pytest.raises(InputError, match="no name"):
-            import_node_map(path, name, tmp_path)
-    import_node_map(path, "one", tmp_path)
+            import_node_map(path, name)
+    import_node_map(path, "one")
     with pytest.raises(InputError, match="exists already"):
-        import_node_map(path, "one", tmp_path)
+        import_node_map(path, "one")

@@ -36,11 +36,13 @@ def layout(**others: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def imported(tmp_path: Path):
+def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path / "devices"))
+
     def make(content: Any, name: str = "cube"):
         path = tmp_path / "layout.json"
         path.write_text(json.dumps(content))
-        made = import_node_map(path, name, tmp_path / "devices")
+        made = import_node_map(path, name)
         assert check(made) == []
         return load_device(name, made.parent)
 

@@ -205,20 +205,22 @@ def test_points_that_are_no_numbers_are_outside(rng):
 
 
 def slow_distance(point, corners):
-    """Distance to triangles (F, 3, 3), one by one: quadratic programme by cases, plain floats."""
-    best = np.inf
-    for a, b, c in corners:
-        normal = np.cross(b - a, c - a)
-        size = np.linalg.norm(normal)
-        if size > 0.0:
-            foot = point - normal / size * ((point - a) @ normal / size)
-            areas = [np.cross(q - p, foot - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
-            if min(areas) >= 0.0:
-                best = min(best, np.linalg.norm(point - foot))
-        for p, q in ((a, b), (b, c), (c, a)):
-            along = q - p
-            share = (point - p) @ along / (along @ along) if along @ along > 0.0 else 0.0
-            best = min(best, np.linalg.norm(point - p - min(max(share, 0.0), 1.0) * along))
+    """Distance to triangles (F, 3, 3): to each plane where its foot is inside, and to each edge."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    sides = ((a, b), (b, c), (c, a))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    unit = normal / np.where(size > 0.0, size, 1.0)[:, None]
+    foot = point - unit * ((point - a) * unit).sum(axis=1, keepdims=True)
+    areas = [(np.cross(q - p, foot - p) * normal).sum(axis=1) for p, q in sides]
+    inside = (size > 0.0) & (np.min(areas, axis=0) >= 0.0)
+    best = np.linalg.norm(point - foot, axis=1)[inside].min(initial=np.inf)
+    for p, q in sides:
+        along = q - p
+        square = (along * along).sum(axis=1)
+        share = ((point - p) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0)
+        place = p + np.clip(share, 0.0, 1.0)[:, None] * along
+        best = min(best, np.linalg.norm(point - place, axis=1).min())
     return best
 
 
