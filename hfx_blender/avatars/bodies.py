@@ -20,7 +20,7 @@ from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
-from . import avatar_meshes, body_binding, bone_table, retargeting
+from . import avatar_meshes, body_binding, bone_table, retargeting, skinned_mesh
 
 _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
@@ -277,11 +277,7 @@ def _skin(
     mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
     armature.users_collection[0].objects.link(skin)
-    weights = avatar.weights
-    groups = [skin.vertex_groups.new(name=bone) for bone in avatar.skeleton.bone_names]
-    owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
-    for vertex, bone, value in zip(owners, weights.bones, weights.values, strict=True):
-        groups[bone].add([int(vertex)], float(value), "REPLACE")
+    skinned_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
     skin.parent = armature
     modifier = skin.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
@@ -290,13 +286,11 @@ def _skin(
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
     """Make a mesh of the avatar in its rest pose, with its UV map."""
-    mesh = bpy.data.meshes.new(name)
-    faces = [[int(v) for v in face if v >= 0] for face in avatar.faces]
-    mesh.from_pydata(avatar.vertices.tolist(), [], faces)
+    mesh = skinned_mesh.mesh_of(name, avatar.vertices, avatar.faces)
     layer = mesh.uv_layers.new(name="UVMap")
     corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
     layer.data.foreach_set("uv", corners.ravel())
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), np.bool_))
+    mesh.shade_smooth()
     mesh.update()
     return mesh
 

@@ -166,7 +166,8 @@ def check_numbers(options: argparse.Namespace) -> None:
             continue
         for value in found if isinstance(found, tuple) else (found,):
             if not low <= value <= high:
-                raise UsageError(f"--{option} {value:g}: expected {low:g} to {high:g}{unit}")
+                allowed = f"{low:.10g} to {high:.10g}{unit}"
+                raise UsageError(f"--{option} {value:.10g}: expected {allowed}")
 
 
 def _map(path: Path) -> TextureSource:

@@ -34,7 +34,8 @@ class Quality:
 
 _TABLE: Final = (
     (Quality(scale=1.6), "coarse, big, large, chunky, thick, wide, broad, bulky, heavy, giant,"
-     " huge, oversized, loose, loosely, open, enlarged, heavyweight, spaced"),
+     " huge, oversized, loose, loosely, open, enlarged, heavyweight, spaced, enormous, gigantic,"
+     " massive, colossal, immense"),
     (Quality(scale=0.6), "fine, small, tiny, narrow, tight, tightly, dense, densely, delicate,"
      " thin, little, miniature, lightweight, micro, finely, compact, minute"),
     (Quality(depth=1.7), "deep, pronounced, rugged, bumpy, raised, embossed, prominent, strong,"
@@ -42,11 +43,12 @@ _TABLE: Final = (
      " groove, crack, split, furrowed, wavy, wrinkled, gouged, chiselled, carve, engraved,"
      " tactile, bold, sculpted, crevice, furrow, relief, irregular, bump, deeply, strongly,"
      " jagged, corrugated, edgy, undulating, pit, scratched, scored, dented, hammered, chipped,"
-     " broken, crumpled, creased, crinkled, porous, peeling, flaking, splintered, knurled"),
+     " broken, crumpled, creased, crinkled, porous, peeling, flaking, splintered, knurled,"
+     " pebbled, fluffy, dent"),
     (Quality(depth=0.6), "shallow, flat, subtle, faint, slight, even, level, low, gentle, muted,"
      " weak, flattened, ironed, evened, uniform, shallowly, gently, softened"),
     (Quality(depth=1.6, roughness=0.15), "rough, harsh, scratchy, coarsened, raw, unfinished,"
-     " untreated, prickly, unpolished, unsanded, roughened, bristly, abrasively"),
+     " untreated, prickly, unpolished, unsanded, roughened, bristly, abrasively, gritty"),
     (Quality(depth=0.6, roughness=-0.15), "smooth, sleek, slippery, smoothly, smoothed, satiny"),
     (Quality(depth=0.5, roughness=-0.3, wear=0.3), "polished, glossy, shiny, varnished, lacquered,"
      " waxed, oiled, buffed, glazed, honed, burnished, gleaming, lustrous, mirror, planed, glassy,"

@@ -44,6 +44,8 @@ _BESIDE: Final = 1.5  # less, of what a thing has or lies on
 _MOST_DEGREE: Final = 6.0
 """However often "very" is said: about four times."""
 
+_LISTED: Final = 200  # letters of unknown words in a message
+
 _SIZES_M: Final = (5e-5, 0.5)
 """Sizes and depths of features that a finger can tell on a surface."""
 
@@ -112,8 +114,8 @@ class Wish:
         kind = max(KINDS, key=lambda name: (scores[name], last[name]))
         if scores[kind] == 0.0:
             raise InputError(
-                "No word names a material that the library has anything near to; it knows words "
-                f"for {', '.join(KINDS)}" + _listed(self.unknown)
+                "No word names a material that the library has anything near to; it knows English "
+                f"words for {', '.join(KINDS)}" + _listed(self.unknown)
             )
         mine = [each for each in self.materials if each.meaning.kind == kind]
         tints = [each.word for each in self.materials if each.word in COLOURS and each not in mine]
@@ -149,7 +151,8 @@ def read_words(text: str, negative: str = "") -> Wish:
 
 
 def _listed(unknown: list[str]) -> str:
-    return f". Not known: {', '.join(unknown)}." if unknown else "."
+    text = ", ".join(unknown)
+    return f". Not known: {text[:_LISTED]}{' ...' * (len(text) > _LISTED)}." if unknown else "."
 
 
 class _Reader:
@@ -285,9 +288,12 @@ class _Reader:
             return True
         following = self._words[place + 1 : place + 2]
         other = base_form(following[0], WORDS) if following else None
-        if other is not None:
-            return WORDS[other].kind != WORDS[word].kind and WORDS[other].weight >= 2
-        return bool(following) and following[0] in COLOURS
+        if other is None:
+            return bool(following) and following[0] in COLOURS
+        own, thing = WORDS[word], WORDS[other]
+        # A gate can be of oak, a dress of copper is only coloured so.
+        is_made_of_it = thing.weight < own.weight and thing.kind != "fabric"
+        return thing.kind != own.kind and thing.weight >= 2 and not is_made_of_it
 
     def _colour(self, word: str) -> None:
         if not self._is_unwanted:
@@ -317,7 +323,8 @@ class _Reader:
             self._wish.understood[word] = f"no {meaning.kind}"
             self._is_unwanted = False
             return
-        weight = 0.0 if self._is_aside and not self._is_reference else meaning.weight + self._bonus
+        is_aside = (self._is_aside and not self._is_reference) or self._is_shade(place)
+        weight = 0.0 if is_aside else meaning.weight + self._bonus
         named = NamedMaterial(word, place, meaning, weight, self._is_reference)
         self._wish.materials.append(named)
         self._wish.understood[word] = meaning.kind
@@ -325,6 +332,11 @@ class _Reader:
         if word in QUALITIES:
             self._wish.add(QUALITIES[word], self._degree)
         self._degree = 1.0
+
+    def _is_shade(self, place: int) -> bool:
+        """Test for a material that only tells which grey it is: "stone grey carpet"."""
+        following = self._words[place + 1 : place + 2]
+        return bool(following) and following[0] in COLOURS and following[0] not in WORDS
 
     def _unknown(self, place: int, word: str) -> None:
         for known in (WORDS, QUALITIES):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 import unicodedata
 from collections.abc import Container, Iterable
@@ -12,6 +13,10 @@ from typing import Final
 _TOKEN: Final = re.compile(r"[a-z]+|[^\W\d_a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
 _POSSESSIVE: Final = re.compile(r"(?<=[a-z])['\N{RIGHT SINGLE QUOTATION MARK}]s?\b")
 _LEAST_FUZZY: Final = 5  # letters
+_LEAST_GUESSED: Final = 7
+"""Letters of a word of which any may be wrong: shorter ones are soon other words (stand, steep)."""
+
+_ALIKE: Final = 0.85
 _ENDINGS: Final = (
     ("ies", "y"), ("ves", "f"), ("es", ""), ("s", ""), ("ier", "y"), ("iest", "y"),
     ("est", "e"), ("est", ""), ("er", "e"), ("er", ""), ("ing", "e"), ("ing", ""), ("ed", "e"),
@@ -44,9 +49,19 @@ def base_form(word: str, known: Container[str]) -> str | None:
 
 
 def nearest_form(word: str, known: Iterable[str]) -> str | None:
-    """Known word that a misspelt one is likely to mean."""
+    """Known word that a misspelt one is likely to mean.
+
+    Of short words only slips of typing are mended: neighbours swapped, a letter doubled or not.
+    """
     if len(word) < _LEAST_FUZZY:
         return None
     alike = [each for each in known if abs(len(each) - len(word)) <= 1 and each[0] == word[0]]
-    found = difflib.get_close_matches(word, alike, 1, 0.8)
+    swapped = {word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)}
+    found = [each for each in alike if each in swapped or _undoubled(each) == _undoubled(word)]
+    if not found and len(word) >= _LEAST_GUESSED:
+        found = difflib.get_close_matches(word, alike, 1, _ALIKE)
     return found[0] if found else None
+
+
+def _undoubled(word: str) -> str:
+    return "".join(letter for letter, _ in itertools.groupby(word))

@@ -37,8 +37,11 @@ from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped_reading import SteppedReading
 
-BLOCK_SIZE = 32
+BLOCK_SIZE = 64
 """Times in a block; blocks start at multiples of it, so that results do not depend on the range."""
+
+_STEPPED_SIZE = 32
+"""The same at most where Blender is stepped: evaluation waits for less, and so does who cancels."""
 
 _PROBES = 5
 
@@ -269,7 +272,8 @@ class SceneReader:
             own = None
             if self._instances.descriptions:
                 own = stack.enter_context(self._instances.stepper())
-            for indices in _contiguous_blocks(wanted):
+            size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
+            for indices in _contiguous_blocks(wanted, size):
                 first = int(indices[0])
                 history = int(self._has_history(first))
                 future = int(self._with_velocities and self._is_in_scene(int(indices[-1]) + 1))
@@ -453,7 +457,7 @@ def _same(row: Row, block: AnimationBlock) -> bool:
     return True
 
 
-def _contiguous_blocks(indices: I64) -> Iterator[I64]:
+def _contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
     """Runs without gaps, cut at multiples of the block size."""
-    cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % BLOCK_SIZE == 0)) + 1
+    cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % size == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))

@@ -35,6 +35,10 @@ def test_nine_of_ten_wishes_find_their_kind() -> None:
         ("a wool coat with brass buttons", "fabric"),
         ("loose ballast between railroad ties", "gravel"),
         ("gravle", "gravel"),
+        ("an oak gate", "wood"),  # made of it
+        ("a copper dress", "fabric"),  # a colour before a thing that is sewn
+        ("stone grey carpet", "fabric"),
+        ("pebbled leather", "fabric"),
         ("cobblestone alley", "gravel"),  # spelt nearly like alloy
         ("parquet floor, herringbone, worn", "wood"),  # a pattern
         ("Crêpe de Chine", "fabric"),
@@ -51,6 +55,13 @@ def test_unwanted_kinds_are_left_out_and_unknown_words_are_listed() -> None:
     assert wish.unknown == ["flurbish", "zworp"]
     with pytest.raises(InputError, match=r"names a material.*gravel, metal.*zworp"):
         library_search.generate("zworp")
+
+
+def test_english_words_are_no_misspellings_of_materials() -> None:
+    everyday = "stand steep stock paint plane stack plate string banana concert matters".split()
+    assert read_words("gravel " + " ".join(everyday)).unknown == everyday
+    for slip in ("gravle", "mettal", "corderoy", "aluminimum"):
+        assert not read_words(slip).unknown
 
 
 def test_degrees_and_denials_steer_by_their_sign() -> None:
