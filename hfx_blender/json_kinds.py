@@ -5,12 +5,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from .errors import InputError
-
-if TYPE_CHECKING:
-    from .devices.strict_json import Node
 
 _MARKS: Final = ("format", "schema")
 
@@ -29,11 +26,11 @@ _TITLES: Final = {
 _MOST_BYTES: Final = 64 << 20
 
 
-def refuse_another(document: Node, own: str) -> None:
-    """Raise InputError if a document is of another kind than its reader's ``own``."""
-    mark = _mark_of(document.value)
+def refuse_another(document: Any, file: str, own: str) -> None:
+    """Raise InputError if the document of a file is of another kind than its reader's ``own``."""
+    mark = _mark_of(document)
     if mark not in ("", own):
-        raise InputError(f"{document.file}: is {_TITLES[mark]}, expected {_TITLES[own]}.")
+        raise InputError(f"{file}: is {_TITLES[mark]}, expected {_TITLES[own]}.")
 
 
 def title_of(path: Path) -> str:

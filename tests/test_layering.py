@@ -23,6 +23,7 @@ SHARED = {
     "file_limits",
     "file_suffixes",
     "import_path",
+    "json_kinds",
     "own_processes",
     "printable",
     "sentences",

@@ -167,7 +167,7 @@ def text_of(sensation: Sensation) -> str:
 
 
 def _sensation(node: Node) -> Sensation:
-    refuse_another(node, SCHEMA)
+    refuse_another(node.value, node.file, SCHEMA)
     top = node.members(required=("schema", "version", "name", "effects"), optional=("description",))
     top["schema"].choice((SCHEMA,))
     top["version"].integer(VERSION, VERSION)

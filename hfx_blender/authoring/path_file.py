@@ -54,7 +54,7 @@ def load(path: Path) -> PathRecipe:
 
 def recipe_of(document: Node) -> PathRecipe:
     """Read a path from a parsed document."""
-    refuse_another(document, SCHEMA)
+    refuse_another(document.value, document.file, SCHEMA)
     top = document.members(
         required=("schema", "version", "name", "kind", "points_m"),
         optional=("description", "closed", "motion"),

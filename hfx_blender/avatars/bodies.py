@@ -109,7 +109,7 @@ def adding_body(
 
     fit = yield from fitting(armature, meshes, mapping)
     retargeting.store(armature, fit)
-    bone_table.keep(armature, mapping)
+    bone_table.keep(armature, mapping, is_automatic=not bone_table.is_corrected(armature))
     mark_body(armature, fit.meshes)
     return [*fit.notes, *fit.warnings]
 

@@ -90,14 +90,12 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
     _write(armature, found.convention, found.bones, found.bones | kept)
 
 
-def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
-    """Show the mapping of a fit, without losing corrections."""
-    found = mapping.bones
-    if is_corrected(armature):
-        try:
-            found = automatic(armature).bones
-        except InputError:
-            found = {}
+def keep(armature: bpy.types.Object, mapping: BoneMapping, *, is_automatic: bool = False) -> None:
+    """Show a mapping; what of it is not automatic, unless all is, are corrections."""
+    try:
+        found = (mapping if is_automatic else automatic(armature)).bones
+    except InputError:
+        found = {}
     _write(armature, mapping.convention, found, mapping.bones)
 
 

@@ -25,7 +25,7 @@ def facts_of_report(path: Path) -> dict[str, Any]:
         It is none.
     """
     document = read(path, _MOST_BYTES)
-    refuse_another(document, "report")
+    refuse_another(document.value, document.file, "report")
     members = document.entries(allowed="an export's report")
     if "scene" not in members or "files" not in members:
         raise InputError(f"{path}: is not a report of an export: it has no 'scene' or no 'files'.")

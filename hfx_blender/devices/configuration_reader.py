@@ -69,7 +69,7 @@ def device_from(document: Node) -> DeviceConfig:
     InputError
         For the first fault: file, place in it, what was found and what is allowed.
     """
-    refuse_another(document, SCHEMA)
+    refuse_another(document.value, document.file, SCHEMA)
     top = document.members(
         required=("schema", "version", "id", "name", "actuator_types", "actuators"),
         optional=(

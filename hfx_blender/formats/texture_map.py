@@ -99,7 +99,7 @@ def read(path: Path) -> HapticMap:
         A file is missing or damaged, the layers differ in size, or a value means nothing.
     """
     document = read_json(path)
-    refuse_another(document, _FORMAT)
+    refuse_another(document.value, document.file, _FORMAT)
     members = document.members(_REQUIRED, _OPTIONAL)
     if members["format"].value != _FORMAT:
         members["format"].fail(f'"{_FORMAT}"')

@@ -150,7 +150,7 @@ def read(path: Path) -> GeneratedFiles:
         A file is missing or damaged, or is no longer the one that the record names.
     """
     document = read_json(path, _MOST_BYTES)
-    refuse_another(document, FORMAT)
+    refuse_another(document.value, document.file, FORMAT)
     entries = document.entries(allowed="an object")
     for key in ("format", "version", "name", "size_mm", "height_mm", "tiles", "files"):
         if key not in entries:

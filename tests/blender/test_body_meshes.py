@@ -21,7 +21,13 @@ from mathutils import Matrix  # noqa: E402
 from mathutils.bvhtree import BVHTree  # noqa: E402
 from own_avatar import mark, opened  # noqa: E402
 
-from hfx_blender.avatars import avatar_meshes, bodies, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import (  # noqa: E402
+    avatar_meshes,
+    bodies,
+    body_binding,
+    bone_table,
+    retargeting,
+)
 
 MODEL_ID = "hfx-temperature-1"
 
@@ -177,7 +183,7 @@ def test_the_selected_meshes_are_fitted_to_as_one_body(scene: Any) -> None:
 
 
 def test_what_is_seen_is_taken_and_the_rest_is_named(
-    anna: tuple[Any, Any], capfd: pytest.CaptureFixture[str]
+    anna: tuple[Any, Any], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig, skin = anna
     for _ in range(2):  # more vertices than the skin has: size must not decide
@@ -190,7 +196,11 @@ def test_what_is_seen_is_taken_and_the_rest_is_named(
     assert sorted(chosen(rig)) == ["Body", "Hands", "Head", "Jacket"]
     rig.hfx.felt_layer = "SKIN"
     assert chosen(rig)[0] == "Body" and sorted(chosen(rig)) == ["Body", "Hands", "Head"]
+    searched: list[object] = []
+    real = bone_table.map_bones
+    monkeypatch.setattr(bone_table, "map_bones", lambda *a: searched.append(a) or real(*a))
     mark(rig)
+    assert len(searched) == 1  # for the choice of meshes, the fit and the table
     told = capfd.readouterr().out
     assert "left out, as they show no skin: 'Eyes' and 'Hair' and 'Hair.001' and 'Jacket'" in told
     # Another layer chosen since: the same button takes other meshes.

@@ -184,6 +184,20 @@ def test_scenes_without_instances_are_read_as_before(ball: Any) -> None:
     assert reader.stepping_note == "sampled F-curves, stepped no scene"
 
 
+def test_an_instancer_of_muted_volumes_alone_rests_while_the_scene_is_stepped(ball: Any) -> None:
+    _empty("Here", BELLY)
+    quiet = ball.copy()
+    quiet.name, quiet.hfx.is_muted = "Quiet", True
+    bpy.data.collections.new("Away").objects.link(quiet)
+    objects = bpy.data.objects
+    _empty("There", BELLY).instance_collection = bpy.data.collections["Away"]
+    reader = SceneReader(bpy.context.scene)
+    with reader._instances.stepper():
+        assert objects["There"].hide_viewport and not objects["Here"].hide_viewport
+    assert not objects["There"].hide_viewport
+    assert reader.counters.skipped == {"Quiet": "is muted"}
+
+
 def test_live_feels_instances_as_they_stand(ball: Any) -> None:
     from hfx_blender.engine.tolerance import STANDARD
 

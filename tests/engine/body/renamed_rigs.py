@@ -63,6 +63,29 @@ def _biped(prefix: str, between: str) -> dict[str, str]:
     return prefixed(prefix, table)
 
 
+def _mgear() -> dict[str, str]:
+    """Limbs of two parts each, all counted; the fingers beside a thumb with a name of its own."""
+    found = {
+        **named(
+            "root=spine_C0_0_jnt;spine03=spine_C0_1_jnt;spine01=spine_C0_2_jnt;"
+            "neck01=neck_C0_0_jnt;head=neck_C0_head_jnt",
+            "shoulder_*0_shoulder_jnt;arm_*0_0_jnt;arm_*0_2_jnt;arm_*0_end_jnt;"
+            "leg_*0_0_jnt;leg_*0_2_jnt;leg_*0_end_jnt;foot_*0_0_jnt",
+            "-;-;-;-;-",
+            _UPPER,
+        ),
+        **_numbered_fingers(
+            "finger_*#_jnt", "-,-,-;0_0,0_1,0_2;1_0,1_1,1_2;2_0,2_1,2_2;3_0,3_1,3_2", _UPPER
+        ),
+    }
+    parts = {"upperarm": "arm_{}0_1", "lowerarm": "arm_{}0_3"}
+    parts |= {"upperleg": "leg_{}0_1", "lowerleg": "leg_{}0_3"}
+    for side in _UPPER:
+        found |= {f"{limb}02.{side}": part.format(side) + "_jnt" for limb, part in parts.items()}
+        found |= {f"finger1-{k + 1}.{side}": f"thumb_{side}0_{k}_jnt" for k in range(3)}
+    return found
+
+
 RENAMED: dict[str, dict[str, str]] = {
     "joints of fingers are letters": {
         **named(
@@ -397,4 +420,34 @@ RENAMED: dict[str, dict[str, str]] = {
         "*_thumb#;*_index#;*_middle#;*_ring#;*_pinky#",
         LOW,
     ),
+    "mgear": _mgear(),
+    "mgear, limbs of three joints": {
+        **named(
+            "root=spine_C0_0_jnt;spine03=spine_C0_1_jnt;spine01=spine_C0_2_jnt;"
+            "neck01=neck_C0_0_jnt;head=head_C0_0_jnt",
+            "shoulder_*0_0_jnt;arm_*0_0_jnt;arm_*0_1_jnt;arm_*0_2_jnt;"
+            "leg_*0_0_jnt;leg_*0_1_jnt;leg_*0_2_jnt;foot_*0_0_jnt",
+            "-;-;-;-;-",
+            _UPPER,
+        ),
+        **_numbered_fingers(
+            "finger_*#_jnt", "0_0,0_1,0_2;1_0,1_1,1_2;2_0,2_1,2_2;3_0,3_1,3_2;4_0,4_1,4_2", _UPPER
+        ),
+    },
+    "fingers that start": {
+        **named(
+            "root=hips_joint;spine04=spine_1_joint;spine02=spine_4_joint;spine01=spine_7_joint;"
+            "neck01=neck_1_joint;head=head_joint",
+            "*_shoulder_1_joint;*_arm_joint;*_forearm_joint;*_hand_joint;*_upLeg_joint;"
+            "*_leg_joint;*_foot_joint;*_toes_joint",
+            "-;*_handIndex_#_joint;*_handMid_#_joint;*_handRing_#_joint;*_handPinky_#_joint",
+            ("left", "right"),
+        ),
+        **_numbered_fingers("*_handThumb#_joint", "Start,_1,_2", ("left", "right")),
+        **{
+            f"metacarpal{k}.{side[0].upper()}": f"{side}_hand{finger}Start_joint"
+            for side in ("left", "right")
+            for k, finger in enumerate(("Index", "Mid", "Ring", "Pinky"), start=1)
+        },
+    },
 }

@@ -30,8 +30,10 @@ _NEXT: Final = (
     ("upperleg01", "lowerleg01"),
     ("lowerleg01", "foot"),
 )
+_ENDS: Final = {"lowerarm01": ("upperarm01", "wrist"), "lowerleg01": ("upperleg01", "foot")}
 _ARM: Final = ("upperarm01", "lowerarm01")
 _LEG: Final = ("upperleg01", "lowerleg01")
+_STRAIGHT: Final = 0.8  # least cosine between parts of one limb
 _TRIED: Final = 4  # bones with the same joint's name
 _MAIN: Final = frozenset(
     ["head"]
@@ -103,8 +105,11 @@ class _Assignment(Digits):
         hand = self._take("hand", side) or (palm if len(palm) == 1 else [])
         upper = self._either(self._take("upper_arm", side), arm)
         if not fore:  # "Arm1", "Arm2", perhaps "Arm3" or a collar bone "Arm"
+            chain = self._hanging(upper)
             upper, fore, hand, rest = self._numbered(upper, fore, hand)
-            if rest and not clavicle and not shoulder:
+            if len(chain) > 3 or (rest and (clavicle or shoulder)):
+                fore = self._nearest_to(f"lowerarm01.{side}", chain, hand)
+            elif rest:
                 clavicle, upper, fore = upper, fore, rest
         if not upper and not clavicle:  # "Shoulder1", "Shoulder2"
             first, second, _, _ = self._numbered(shoulder, [], [])
@@ -124,7 +129,13 @@ class _Assignment(Digits):
         if not thigh and not hip and shin:  # leg and knee
             thigh, below = leg, shin
         elif not thigh and not shin and len(leg) > 1:  # "Leg1", "Leg2", perhaps "Leg3"
+            chain = self._hanging(leg)
             thigh, below, last, toe = self._numbered(leg, [], foot)
+            if foot and len(chain) > 2:
+                if self._turns_forward(chain, foot[0]):  # the foot's joint is the ball's
+                    self.slots.setdefault(("toe", side), foot)
+                    last, chain = chain[-1:], chain[:-1]
+                below = self._nearest_to(f"lowerleg01.{side}", chain, last)
             if not foot:
                 self.slots.setdefault(("toe", side), toe)
             foot = last
@@ -141,13 +152,34 @@ class _Assignment(Digits):
 
         The fourth list holds what is left over: toes, or the last of three above a hand.
         """
-        chain = first[:1]
-        for name in first[1:]:
-            if chain[-1] in self.rig.ancestors(name):
-                chain.append(name)
+        chain = self._hanging(first)
         if len(chain) < 2:
             return first, second, third, []
         return chain[:1], chain[1:2], third or chain[2:3], chain[2:3] if third else chain[3:4]
+
+    def _hanging(self, names: Sequence[str]) -> list[str]:
+        """Bones that hang on each other, from the first on."""
+        chain = list(names[:1])
+        for name in names[1:]:
+            if chain[-1] in self.rig.ancestors(name):
+                chain.append(name)
+        return chain
+
+    def _nearest_to(self, joint: str, chain: Sequence[str], end: Sequence[str]) -> list[str]:
+        """Bone of a limb of several parts, above its end, that begins nearest to a canonical
+        elbow or knee.
+        """
+        first, last = _ENDS[joint[:-2]]
+        own, ends = canonical_heads(), (self.rig.head(chain[0]), self.rig.head(end[0]))
+        side = joint[-2:]
+        wanted = _fraction(own[first + side], own[last + side], own[joint])
+        return [min(chain[1:], key=lambda n: abs(_fraction(*ends, self.rig.head(n)) - wanted))]
+
+    def _turns_forward(self, leg: Sequence[str], foot: str) -> bool:
+        """Test that the way from a leg's last bone to the foot leads forward, not down."""
+        down = self.rig.head(leg[-1]) - self.rig.head(leg[0])
+        way = self.rig.head(foot) - self.rig.head(leg[-1])
+        return bool(way @ down < _STRAIGHT * np.linalg.norm(way) * np.linalg.norm(down))
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
         """Unambiguous bones of a joint, then those that could belong to another."""
@@ -195,9 +227,11 @@ class _Assignment(Digits):
                 self.found |= {f"{first}.{side}": twists[0], f"{second}.{side}": main}
                 continue
             above = set(self.rig.ancestors(following))
+            counted = self._take("arm" if slot in ("upper_arm", "forearm") else "leg", side)
+            named = self._take(slot, side)[1:] + self._take(f"{slot}_twist", side)
             parts = [
                 name
-                for name in self._take(slot, side)[1:] + self._take(f"{slot}_twist", side)
+                for name in (*named, *counted)
                 if name in above and main in self.rig.ancestors(name)
             ]
             own = canonical_heads()

@@ -114,6 +114,12 @@ class Digits:
                 digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
                 first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
                 fingers.setdefault(first + from_zero, []).append(name)
+        if joints["thumb"] and not joints["index"] and len(fingers) > 1:
+            # mGear: "thumb_L0_1", then "finger_L0_1" of the index finger and so on.
+            if all(len(own) == 2 for own in numbers.values()):
+                for finger, number in zip(FINGERS[1:], sorted(fingers), strict=False):
+                    joints[finger] = self._outwards(fingers[number])
+                return
         if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb or two
             other = "middle" if joints["index"] else "index"
             joints[other] = joints[other] or bones
@@ -136,16 +142,22 @@ class Digits:
                 chains[int(own[0]) + 1].append(name)
         general = self._take("toe", side)
         paired = [name for name in general if len(self.names[name].numbers) == 2]
+        firsts = {int(self.names[name].numbers[0]) for name in paired}
+        if firsts == {0}:  # the only part of that name
+            paired = []
         for name in paired:
-            number = int(self.names[name].numbers[0])
+            number = int(self.names[name].numbers[0]) + (0 in firsts)
             if number in chains:
                 chains[number].append(name)
         base = [name for name in general if name not in paired]
         if self._take("lower_body", ""):  # the "toe" of MikuMikuDance is the toes' tip
             base = [name for name in base if self.names[name].rank < 0]
         feet = self._take("foot", side)
-        if not base and len(feet) == 2 and feet[0] in self.rig.ancestors(feet[1]):
-            base = feet[1:]  # SMPL: ankle and foot are joints, the foot's is the ball's
+        if len(feet) > 1 and feet[0] in self.rig.ancestors(feet[1]):
+            ankle, ball = (self.rig.head(name) for name in feet[:2])
+            tip = self.rig.head(base[0]) if base else ball
+            if np.linalg.norm(ball - ankle) >= np.linalg.norm(tip - ball):
+                base = feet[1:2]  # SMPL: ankle and foot are joints, the foot's is the ball's
         if not any(chains.values()):
             starts: dict[str, list[str]] = {}
             for name in base:

@@ -5,7 +5,7 @@ A joint is named by a set of words, in any order and glued or not: ``upper arm``
 ``ArmUpper``, ``upperarm`` and ``UPPER_ARM``. The words come from the public naming of Mixamo, Unity
 and VRM, VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman, the CMU motion capture
 files, Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced
-Skeleton and Second Life, and from anatomy.
+Skeleton, mGear and Second Life, and from anatomy.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ _SIDED_WORDS: Final = {
     "humerus, upper arm stretch, bicep, biceps",
     "upper_arm_twist": "shldr twist, upper arm twist, up arm twist, arm twist, shoulder part,"
     "shoulder twist",
-    "arm": "arm",  # the upper arm of Mixamo
+    "arm": "arm, arm div loc",  # the upper arm of Mixamo
     "forearm": "fore arm, f arm, lower arm, lo arm, low arm, fore arm stretch, fore arm bend,"
     "lower arm bend, elbow, radius, ulna",
     "forearm_twist": "fore arm twist, lower arm twist, low arm twist, fore twist, wrist twist,"
     "elbow part",
-    "hand": "hand, wrist, arm hand, fist",
+    "hand": "hand, wrist, arm hand, fist, arm end",
     "thigh": "thigh, up leg, upper leg, thigh stretch, thigh bend, femur, upper thigh",
     "thigh_twist": "thigh twist, up leg twist, upper leg twist, hip part",
-    "leg": "leg",  # the shin of Mixamo, the thigh beside a bone called knee
+    "leg": "leg, leg div loc",  # the shin of Mixamo, the thigh beside a bone called knee
     "hip": "hip, hips",
     "shin": "shin, calf, lower leg, lo leg, low leg, leg stretch, knee, tibia, crus",
     "shin_twist": "shin twist, calf twist, lower leg twist, leg twist, knee part",
-    "foot": "foot, ankle, leg foot, feet",
+    "foot": "foot, ankle, leg foot, feet, leg end",
     "toe": "toe, toes, toe base, toes base, ball, foot ball, foot toe, foot toes,"
     "leg digit, foot digit",
     "toe 1": "big toe",
@@ -127,6 +127,7 @@ def _finger_entries() -> dict[Words, str]:
                     found[frozenset((word, *around, *phalanx))] = f"finger {finger}"
             for marks in (
                 *(("metacarpal",), ("meta",), ("carpal",), ("in", "hand"), ("base",), ("palm",)),
+                ("start",),
                 *(("finger", "meta"), ("finger", "metacarpal")),
             ):
                 # The first joint of the thumb is its metacarpal in every rig.
