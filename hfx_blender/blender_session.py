@@ -15,6 +15,7 @@ from types import FrameType
 from typing import Any, Final
 
 from .errors import HfxError, InputError
+from .json_kinds import title_of
 
 _SYSTEM_PACKAGES = (
     "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
@@ -134,10 +135,12 @@ def open_blend(path: Path) -> None:
         It is missing, is not a .blend, or Blender cannot read it.
     """
     refuse_name(path)
-    bpy = start()
     if not path.is_file():
         found = "it is a folder" if path.is_dir() else "there is no such file"
         raise InputError(f"{path}: {found}; expected a .blend file.")
+    if path.suffix.lower() == ".json":
+        raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
+    bpy = start()
     try:
         # Blender does not look for bare names in the working folder.
         full = os.path.abspath(path)

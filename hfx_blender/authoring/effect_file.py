@@ -19,6 +19,7 @@ from ..atomic_files import atomic_file
 from ..devices.strict_json import Node, parse, read
 from ..engine.body.parts import PARTS
 from ..engine.modality import MODALITIES
+from ..json_kinds import refuse_another
 from . import path_file
 from .path_file import PathRecipe
 from .response_recipes import (
@@ -166,6 +167,7 @@ def text_of(sensation: Sensation) -> str:
 
 
 def _sensation(node: Node) -> Sensation:
+    refuse_another(node, SCHEMA)
     top = node.members(required=("schema", "version", "name", "effects"), optional=("description",))
     top["schema"].choice((SCHEMA,))
     top["version"].integer(VERSION, VERSION)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..background_scenes import scene_objects
 from ..engine.modality import MODALITIES
 from ..errors import InputError
 from ..scene_units import metres_of
@@ -29,14 +30,14 @@ WEIGHTS = "hfx_weights"
 
 
 def effects_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The scene's effects, by name."""
-    found = [obj for obj in scene.objects if obj.hfx.role == "EFFECT"]
+    """The effects of a scene and of its background scenes, by name."""
+    found = [obj for obj in scene_objects(scene) if obj.hfx.role == "EFFECT"]
     return sorted(found, key=lambda obj: obj.name)
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The scene's haptic bodies (armatures), by name."""
-    found = [obj for obj in scene.objects if obj.hfx.role == "BODY"]
+    """The haptic bodies (armatures) of a scene and of its background scenes, by name."""
+    found = [obj for obj in scene_objects(scene) if obj.hfx.role == "BODY"]
     return sorted(found, key=lambda obj: obj.name)
 
 

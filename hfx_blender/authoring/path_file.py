@@ -16,6 +16,7 @@ from .. import file_suffixes, resources
 from ..atomic_files import atomic_file
 from ..devices.strict_json import Node, read
 from ..errors import InputError
+from ..json_kinds import refuse_another
 
 SUFFIX: Final = file_suffixes.PATH
 SCHEMA: Final = "hfx-path"
@@ -53,6 +54,7 @@ def load(path: Path) -> PathRecipe:
 
 def recipe_of(document: Node) -> PathRecipe:
     """Read a path from a parsed document."""
+    refuse_another(document, SCHEMA)
     top = document.members(
         required=("schema", "version", "name", "kind", "points_m"),
         optional=("description", "closed", "motion"),

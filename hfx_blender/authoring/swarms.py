@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import bpy
 from mathutils import Vector
 
+from ..background_scenes import scene_objects
 from . import effects
 from .response_recipes import SwarmRecipe
 
@@ -20,7 +21,7 @@ def emitters(
     """Particle systems of a scene that emit this volume."""
     return [
         (obj, system)
-        for obj in scene.objects
+        for obj in scene_objects(scene)
         for system in obj.particle_systems
         if effect in _instanced(system.settings)
     ]
@@ -35,7 +36,7 @@ def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
 
 def listed_effects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Effects of a scene and volumes that it only emits, by name."""
-    emitted = (volume for obj in scene.objects for volume in volumes_of(obj))
+    emitted = (volume for obj in scene_objects(scene) for volume in volumes_of(obj))
     return sorted({*effects.effects_of(scene), *emitted}, key=lambda obj: obj.name)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 import uuid
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -16,10 +16,11 @@ from mathutils import Matrix, Vector
 from .. import compat
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
+from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
-from . import avatar_meshes, body_binding, bone_table, retargeting
+from . import avatar_meshes, body_binding, bone_table, retargeting, skinned_mesh
 
 _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
@@ -63,6 +64,7 @@ def adding_body(
     armature: bpy.types.Object,
     avatar: bpy.types.Object | None,
     parts: Sequence[bpy.types.Object] = (),
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[str]]:
     """Make an avatar a haptic body, in steps: the perceptual models are fitted to it.
 
@@ -75,6 +77,8 @@ def adding_body(
         The mesh that shows the body, or the first of several.
     parts : sequence of Object
         Further meshes of an avatar that is in several pieces.
+    mapping_of : callable
+        Finds the bone mapping of an armature; a cache where the meshes were chosen by it.
 
     Returns
     -------
@@ -98,7 +102,7 @@ def adding_body(
             "mesh and then its armature."
         )
     check_scipy()
-    mapping = bone_table.mapping_of(armature)
+    mapping = mapping_of(armature)
     yield from _importing()
     # Fitting has half of this module's imports, and Blender's start must not wait for it.
     from .fitting import fitting
@@ -111,7 +115,9 @@ def adding_body(
 
 
 def choosing_meshes(
-    context: bpy.types.Context, armature: bpy.types.Object
+    context: bpy.types.Context,
+    armature: bpy.types.Object,
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes to fit a body to, in steps: the selected ones, or those that form the skin.
 
@@ -131,11 +137,13 @@ def choosing_meshes(
     ]
     if selected:
         return _largest_first(selected)
-    return (yield from choosing_again(context, armature))
+    return (yield from choosing_again(context, armature, mapping_of))
 
 
 def choosing_again(
-    context: bpy.types.Context, armature: bpy.types.Object
+    context: bpy.types.Context,
+    armature: bpy.types.Object,
+    mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Take the meshes of a body; without any, or if another layer was chosen since, choose those
     that show it, in steps.
@@ -146,7 +154,7 @@ def choosing_again(
     found = avatar_meshes.meshes_on(context, armature)
     if len(found) < 2 or body_binding.from_canonical(armature) is None:
         return _largest_first(found)[:1]
-    mapping = bone_table.mapping_of(armature)
+    mapping = mapping_of(armature)
     yield from _importing()
     return (yield from avatar_meshes.choosing(armature, found, mapping))
 
@@ -269,11 +277,7 @@ def _skin(
     mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
     armature.users_collection[0].objects.link(skin)
-    weights = avatar.weights
-    groups = [skin.vertex_groups.new(name=bone) for bone in avatar.skeleton.bone_names]
-    owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
-    for vertex, bone, value in zip(owners, weights.bones, weights.values, strict=True):
-        groups[bone].add([int(vertex)], float(value), "REPLACE")
+    skinned_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
     skin.parent = armature
     modifier = skin.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
@@ -282,13 +286,11 @@ def _skin(
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
     """Make a mesh of the avatar in its rest pose, with its UV map."""
-    mesh = bpy.data.meshes.new(name)
-    faces = [[int(v) for v in face if v >= 0] for face in avatar.faces]
-    mesh.from_pydata(avatar.vertices.tolist(), [], faces)
+    mesh = skinned_mesh.mesh_of(name, avatar.vertices, avatar.faces)
     layer = mesh.uv_layers.new(name="UVMap")
     corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
     layer.data.foreach_set("uv", corners.ravel())
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), np.bool_))
+    mesh.shade_smooth()
     mesh.update()
     return mesh
 

@@ -92,10 +92,12 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
 
 def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
     """Show the mapping of a fit, without losing corrections."""
-    try:
-        found = automatic(armature).bones
-    except InputError:
-        found = {}
+    found = mapping.bones
+    if is_corrected(armature):
+        try:
+            found = automatic(armature).bones
+        except InputError:
+            found = {}
     _write(armature, mapping.convention, found, mapping.bones)
 
 

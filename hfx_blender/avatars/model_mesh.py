@@ -9,7 +9,7 @@ import numpy as np
 from ..engine.body.model import PerceptualModel
 from ..engine.body.parts import PARTS
 from ..scene_units import metres_of
-from . import retargeting
+from . import retargeting, skinned_mesh
 
 SHOWN = "hfx_shown_body"
 """ID property of a mesh that shows a model: the body that it is of."""
@@ -40,20 +40,12 @@ def add_posed(
     context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
 ) -> bpy.types.Object:
     """A mesh of a model as it stands on a body, posed by the same weights as in an export."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(model.vertices.tolist(), [], model.triangles.tolist())
-    mesh.update()
+    mesh = skinned_mesh.mesh_of(name, model.vertices, model.triangles)
+    mesh.shade_flat()
     obj = bpy.data.objects.new(mesh.name, mesh)
     obj.hide_render = True
     context.scene.collection.objects.link(obj)
-    weights = model.weights
-    bones = [obj.vertex_groups.new(name=bone) for bone in model.bone_names]
-    owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-    for vertex, bone, value in zip(
-        owners.tolist(), weights.bones.tolist(), weights.values.tolist(), strict=True
-    ):
-        bones[bone].add([vertex], value, "REPLACE")
-    for group in bones:
+    for group in skinned_mesh.add_bone_groups(obj, model.bone_names, model.weights):
         group.lock_weight = True
     obj.parent = body
     obj.modifiers.new("Armature", "ARMATURE").object = body

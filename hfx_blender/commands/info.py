@@ -10,6 +10,7 @@ from typing import Any
 from .. import blender_session
 from ..console import Console
 from ..errors import InputError, refuse_no_file
+from ..json_kinds import title_of
 from ..printable import printable
 from ..scene_units import fps_of
 from .largest import add_largest
@@ -158,8 +159,8 @@ def _device(path: Path) -> dict[str, Any]:
     content = read(path).value
     if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):
         raise InputError(
-            f"{path}: is JSON, but neither a device configuration, nor an export's report "
-            "(.report.json), nor of a format of hfx export."
+            f"{path}: is {title_of(path)}; expected a device configuration, an export's report "
+            "(.report.json), or a format of hfx export."
         )
     return describe_device(load_device(path))
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from ..devices.strict_json import Node, read
 from ..errors import InputError
+from ..json_kinds import refuse_another
 from ..result_files import listed
 
 SUFFIX: Final = ".report.json"
@@ -24,6 +25,7 @@ def facts_of_report(path: Path) -> dict[str, Any]:
         It is none.
     """
     document = read(path, _MOST_BYTES)
+    refuse_another(document, "report")
     members = document.entries(allowed="an export's report")
     if "scene" not in members or "files" not in members:
         raise InputError(f"{path}: is not a report of an export: it has no 'scene' or no 'files'.")

@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from .. import json_kinds
 from ..console import Console
-from ..errors import DeviceError, UsageError
+from ..errors import DeviceError, InputError, UsageError
 
 if TYPE_CHECKING:
     from ..devices.live.approval import DeviceScript
@@ -164,6 +165,9 @@ def _opened(
         found = {name: load_device(name, resources.user_devices()) for name in names}
         clip = PlayedClip(options.file, found, options.body)
         return clip, {name: (device, None) for name, device in found.items()}
+    if options.file.suffix.lower() == ".json":
+        title = json_kinds.title_of(options.file)
+        raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_targets.named(name) for name in names}
     track.latencies_ms = {ms for device, _ in targets.values() for ms in latencies_ms(device)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .. import blender_session
 from ..errors import InputError, UsageError, refuse_no_file
+from ..json_kinds import title_of
 from .largest import add_largest
 
 if TYPE_CHECKING:
@@ -184,9 +185,18 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
     from ..authoring import image_values, surface_sources
     from ..engine.texture.height_field import from_image
+    from ..formats import point_cloud
 
     full = Path(os.path.abspath(path))  # Blender does not look in the working folder
-    if path.suffix.lower() not in surface_sources.PICTURES:
+    suffix = path.suffix.lower()
+    if suffix not in (*surface_sources.PICTURES, *point_cloud.SUFFIXES):
+        pictures = ", ".join(sorted(surface_sources.PICTURES))
+        clouds = ", ".join(point_cloud.SUFFIXES)
+        raise InputError(
+            f"{path}: is {title_of(path)}; expected a map (.texture.json), a picture ({pictures}), "
+            f"a point cloud ({clouds}), a .blend, or the name of a material."
+        )
+    if suffix not in surface_sources.PICTURES:
         relief = surface_sources.read_scan(
             full,
             unit_mm=options.unit,

@@ -22,6 +22,7 @@ from ..engine.rendering.device import (
 from ..engine.rendering.drive import DriveCurve
 from ..engine.rendering.waveform import WAVEFORMS, Waveform
 from ..errors import InputError
+from ..json_kinds import refuse_another
 from . import layout_reader, output_reader
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
 from .strict_json import Node
@@ -68,6 +69,7 @@ def device_from(document: Node) -> DeviceConfig:
     InputError
         For the first fault: file, place in it, what was found and what is allowed.
     """
+    refuse_another(document, SCHEMA)
     top = document.members(
         required=("schema", "version", "id", "name", "actuator_types", "actuators"),
         optional=(

@@ -14,6 +14,7 @@ from .. import file_limits
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, refuse_no_file
+from ..json_kinds import title_of
 from . import (
     ahap,
     ahap_rules,
@@ -137,7 +138,9 @@ def format_of(path: Path) -> FileFormat:
         if inside is not None:
             return FILE_FORMATS[inside]
     known = ", ".join([*_SUFFIXES, he.OPENHARMONY_SUFFIX, openxr.SUFFIX, *_WHOLE])
-    raise InputError(f"{path}: is of no format that is known here; known are {known}.")
+    raise InputError(
+        f"{path}: is {title_of(path)}, of no format that is known here; known are {known}."
+    )
 
 
 def _json_kind(path: Path) -> str | None:

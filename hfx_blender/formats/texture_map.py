@@ -20,6 +20,7 @@ from ..engine.texture.device_range import DeviceRange, NoticeableSteps
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField
 from ..errors import InputError
+from ..json_kinds import refuse_another
 from . import png
 from .written import Written, write_json
 
@@ -97,7 +98,9 @@ def read(path: Path) -> HapticMap:
     InputError
         A file is missing or damaged, the layers differ in size, or a value means nothing.
     """
-    members = read_json(path).members(_REQUIRED, _OPTIONAL)
+    document = read_json(path)
+    refuse_another(document, _FORMAT)
+    members = document.members(_REQUIRED, _OPTIONAL)
     if members["format"].value != _FORMAT:
         members["format"].fail(f'"{_FORMAT}"')
     if members["version"].value != _VERSION:

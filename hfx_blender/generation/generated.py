@@ -22,6 +22,7 @@ from ..errors import InputError, refuse_no_file
 from ..file_hash import sha256_of
 from ..formats import png, texture_map
 from ..formats.written import Written, write_json
+from ..json_kinds import refuse_another
 from .word_forms import tokens
 
 RECORD: Final = file_suffixes.GENERATED
@@ -148,7 +149,9 @@ def read(path: Path) -> GeneratedFiles:
     InputError
         A file is missing or damaged, or is no longer the one that the record names.
     """
-    entries = read_json(path, _MOST_BYTES).entries(allowed="an object")
+    document = read_json(path, _MOST_BYTES)
+    refuse_another(document, FORMAT)
+    entries = document.entries(allowed="an object")
     for key in ("format", "version", "name", "size_mm", "height_mm", "tiles", "files"):
         if key not in entries:
             raise InputError(f"{path}: '{key}' is missing.")

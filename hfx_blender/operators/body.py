@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from functools import cache
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
@@ -88,6 +89,26 @@ class _FittingOperator(StepwiseOperator):
     doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
     cancelled = "Fit cancelled: nothing was changed"
 
+    def fitting(
+        self,
+        context: bpy.types.Context,
+        body: bpy.types.Object,
+        choosing: Callable[..., Generator[float, None, list[bpy.types.Object]]],
+    ) -> Generator[float, None, str]:
+        """Choose the meshes of an armature and fit the body to them, with one search for bones."""
+        from ..avatars import bodies, bone_table
+
+        mapping_of = cache(bone_table.mapping_of)
+        meshes = yield from within(choosing(context, body, mapping_of), 0.0, 0.3)
+        steps = bodies.adding_body(body, next(iter(meshes), None), meshes[1:], mapping_of)
+        for warning in (yield from within(steps, 0.3, 1.0)):
+            self.report({"WARNING"}, printable(f"{body.name}: {warning}"))
+        taken = avatar_meshes.meshes_of(body)
+        others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
+        shown = f", shown by {_quoted(taken)}" if taken else ""
+        rest = f"; left out, as they show no skin: {_quoted(others)}" if others else ""
+        return f"'{body.name}' is a haptic body{shown}{rest}"
+
 
 class HFX_OT_mark_body(_FittingOperator):
     """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
@@ -116,13 +137,11 @@ those that cover its skin"""
         if self.properties.is_property_set("layer"):
             body.hfx.felt_layer = self.layer
         try:
-            choice = bodies.choosing_meshes(context, body)
-            meshes = yield from within(choice, 0.0, 0.3)
-            message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
+            message = yield from self.fitting(context, body, bodies.choosing_meshes)
         except BaseException:  # Esc closes this generator
             body.hfx.felt_layer = before
             raise
-        framing.frame(context, [body, *meshes])
+        framing.frame(context, [body, *avatar_meshes.meshes_of(body)])
         return message + _adopt_effects(context, body)
 
 
@@ -140,25 +159,6 @@ def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
         return ""
     taken = effects.move_to_body(effects.without_body(context.scene), body)
     return f"; took {taken} effects along" if taken else ""
-
-
-def _adding(
-    operator: HfxOperator,
-    context: bpy.types.Context,
-    body: bpy.types.Object,
-    meshes: list[bpy.types.Object],
-) -> Generator[float, None, str]:
-    from ..avatars import bodies
-
-    first = meshes[0] if meshes else None
-    warnings = yield from bodies.adding_body(body, first, parts=meshes[1:])
-    for warning in warnings:
-        operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
-    taken = avatar_meshes.meshes_of(body)
-    others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
-    shown = f", shown by {_quoted(taken)}" if taken else ""
-    rest = f"; left out, as they show no skin: {_quoted(others)}" if others else ""
-    return f"'{body.name}' is a haptic body{shown}{rest}"
 
 
 def _quoted(meshes: list[bpy.types.Object]) -> str:
@@ -190,7 +190,8 @@ class HFX_OT_move_to_body(OnBodyOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        body = context.scene.objects[self.body]
+        every = effects.bodies_of(context.scene)
+        body = next(each for each in every if each.name == self.body)
         if self.which == "ACTIVE":
             active = active_effect(context)
             found = [active] if active is not None else []
@@ -225,10 +226,8 @@ what is painted on it stay"""
 
         body = active_body(context)
         context.view_layer.update()
-        choice = bodies.choosing_again(context, body)
-        meshes = yield from within(choice, 0.0, 0.3)
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
+        message = yield from self.fitting(context, body, bodies.choosing_again)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message

@@ -63,15 +63,14 @@ class StrokePad:
     ----------
     name : str
         Of the surface, for messages.
-    target_m_s : float
-        The speed that the user tries to keep; it sets the pad's scale.
     """
 
-    def __init__(self, name: str, texture: SurfaceTexture, target_m_s: float = SLOW_M_S) -> None:
+    def __init__(self, name: str, texture: SurfaceTexture) -> None:
         self.name = name
         self.texture = texture
         self.brightest = 1.0 if texture.map is None else float(texture.map.intensity.max())
-        self.target_m_s = target_m_s
+        self.target_m_s = SLOW_M_S
+        """Speed that the user tries to keep; it sets the pad's scale."""
         self.now = StrokeState()
         self.take: Take | None = None
         self.fault = ""

@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from ..authoring import effect_values, effects, volumes
+from ..background_scenes import scene_objects
 from ..engine.arrays import F64, Bool
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
@@ -57,7 +58,7 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Volumes that something in a scene may instance, by their full names."""
     if not any(_is_volume(obj) for obj in bpy.data.objects):
         return {}
-    instancers = [obj for obj in scene.objects if is_instancer(obj)]
+    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     found = reached_from(instancers) if instancers else set()
     named = {obj.name_full: obj for obj in found if _is_volume(obj)}
     return dict(sorted(named.items()))
@@ -122,8 +123,8 @@ class Sources:
         Those that are neither muted nor faulty, by their full names.
     warnings : tuple of str
         What is read otherwise than it stands in the file, and what was left out.
-    notes : tuple of str
-        What cannot be felt at any time, and why.
+    asleep : dict
+        Those that cannot be felt at any time of ``time``, and why.
     """
 
     def __init__(
@@ -153,19 +154,16 @@ class Sources:
         )
         self.warnings = (*warned, *soundness.left_out(bad), *muted)
         frames = None if time is None else dormant.frames_read(found.scene, time)
-        asleep = {
-            name: "" if frames is None else dormant.why_dormant(every[name], state, frames)
-            for name, state in states.items()
-        }
-        self.notes = tuple(
-            f"effect '{every[name].name}' {why}: nothing of it was read"
-            for name, why in asleep.items()
-            if why and why != dormant.MUTED
-        )
+        self.asleep: dict[bpy.types.Object, str] = {}
+        for name, state in states.items():
+            why = None if frames is None else dormant.why_dormant(every[name], state, frames)
+            if why is not None:
+                self.asleep[every[name]] = why
         self.states = {
             name: state
             for name, state in states.items()
-            if state.source is not activation.ActivationSource.OFF and not asleep[name]
+            if state.source is not activation.ActivationSource.OFF
+            and every[name] not in self.asleep
         }
         self.objects = {name: every[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
@@ -263,7 +261,8 @@ class Instances:
     ----------
     descriptions : tuple of EffectDescription
         One for each instance.
-    warnings, notes : tuple of str
+    warnings : tuple of str
+    asleep : dict
         See :class:`Sources`.
 
     Raises
@@ -279,12 +278,12 @@ class Instances:
         shapes: effect_values.Shapes,
         faults: dict[str, set[int]],
     ) -> None:
-        self._found = found
         self._time = time
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
         self.warnings = self._sources.warnings
-        self.notes = self._sources.notes
+        self.asleep = self._sources.asleep
+        self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
         self._last: dict[int, dict[Key, EffectRow]] = {}  # of two samples
         self.descriptions: tuple[EffectDescription, ...] = ()

@@ -12,6 +12,7 @@ from dataclasses import replace
 import bpy
 
 from ..authoring.effect_values import Shapes
+from ..background_scenes import scene_objects
 from ..engine.scene import EffectDescription
 from . import instances
 from .instances import Key
@@ -48,7 +49,7 @@ class LiveInstances:
 
     def _counts(self, scene: bpy.types.Scene) -> dict[str, int]:
         """Volumes with instances now, or possibly at another time, and their number."""
-        here = set(scene.objects)
+        here = set(scene_objects(scene))
         counts = {name: 0 for name, obj in self._sources.objects.items() if obj not in here}
         if self._sources.objects:
             for name, _, _ in self._sources.keys_now(self._layer.depsgraph):

@@ -18,6 +18,7 @@ from .. import __version__
 from ..authoring import effect_values, effects, model_migration
 from ..authoring.effect_values import Shapes
 from ..avatars import avatar_meshes, body_binding
+from ..background_scenes import scene_objects
 from ..engine.body.model import load_model
 from ..engine.scene import (
     ActuatorArea,
@@ -65,7 +66,8 @@ class HapticObjects:
     warnings: tuple[str, ...]
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
-    # Effects that are not felt at any time that is read, and why; nothing else of them is read.
+    # Effects that are not felt at any time that is read, also such as only instances could show,
+    # and why; nothing else of them is read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
 
     @property
@@ -98,14 +100,14 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     if unreported.tag(scene, layer):
         layer.update()
     refuse_bad_unit(scene)
-    enabled = visibility.enabled_objects(layer.layer_collection)
+    enabled = visibility.enabled_objects(scene, layer)
     bodies, warned, left_out = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
     warnings = (*_of_unknown_role(scene), *warned, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
     sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
-    if faults and not sound and not any(map(reached.is_instancer, scene.objects)):
+    if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
     kept = list(sound)
@@ -128,7 +130,7 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
 
 
 def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
-    roles = (obj for obj in scene.objects if obj.hfx.role == "")
+    roles = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
     bad = [(obj, each) for obj in roles for each in bad_values(obj) if each.path == "role"]
     return [f"object '{obj.name}': {each}; it was left out" for obj, each in bad]
 
@@ -174,7 +176,7 @@ def _instanced_body(
     scene: bpy.types.Scene,
 ) -> tuple[bpy.types.Object, bpy.types.Object] | None:
     """Find an instanced collection with a haptic body: the instancer, and that body."""
-    for obj in scene.objects:
+    for obj in scene_objects(scene):
         collection = obj.instance_collection
         for each in collection.all_objects if collection is not None else ():
             if each.hfx.role == "BODY":
@@ -187,7 +189,7 @@ def _find_effects(
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
     found = effects.effects_of(scene)
     # Perhaps of volumes that are not in the scene.
-    has_instances = any(map(reached.is_instancer, scene.objects))
+    has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not found and not has_instances:
         raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
     kept = [effect for effect in found if visibility.may_be_seen(effect, layer, enabled)]

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from .. import stored_values
 from ..authoring.effect_values import Shapes
+from ..background_scenes import scene_objects
 from ..engine.arrays import I64
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
@@ -36,8 +37,11 @@ from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped_reading import SteppedReading
 
-BLOCK_SIZE = 32
+BLOCK_SIZE = 64
 """Times in a block; blocks start at multiples of it, so that results do not depend on the range."""
+
+_STEPPED_SIZE = 32
+"""The same at most where Blender is stepped: evaluation waits for less, and so does who cancels."""
 
 _PROBES = 5
 
@@ -142,6 +146,7 @@ class SceneReader:
         found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
+        found = replace(found, dormant={**found.dormant, **self._instances.asleep})
         more = self._instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
@@ -150,7 +155,7 @@ class SceneReader:
         )
         self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
         warned = self.description.warnings
-        makers = filter(is_instancer, scene.objects) if more else ()
+        makers = filter(is_instancer, scene_objects(scene)) if more else ()
         unbaked = to_bake(scene, [*self._found.read, *makers])
         warnings = (*warned, *self._instances.warnings, *unbaked, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
@@ -201,7 +206,7 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt, *self._instances.notes)))
+        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""
@@ -267,7 +272,8 @@ class SceneReader:
             own = None
             if self._instances.descriptions:
                 own = stack.enter_context(self._instances.stepper())
-            for indices in _contiguous_blocks(wanted):
+            size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
+            for indices in _contiguous_blocks(wanted, size):
                 first = int(indices[0])
                 history = int(self._has_history(first))
                 future = int(self._with_velocities and self._is_in_scene(int(indices[-1]) + 1))
@@ -451,7 +457,7 @@ def _same(row: Row, block: AnimationBlock) -> bool:
     return True
 
 
-def _contiguous_blocks(indices: I64) -> Iterator[I64]:
+def _contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
     """Runs without gaps, cut at multiples of the block size."""
-    cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % BLOCK_SIZE == 0)) + 1
+    cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % size == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))

@@ -13,6 +13,7 @@ from fractions import Fraction
 
 import bpy
 
+from ..background_scenes import scene_objects
 from .reached import reached_from
 
 _PHYSICS = {
@@ -97,7 +98,7 @@ def takes_part(obj: bpy.types.Object) -> bool:
 
 def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
     """Test for simulations in a scene, felt or not."""
-    return simulated(scene.objects) is not None or moves_particles(scene)
+    return simulated(scene_objects(scene)) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
@@ -145,7 +146,7 @@ def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Objects of a scene, and those that they reach, by name."""
-    return _by_name(reached_from(scene.objects))
+    return _by_name(reached_from(scene_objects(scene)))
 
 
 def _by_name(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..background_scenes import scene_objects
 from . import simulation as simulations
 from . import visibility
 from .reached import data_reached_from, data_reaching, is_instancer, reached_from
@@ -83,7 +84,7 @@ class Stepper:
     @cached_property
     def is_changing(self) -> bool:
         """Test that the scene may show other objects at other times."""
-        return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
+        return self.is_own or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
@@ -98,8 +99,8 @@ Stepping = AbstractContextManager[Stepper]
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     """Context that steps the user's scene, after its simulation; frame and camera are restored.
 
-    Meanwhile dormant effects that nothing else can depend on are disabled in viewports, so that
-    Blender does not evaluate them.
+    Meanwhile dormant effects that nothing else can depend on, and what makes instances of them
+    alone, are disabled in viewports, so that Blender does not evaluate them.
     """
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
@@ -120,17 +121,21 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
-    """Dormant effects that neither code nor another object of the scene may depend on."""
-    asleep, objects = found.dormant, found.scene.objects
-    if not asleep or foreign_handler() is not None or runs_code(objects):
+    """Dormant effects, and instancers of such alone, that neither code nor another object of the
+    scene may depend on.
+    """
+    objects = scene_objects(found.scene)
+    if not found.dormant or foreign_handler() is not None or runs_code(objects):
         return []
-    kept = reached_from(obj for obj in objects if obj not in asleep)
-    felt = (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT" and obj not in asleep)
-    kept.update(filter(is_instancer, data_reaching(felt)))
-    kept.update(obj for obj in asleep if obj.type == "META")  # others may be of its family
+    felt = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
+    shown = set(filter(is_instancer, data_reaching([*felt, *found.read])))
+    makers = set(filter(is_instancer, data_reaching(found.dormant))) - shown - set(found.read)
+    idle = {obj for obj in objects if obj in found.dormant or obj in makers}
+    kept = shown | reached_from(obj for obj in objects if obj not in idle)
+    kept.update(obj for obj in idle if obj.type == "META")  # others may be of its family
     return [
         obj
-        for obj in asleep
+        for obj in idle
         if not (obj in kept or visibility.is_keyed(obj) or simulations.takes_part(obj))
     ]
 
@@ -207,8 +212,8 @@ def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.
     """Metaballs of a scene that make one surface with another: all of its name but the number."""
     if obj.type != "META":
         return []
-    shown = visibility.enabled_objects(scene.view_layers[0].layer_collection)
-    balls = [each for each in scene.objects if each.type == "META" and each in shown]
+    shown = visibility.enabled_objects(scene, scene.view_layers[0])
+    balls = [each for each in scene_objects(scene) if each.type == "META" and each in shown]
     return [ball for ball in balls if _without_number(ball.name) == _without_number(obj.name)]
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import compat
+from .. import background_scenes, compat
 
 if TYPE_CHECKING:
     from ..engine.scene import SceneDescription  # Blender's start does not wait for it
@@ -37,12 +37,17 @@ def is_disabled(obj: bpy.types.Object) -> bool:
     return bool(obj.hide_viewport) and not is_keyed(obj)
 
 
-def enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of the collections that are on in a view layer."""
+def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
+    """Objects of the collections that are on in a view layer of a scene, or behind it."""
+    layers = [layer, *map(background_scenes.layer_of, background_scenes.backgrounds_of(scene))]
+    return set().union(*(_enabled(each.layer_collection) for each in layers))
+
+
+def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
     if collection.collection.hide_viewport:
         return set()
     found = set() if collection.exclude else set(collection.collection.objects)
-    return found.union(*map(enabled_objects, collection.children))
+    return found.union(*map(_enabled, collection.children))
 
 
 def may_be_seen(

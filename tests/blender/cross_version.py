@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Script for another Blender: builds the demo, or dumps the haptic frames of a .blend.
+"""Script for another Blender: dumps the haptic frames of a demo, or measures memory.
 
-python cross_version.py version
-python cross_version.py build FILE.blend
-python cross_version.py dump FILE.blend FILE.npz RATE_HZ
+python cross_version.py compare MAJOR MINOR PATCH THEIRS.blend FILE.blend FILE.npz RATE_HZ
 python cross_version.py memory FOLDER SAMPLES
 """
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -19,11 +18,20 @@ from hfx_blender import blender_session
 bpy = blender_session.start()
 
 
-def build(path: str) -> None:
-    from hfx_blender.maintenance.demo import garage
+def compare(major: str, minor: str, patch: str, theirs: str, blend: str, *rest: str) -> None:
+    """Dump the demo that the older one of this Blender and of the given version has made.
 
-    garage.build()
-    bpy.ops.wm.save_as_mainfile(filepath=path)
+    That demo is copied or written to ``blend``; prints this version.
+    """
+    if bpy.app.version < (int(major), int(minor), int(patch)):
+        from hfx_blender.maintenance.demo import garage
+
+        garage.build()
+        bpy.ops.wm.save_as_mainfile(filepath=blend)
+    else:
+        shutil.copyfile(theirs, blend)
+    dump(blend, *rest)
+    sys.stdout.write("\nVERSION " + " ".join(map(str, bpy.app.version)) + "\n")
 
 
 def dump(blend: str, result: str, rate_hz: str) -> None:
@@ -81,8 +89,5 @@ def _peak() -> int:
 
 if __name__ == "__main__":
     command, *arguments = sys.argv[1:]
-    if command == "version":
-        sys.stdout.write("\nVERSION " + " ".join(map(str, bpy.app.version)) + "\n")
-    else:
-        {"build": build, "dump": dump, "memory": memory}[command](*arguments)
+    {"compare": compare, "memory": memory}[command](*arguments)
     blender_session.leave(0)

@@ -41,7 +41,18 @@ def process(*arguments: object, **settings: Any) -> subprocess.CompletedProcess[
     """``hfx`` with these arguments, run to its end."""
     settings.setdefault("stdout", subprocess.PIPE)
     settings.setdefault("stderr", subprocess.PIPE)
-    return subprocess.run(command(*arguments), text=True, env=environment(), **settings)
+    settings.setdefault("env", environment())
+    return subprocess.run(command(*arguments), text=True, **settings)
+
+
+def process_without_litter(
+    folder: Path, *arguments: object, **settings: Any
+) -> subprocess.CompletedProcess[str]:
+    """:func:`process` with a new folder for temporary files, in which nothing is left."""
+    folder.mkdir()
+    done = process(*arguments, env={**environment(), "TMPDIR": str(folder)}, **settings)
+    assert names_in(folder) == []
+    return done
 
 
 def command(*arguments: object) -> list[str]:

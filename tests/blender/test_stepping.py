@@ -445,7 +445,7 @@ def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:
 def test_blocks_are_cut_at_multiples() -> None:
     cut = [
         block.tolist()
-        for block in scene_reader._contiguous_blocks(np.array([0, 1, 30, 31, 32, 33, 70]))
+        for block in scene_reader._contiguous_blocks(np.array([0, 1, 30, 31, 32, 33, 70]), 32)
     ]
     assert cut == [[0, 1], [30, 31], [32, 33], [70]]
-    assert list(scene_reader._contiguous_blocks(np.zeros(0, np.int64))) == []
+    assert list(scene_reader._contiguous_blocks(np.zeros(0, np.int64), 32)) == []

@@ -113,7 +113,8 @@ def test_a_click_is_no_stroke_and_is_told(texture: SurfaceTexture) -> None:
 def test_at_the_target_speed_the_pointer_goes_200_pixels_a_second(texture: SurfaceTexture) -> None:
     place = PadPlace(1200, 800)
     for target in TARGETS_M_S:
-        pad = StrokePad("Grating", texture, target)
+        pad = StrokePad("Grating", texture)
+        pad.target_m_s = target
         one = np.array(place.surface_point(pad, 100, 300))
         two = np.array(place.surface_point(pad, 100 + TARGET_PX_S, 300))
         assert (two - one)[0] == pytest.approx(target)

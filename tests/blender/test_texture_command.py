@@ -209,3 +209,11 @@ def test_a_stroke_that_is_hardly_felt_says_so(capsys: Any, registered: Any, tmp_
     path.write_text("\n".join(f"{x} {y} {1e-6 * (x % 2)}" for x in range(30) for y in range(30)))
     _, facts, _ = texture(capsys, "stroke", path, "--from", "5,5", "--to", "25,5")
     assert "hardly anything" in " ".join(facts["notes"])
+
+
+def test_a_json_that_is_no_map_is_named(registered: Any, capsys: Any, tmp_path: Path) -> None:
+    path = tmp_path / "x.generated.json"
+    path.write_text('{"format": "hfx-generated-texture"}')
+    code, _, told = texture(capsys, "roughness", path)
+    assert code == 3 and "is the record of a generated surface" in told
+    assert "expected a map (.texture.json)" in told

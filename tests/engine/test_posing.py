@@ -16,13 +16,12 @@ from hfx_blender.engine.skin.surface_posing import SurfaceModel
 TIMES = 4
 
 
-@pytest.mark.parametrize("leaf_size", [1, 7, 50, 10_000])
-def test_every_vertex_is_in_one_cluster_of_one_part(leaf_size: int) -> None:
+def test_every_vertex_is_in_one_cluster_of_one_part() -> None:
     body = model()
-    clusters = clusters_of(body, leaf_size)
+    clusters = clusters_of(body)
     assert np.sort(np.concatenate(clusters)).tolist() == list(range(len(body)))
     for ids in clusters:
-        assert 0 < len(ids) <= leaf_size
+        assert 0 < len(ids) <= LEAF_SIZE
         assert (np.diff(ids) > 0).all()
         assert len(np.unique(body.part[ids])) == len(np.unique(body.side[ids])) == 1
 
@@ -179,7 +178,8 @@ def test_a_box_holds_every_cluster() -> None:
     body, posed = model(), pose(4)
     bound = SkinnedModel(body, SkinBinding(BONES))
     rows = np.arange(4)
-    low, high = bound.box(posed, rows, posed.to_world[rows])
+    to_world = posed.to_world[rows]
+    low, high = bound.outline.bounds(posed.bones, rows, to_world, None)[2].transpose(1, 0, 2)
     points = [
         bound.cluster_points(k, posed, rows, posed.to_world[rows])
         for k in range(len(bound.clusters))

@@ -73,7 +73,7 @@ def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):
     path = tmp_path / "x.other.json"
     path.write_text('{"channels": []}')
     code, _, err = info(capsys, path)
-    assert code == 3 and "neither a device configuration, nor an export's report" in err
+    assert code == 3 and "expected a device configuration, an export's report" in err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="has no pipes with names")

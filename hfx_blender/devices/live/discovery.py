@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -65,11 +65,7 @@ def answers(host: str, port: int) -> bool:
     return False
 
 
-def found_devices(
-    devices: Iterable[DeviceConfig],
-    ports: Iterable[FoundPort],
-    answering: Callable[[str, int], bool] = answers,
-) -> list[Found]:
+def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -> list[Found]:
     """Devices that are present: on a port with their USB ids, or behind a program that answers.
 
     Datagrams get no answer, so that what is driven by them cannot be looked for.
@@ -83,7 +79,7 @@ def found_devices(
             programs.setdefault((transport.host, transport.port), []).append(device.id)
     if programs:
         with ThreadPoolExecutor(len(programs)) as pool:
-            there = list(pool.map(lambda place: answering(*place), programs))
+            there = list(pool.map(lambda place: answers(*place), programs))
         for (host, port), is_there in zip(programs, there, strict=True):
             if is_there:
                 text = f"a program on {host}:{port}"

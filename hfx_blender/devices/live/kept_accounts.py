@@ -15,7 +15,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +25,7 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import BhapticsEncoder, ButtplugEncoder
 from ...errors import HfxError
 from .clock import SYSTEM, Clock
-from .discovery import FoundPort, serial_ports
+from .discovery import serial_ports
 from .opening import kind_of
 from .time_on import Account
 
@@ -38,11 +38,7 @@ _MOST_BYTES: Final = 1 << 20
 _log = logging.getLogger(__name__)
 
 
-def identities(
-    device: DeviceConfig,
-    target: Mapping[str, Any],
-    ports: Callable[[], Iterable[FoundPort]] = serial_ports,
-) -> tuple[str, ...]:
+def identities(device: DeviceConfig, target: Mapping[str, Any]) -> tuple[str, ...]:
     """Identities of the physical device behind a target; targets that share one share accounts.
 
     A serial number where there is one. A port without counts by its path and by the
@@ -53,7 +49,7 @@ def identities(
     if kind == "serial":
         name = str(target.get("port"))
         real = os.path.realpath(name) if os.name == "posix" else name.upper()
-        for port in ports():
+        for port in serial_ports():
             at = os.path.realpath(port.name) if os.name == "posix" else port.name.upper()
             if at == real and port.usb is not None and port.serial:
                 return (f"usb {port.usb[0]:04x}:{port.usb[1]:04x} {port.serial}",)

@@ -15,19 +15,13 @@ LEAF_SIZE = 128
 """Vertices in a cluster at most: smaller ones cost more bounds, larger ones pose too much."""
 
 
-def clusters_of(
-    model: PerceptualModel,
-    leaf_size: int = LEAF_SIZE,
-    load: npt.NDArray[np.int64] | None = None,
-) -> list[I32]:
+def clusters_of(model: PerceptualModel, load: npt.NDArray[np.int64] | None = None) -> list[I32]:
     """Split a model into compact clusters, each within one body part and side.
 
     Parameters
     ----------
-    leaf_size : int
-        What a cluster may hold at most; one vertex always does.
     load : (V,) int64, optional
-        How much of that a vertex takes; 1 by default.
+        How much of :data:`LEAF_SIZE` a vertex takes; 1 by default.
 
     Returns
     -------
@@ -37,4 +31,4 @@ def clusters_of(
     """
     label = model.part.astype(np.int32) * 4 + model.side
     pieces = [np.flatnonzero(label == value).astype(np.int32) for value in np.unique(label)]
-    return native.split(pieces, model.vertices, load, leaf_size) if library.is_there() else pieces
+    return native.split(pieces, model.vertices, load, LEAF_SIZE) if library.is_there() else pieces

@@ -18,6 +18,7 @@ from ..native import library
 from ..native import placements as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
+from ..skin.surface_posing import PointwiseModel
 from .reachable_bounds import ReachableBounds, bounds_of, box_of
 
 _FEWEST: Final = 32
@@ -93,7 +94,11 @@ class BlockBroadPhase:
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
         """Lowest and highest corner of all that a body is and moves through in the block, (3,)."""
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
-        low, high = box_of(self._skins.of(body, model_id), pose, rows)
+        skin = self._skins.of(body, model_id)
+        if isinstance(skin.surface, PointwiseModel):
+            low, high = box_of(skin.surface, skin.skin.margins_m, pose, rows)
+        else:  # clusters that bones move cost no more than a box of their own
+            low, high = self.bounds(body, model_id).of_rows.transpose(1, 0, 2)
         origins = pose.to_world[rows, :3, 3]
         swing = 0.0
         if len(rows) > 1:

@@ -65,11 +65,13 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
     return ReachableBounds.around(rows, low, high, places, own)
 
 
-def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
+def box_of(
+    surface: PointwiseModel, margins_m: F64 | None, pose: PoseBlock, rows: I64
+) -> tuple[F64, F64]:
     """World boxes (n, 3), lowest and highest corners, of all of a model's skin at ``rows``."""
     to_world = pose.to_world[rows]
-    low, high = skin.surface.box(pose, rows, to_world)
-    if skin.skin.margins_m is not None:
-        bulge = largest_stretch(to_world)[:, None] * skin.skin.margins_m.max(initial=0.0)
+    low, high = surface.box(pose, rows, to_world)
+    if margins_m is not None:
+        bulge = largest_stretch(to_world)[:, None] * margins_m.max(initial=0.0)
         low, high = low - bulge, high + bulge
     return low, high

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -54,7 +56,18 @@ def vertices_of(place: Place, model: PerceptualModel) -> I32:
         return _named(place, model)
     if isinstance(place, RoomPlace):
         return np.flatnonzero(on_parts(place.parts, model)).astype(np.int32)
-    return _patch(place, model)
+    known = _PATCHES.setdefault(model, {})
+    if place not in known:
+        if len(known) >= _MOST_PATCHES:
+            known.clear()
+        known[place] = _patch(place, model)
+        known[place].flags.writeable = False
+    return known[place]
+
+
+_MOST_PATCHES: Final = 4096
+_PATCHES: Final[WeakKeyDictionary[PerceptualModel, dict[BodyPlace, I32]]] = WeakKeyDictionary()
+"""Vertices that places reach: each is asked for by a device's checks, notes and cells."""
 
 
 def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:

@@ -11,7 +11,7 @@ from ..scene import ActuatorArea, SceneDescription
 from ..track import TrackHeader, TrackReader
 from .actuator_vertices import rows_of
 from .device import DeviceConfig
-from .dispatch import ModelLoader, rendered_modalities
+from .dispatch import rendered_modalities
 from .raster import Raster
 from .render import Renderer, blocks
 
@@ -38,9 +38,7 @@ def renderers_of(
     ]
 
 
-def misfits(
-    scene: SceneDescription, devices: Sequence[DeviceConfig], models: ModelLoader = load_model
-) -> dict[str, str]:
+def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[str, str]:
     """Devices whose places do not fit a body model that they are to play: id to a sentence."""
     on_skin = (each for each in scene.effects if not isinstance(each.area, ActuatorArea))
     felt = dict.fromkeys((each.modality, each.model_id) for each in on_skin)
@@ -51,7 +49,7 @@ def misfits(
                 shown = rendered_modalities(device, modality)
                 actuators = [each for each in device.actuators if each.type.modality in shown]
                 if actuators:
-                    rows_of(device, actuators, models(model_id))
+                    rows_of(device, actuators, load_model(model_id))
         except InputError as error:
             found[device.id] = f"device '{device.id}' plays nothing: {error}".removesuffix(".")
     return found

@@ -2,7 +2,7 @@
 """Perceptual models on a user's own avatar: same vertex ids, the avatar's places and bones.
 
 The canonical avatar is posed onto the target's rest pose and pulled onto its skin once
-(:func:`warp`); the vertices of any model ride along and land on the target's triangles
+(:func:`warping`); the vertices of any model ride along and land on the target's triangles
 (:func:`fit`).
 """
 
@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...stepwise import finish, within
+from ...stepwise import within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
@@ -57,13 +57,6 @@ class Warp:
     limbs: Limbs
     posed: F64  # (V, 3) where the rig's joints alone put the vertices
     same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
-
-
-def warp(
-    avatar: Avatar, target: TargetAvatar, mapping: RigMapping, layer: Layer = "visible"
-) -> Warp:
-    """:func:`warping` at once."""
-    return finish(warping(avatar, target, mapping, layer))
 
 
 def warping(

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
-from ..indexing import sorted_by
 from ..native import skin_binding as native
 
 
@@ -134,11 +133,3 @@ class BoneBoxes:
     def slots(self) -> I64:
         """Index into ``used`` of the bone of each pair."""
         return self._used[1]
-
-    @cached_property
-    def of_bones(self) -> tuple[F64, F64]:
-        """Centres and half edges of boxes of all that each of the used bones moves, (k, 3)."""
-        order, starts = sorted_by(self.slots, len(self.used))
-        low = np.minimum.reduceat(self.low[order], starts[:-1], axis=0)
-        high = np.maximum.reduceat(self.high[order], starts[:-1], axis=0)
-        return (low + high) / 2, (high - low) / 2

@@ -29,9 +29,6 @@ class PosableModel(Protocol):
         ``rows`` (n,) are rows of the pose, ``to_target`` (n, 4, 4) the matrix for each.
         """
 
-    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """Box around the whole model: lower and upper corners (n, 3), target space."""
-
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 

@@ -75,23 +75,11 @@ class SkinnedModel:
         assert pose.bones is not None
         return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
 
-    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        assert pose.bones is not None
-        around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
-        return around[:, 0], around[:, 1]
-
     @cached_property
     def outline(self) -> Outline:
         """Boxes of what each bone moves of each cluster, for the native library."""
         slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
         return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
-
-    @cached_property
-    def _whole(self) -> Outline:
-        """Boxes of what each bone moves of the whole model, for the native library."""
-        bones = np.arange(len(self._boxes.used), dtype=np.int64)
-        boxes = self._boxes.of_bones
-        return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones, factors = self._cluster_factors(cluster)

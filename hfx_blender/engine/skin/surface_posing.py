@@ -61,6 +61,7 @@ class PointwiseModel(ABC):
         return moved
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        """Box around the whole model: lower and upper corners (n, 3), target space."""
         low, high = self.cluster_bounds(pose, rows, to_target)
         return low.min(axis=1), high.max(axis=1)
 

@@ -49,16 +49,11 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
     return centred @ np.stack([x, np.cross(up, x), up]).T
 
 
-def from_points(
-    points_m: npt.ArrayLike,
-    texel_m: float | None = None,
-    *,
-    is_levelled: bool = True,
-) -> HeightField:
+def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> HeightField:
     """A height field from scattered points of a scan; it does not tile.
 
-    Points that are not finite are left out. Texels without a point (holes, corners) go on
-    smoothly from those around them.
+    The mean plane is taken away: a scan is seldom level. Points that are not finite are left
+    out. Texels without a point (holes, corners) go on smoothly from those around them.
 
     Parameters
     ----------
@@ -66,8 +61,6 @@ def from_points(
         x, y and height, metres, in any order.
     texel_m : float, optional
         Size of the texels; by default about one point falls into each.
-    is_levelled : bool
-        Take away the mean plane: a scan is seldom level.
 
     Raises
     ------
@@ -95,10 +88,8 @@ def from_points(
             f"Scan: {columns} x {rows} texels of {1e3 * texel:g} mm are more than "
             f"{MAX_TEXELS}; choose larger ones."
         )
-    heights = points[:, 2]
-    if is_levelled:
-        design = np.column_stack([flat, np.ones(len(flat))])
-        heights = heights - design @ np.linalg.lstsq(design, heights, rcond=None)[0]
+    design = np.column_stack([flat, np.ones(len(flat))])
+    heights = points[:, 2] - design @ np.linalg.lstsq(design, points[:, 2], rcond=None)[0]
     place = points[:, :2] - low
     grid = _averaged(place, heights, (rows, columns), texel)
     # A texel's mean belongs to where its points are, not to its middle: what the surface lacks

@@ -52,14 +52,14 @@ def front(points: list[tuple[float, float]]) -> list[int]:
     return kept
 
 
-def on_front(points: list[tuple[float, float]], noise: float = NOISE) -> list[int]:
-    """Indices of points (cost, error) that no other surely beats: cheaper by more than noise, no
-    worse.
+def on_front(points: list[tuple[float, float]]) -> list[int]:
+    """Indices of points (cost, error) that no other surely beats: cheaper by more than
+    :data:`NOISE`, no worse.
     """
     return [
         k
         for k, (cost, error) in enumerate(points)
-        if not any(other * noise < cost and least <= error for other, least in points)
+        if not any(other * NOISE < cost and least <= error for other, least in points)
     ]
 
 

@@ -10,6 +10,7 @@ import pytest
 from live_process import BAND
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import discovery
 from hfx_blender.devices.live.discovery import Found, FoundPort, answers, found_devices, port_of
 from hfx_blender.engine.rendering.device import Brand
 from hfx_blender.errors import DeviceError
@@ -54,7 +55,7 @@ def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
     ]
 
 
-def test_programs_are_asked_once_for_all_devices_behind_them():
+def test_programs_are_asked_once_for_all_devices_behind_them(monkeypatch):
     behind = [load_device("bhaptics_tactsuit_x40"), load_device("bhaptics_tactosy_left")]
     asked: list[tuple[str, int]] = []
 
@@ -62,11 +63,13 @@ def test_programs_are_asked_once_for_all_devices_behind_them():
         asked.append((host, port))
         return True
 
-    found = found_devices(behind, [], answering)
+    monkeypatch.setattr(discovery, "answers", answering)
+    found = found_devices(behind, [])
     assert [each.device for each in found] == [each.id for each in behind]
     assert {each.port for each in found} == {""}  # as configured
     assert len(asked) == 1
-    assert found_devices(behind, [], lambda host, port: False) == []
+    monkeypatch.setattr(discovery, "answers", lambda host, port: False)
+    assert found_devices(behind, []) == []
 
 
 def test_a_program_answers_if_it_takes_connections():

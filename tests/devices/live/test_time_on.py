@@ -311,17 +311,16 @@ def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
 USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 
 
-def test_a_serial_number_is_the_device_at_whatever_port():
-    moved = replace(USB, name="/dev/ttyACM7")
-    at = [
-        identities(BAND, {"kind": "serial", "port": each.name}, lambda each=each: [each])
-        for each in (USB, moved)
-    ]
-    assert at[0] == at[1] == ("usb 2341:0043 75",)
+def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
+    for each in (USB, replace(USB, name="/dev/ttyACM7")):
+        monkeypatch.setattr(kept_accounts, "serial_ports", lambda each=each: [each])
+        found = identities(BAND, {"kind": "serial", "port": each.name})
+        assert found == ("usb 2341:0043 75",)
 
 
-def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration():
-    found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"}, lambda: [])
+def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monkeypatch):
+    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
     assert found == ("port /dev/ttyACM0", "device forearm_band_left")
 
 

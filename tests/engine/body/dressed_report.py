@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import retarget_variants as variants
 from dressed_avatars import CLOTHES, POSES, Dressed, dressed
 from renamed_rigs import RENAMED
 from retarget_report import DOCUMENT, landmarks
@@ -78,7 +79,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         taken = finish(skin_parts.skin_of(avatar, targets, mapping))
         target = skin_parts.joined([targets[k] for k in taken])
         rough = check(target, name)
-        fitted, quality = retarget.fit(model, retarget.warp(avatar, target, mapping))
+        fitted, quality = retarget.fit(model, variants.warp(avatar, target, mapping))
         lost = rough is not None or by_bones.lost_part([quality]) is not None
         if lost:
             (fitted,) = by_bones.fit_by_bones([model], avatar, target, mapping)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import foreign_avatars
 import numpy as np
+import retarget_variants as variants
 from foreign_avatars import Foreign
 from retarget_report import landmarks, table
 
@@ -49,7 +50,7 @@ def follow(avatar: Foreign) -> Followed:
         check(target, "Avatar")
     except InputError as error:
         refused = str(error)
-    warped = retarget.warp(load_avatar(), target, mapping)
+    warped = variants.warp(load_avatar(), target, mapping)
     fitted, quality = retarget.fit(model, warped)
     normalised = np.linalg.inv(warped.bodies.to_target)
     points = fitted.vertices @ normalised[:3, :3].T + normalised[:3, 3]

@@ -46,7 +46,7 @@ def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
     from scipy.spatial import cKDTree
 
     model = load_model(model_id)
-    warped = retarget.warp(load_avatar(), variant.target, map_bones(variant.target.bones))
+    warped = variants.warp(load_avatar(), variant.target, map_bones(variant.target.bones))
     fitted, quality = retarget.fit(model, warped)
     truth = variant.truth(model)
     error = np.linalg.norm(fitted.vertices - truth, axis=1) * 1000.0 * variant.target.metres

@@ -18,8 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.engine.body.model import Avatar, PerceptualModel, SkinWeights, load_avatar
+from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.layers import Layer
 from hfx_blender.engine.retargeting.target import TargetAvatar
 from hfx_blender.maintenance.body_building import skeleton, source
+from hfx_blender.stepwise import finish
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -115,6 +118,13 @@ def shaped(shape: str) -> source.Source:
         moved, offsets = source._read_target(folder() / name)
         vertices[moved] += share * offsets
     return replace(_average(), vertices=0.1 * vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0))
+
+
+def warp(
+    avatar: Avatar, target: TargetAvatar, mapping: retarget.RigMapping, layer: Layer = "visible"
+) -> retarget.Warp:
+    """:func:`retarget.warping` at once."""
+    return finish(retarget.warping(avatar, target, mapping, layer))
 
 
 @dataclass(frozen=True, eq=False)

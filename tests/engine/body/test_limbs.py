@@ -42,7 +42,7 @@ def in_trousers(variant: variants.Variant) -> variants.Variant:
 
 def test_trousers_do_not_pull_the_knees_down() -> None:
     target = variants.decimated(in_trousers(variants.canonical())).target
-    warped = retarget.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
+    warped = variants.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
     _, quality = retarget.fit(load_model(MODEL_ID), warped)
     heads = {bone.name: np.asarray(bone.head) for bone in target.bones}
     rest = load_avatar().vertices
@@ -58,7 +58,7 @@ def test_trousers_do_not_pull_the_knees_down() -> None:
 def test_a_model_that_lies_beside_a_joint_is_named() -> None:
     target = variants.canonical().target
     model = load_model(MODEL_ID)
-    warped = retarget.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
+    warped = variants.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
     nearest = model.avatar_vertices[:, 0]
     rest, _ = retarget.carried(model, warped.posed, warped.normals)
     low = rest - (0.0, 0.0, 0.03) * (model.part == 8)[:, None] * (model.side == 1)[:, None]

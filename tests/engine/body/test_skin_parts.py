@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import retarget_variants as variants
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -150,8 +151,8 @@ def test_what_is_seen_is_taken_whatever_the_order_and_the_unit() -> None:
         ]
         seen = [names[k] for k in finish(skin_of(load_avatar(), scaled, mapping))]
         assert seen[0] == "body" and set(seen) == {"body", "shoes", "trousers"}
-        skin = {names[k] for k in finish(skin_of(load_avatar(), scaled, mapping, "skin"))}
-        assert skin == {"body", "shoes", "underwear"}  # no foot is under the shoes
+    skin = {names[k] for k in finish(skin_of(load_avatar(), scaled, mapping, "skin"))}
+    assert skin == {"body", "shoes", "underwear"}  # no foot is under the shoes
 
 
 def test_the_layer_that_is_felt_is_chosen() -> None:
@@ -163,7 +164,7 @@ def test_the_layer_that_is_felt_is_chosen() -> None:
     mine = model.part == PARTS.index("lower_leg")
     inner = len(target.vertices)
     for layer, share in (("visible", 1.0), ("skin", 0.0)):
-        warped = retarget.warp(load_avatar(), both, mapping, layer)  # type: ignore[arg-type]
+        warped = variants.warp(load_avatar(), both, mapping, layer)  # type: ignore[arg-type]
         fitted, _ = retarget.fit(model, replace(warped, same=None))
         on_cloth = (fitted.anchors.corners[mine] >= inner).all(axis=1)
         assert abs(on_cloth.mean() - share) < 0.15, layer

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from rendering_synthetic import EVERYWHERE, MODELS, at, make_device, make_header, make_run
 
+from hfx_blender.engine.rendering import devices
 from hfx_blender.engine.rendering.device import BodyPlace, Scheme, VertexPlace
-from hfx_blender.engine.rendering.devices import misfits
 from hfx_blender.engine.rendering.render import Renderer
 from hfx_blender.engine.samples import Drive
 from hfx_blender.engine.scene import (
@@ -78,7 +78,7 @@ def test_what_an_actuator_is_too_late_for_is_told():
     assert "beginning" in note and note.endswith("1 (late)")
 
 
-def test_a_device_that_does_not_fit_is_named_and_costs_no_other():
+def test_a_device_that_does_not_fit_is_named_and_costs_no_other(monkeypatch):
     far = BodyPlace(("torso",), (9.0, 0.0, 0.0), 0.1)
     good = replace(make_device({"a": ("vibration", at(3))}), id="good")
     area = HapticVolume(Falloff())
@@ -88,8 +88,9 @@ def test_a_device_that_does_not_fit_is_named_and_costs_no_other():
         (EffectDescription("tap", "tap", "vibration", "dots-vibration", area),),
     )
     bad = make_device({"a": ("vibration", far)})
-    found = misfits(scene, [good, bad], lambda name: MODELS[name])
+    monkeypatch.setattr(devices, "load_model", MODELS.__getitem__)
+    found = devices.misfits(scene, [good, bad])
     assert list(found) == ["device"]
     assert "plays nothing" in found["device"] and "9.0, 0.0, 0.0" in found["device"]
     of_others = make_device({"a": ("pressure", far)})
-    assert misfits(scene, [of_others], lambda name: MODELS[name]) == {}
+    assert devices.misfits(scene, [of_others]) == {}

@@ -48,7 +48,8 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
   const double *vertex = place_of(at, pair, unit);
   double gap = pair->clear[unit];
   if (!(gap <= bound)) return 0.0;
-  double at_vertex = weight_of(at, vertex);
+  int is_formula = !target->is_flat && !at->shape.mesh;  // that falls off with the clearance
+  double at_vertex = is_formula ? strength_of(target, -gap) : weight_of(at, vertex);
   if (at_vertex > 0.0) tell_inside(at, vertex);
   int near = 0;
   if (table->is_split) {

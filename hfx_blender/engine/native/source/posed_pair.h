@@ -131,8 +131,8 @@ static inline void tell_inside(look *at, const double p[3]) {
   details->count++;
 }
 
-// Poses a place.
-static inline void pose(look *at, side *pair, int64_t place) {
+// Poses a place; not inlined, so that place_of is.
+static __attribute__((noinline)) void pose(look *at, side *pair, int64_t place) {
   double *point = pair->points + 3 * place;
   pair->posed[place] = pair->pair;
   at->posed++;
