@@ -55,10 +55,11 @@ class HFX_OT_paint_end(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         canvas = painting.canvas_in(context)
         effect, hidden = canvas[painting.PAINTED_EFFECT], paint_view.hidden_by(canvas)
+        layers = paint_view.layers_of(canvas)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
-        paint_view.show(context, hidden)
+        paint_view.show(layers, hidden)
         paint_view.leave()
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"

@@ -44,7 +44,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         canvas = painting.canvas_in(context)
         if canvas is None:  # finished, undone or deleted
-            paint_view.show(context, self._hidden)
+            paint_view.show([context.view_layer], self._hidden)
             return self._ended(context)
         if canvas != context.object or canvas.mode == "OBJECT":  # left by Blender's own ways
             with suppress(RuntimeError):  # the mesh was edited: which Finish Painting tells

@@ -5,8 +5,12 @@ with a brush that keeps its size on the skin. All is as before afterwards.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import suppress
+
 import bpy
 from bpy_extras.view3d_utils import location_3d_to_region_2d
+from idprop.types import IDPropertyGroup
 from mathutils import Vector
 
 from .. import compat
@@ -14,8 +18,9 @@ from ..authoring import painting
 from . import framing
 
 _HIDDEN = "hfx_hidden_to_paint"
-"""ID property of the mesh that is painted on: names of what is hidden meanwhile. Being in the file,
-it survives saving, and an undo of the beginning shows all of it again by itself.
+"""ID property of the mesh that is painted on: the objects that are hidden meanwhile. Being in the
+file, it survives saving, and an undo of the beginning shows all of it again by itself. A full copy
+of the scene refers to its own objects.
 """
 
 _OPACITY = 0.45
@@ -32,21 +37,31 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     others = [obj for obj in context.view_layer.objects if obj != canvas and obj.visible_get()]
     for obj in others:
         obj.hide_set(True)
-    canvas[_HIDDEN] = [obj.name_full for obj in others]
+    canvas[_HIDDEN] = {str(number): obj for number, obj in enumerate(others)}
 
 
 def hidden_by(canvas: bpy.types.Object) -> set[str]:
     """Full names of the objects that are hidden while a mesh is painted on."""
-    # Earlier versions marked the avatar's meshes.
+    # Earlier versions kept names, or marked the avatar's meshes.
     marked = {obj.name_full for obj in bpy.data.objects if obj.get(_HIDDEN) is True}
-    return marked.union(canvas.get(_HIDDEN, ()))
+    kept = canvas.get(_HIDDEN, ())
+    if isinstance(kept, IDPropertyGroup):
+        kept = [obj.name_full for obj in kept.values() if obj is not None]
+    return marked.union(kept)
 
 
-def show(context: bpy.types.Context, hidden: set[str]) -> None:
+def layers_of(canvas: bpy.types.Object) -> list[bpy.types.ViewLayer]:
+    """View layers with a mesh that is painted on: several if the scene was copied meanwhile."""
+    layers = [layer for scene in bpy.data.scenes for layer in scene.view_layers]
+    return [layer for layer in layers if canvas.name in layer.objects]
+
+
+def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
     """Show objects that were hidden to paint, by their full names."""
-    for obj in context.view_layer.objects:
-        if obj.name_full in hidden:
-            obj.hide_set(False)
+    for obj in [each for each in bpy.data.objects if each.name_full in hidden]:
+        for layer in layers:
+            with suppress(RuntimeError):  # it is not in this one
+                obj.hide_set(False, view_layer=layer)
 
 
 def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:

@@ -72,21 +72,32 @@ of the present file is lost"""
 
 
 def _load_empty_file() -> None:
-    manager = bpy.context.window_manager
-    with bpy.context.temp_override(window=manager.windows[0]):
-        bpy.ops.wm.read_homefile(app_template="", use_empty=False)
+    handlers = bpy.app.handlers.load_post
+    handlers.append(_replace_cube_by_avatar)
+    try:
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+            bpy.ops.wm.read_homefile(app_template="", use_empty=False)
+    finally:
+        handlers.remove(_replace_cube_by_avatar)
     # In the middle of loading a file, whose end would take the timer away.
-    call_soon(_replace_cube_by_avatar, _AGAIN_S, outlives_load=True)
+    call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
 
 
-def _replace_cube_by_avatar() -> None:
-    """Put the avatar in place of the cube of the file that Blender starts with."""
-    window = bpy.context.window_manager.windows[0]
-    with bpy.context.temp_override(window=window):
-        for obj in [o for o in bpy.context.scene.objects if o.type == "MESH"]:
-            bpy.data.objects.remove(obj)
-        bpy.ops.hfx.workspace()
+@bpy.app.handlers.persistent
+def _replace_cube_by_avatar(_file: str) -> None:
+    """Put the avatar in place of the cube of the file that Blender starts with.
+
+    Blender takes the first undo step after this handler: undo cannot lead back to the cube.
+    """
+    for obj in [o for o in bpy.context.scene.objects if o.type == "MESH"]:
+        bpy.data.objects.remove(obj)
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.add_avatar()
+
+
+def _go_to_workspace() -> None:
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        bpy.ops.hfx.workspace()
     call_soon(_frame_avatar, 2.0 * _AGAIN_S)
 
 
@@ -99,7 +110,6 @@ def _frame_avatar() -> float | None:
         area = framing.viewport(bpy.context)
         area.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
         framing.frame(bpy.context, bpy.context.selected_objects)
-        bpy.ops.ed.undo_push(message="New Haptics File")
     return None
 
 

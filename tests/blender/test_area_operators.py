@@ -279,6 +279,22 @@ def test_an_avatar_that_was_hidden_stays_hidden_after_painting(effect: Any) -> N
         assert skin.hide_get() == was_hidden
 
 
+@pytest.mark.parametrize("kind", ["FULL_COPY", "LINK_COPY"])
+def test_a_copy_of_the_scene_made_while_painting_is_shown_again(effect: Any, kind: str) -> None:
+    layer = bpy.context.view_layer
+    bpy.ops.hfx.paint_begin()
+    bpy.ops.scene.new(type=kind)
+    bpy.ops.hfx.paint_end()
+    copied = bpy.context.object.hfx.body.hfx.avatar
+    assert bpy.context.view_layer != layer and not copied.hide_get()
+    if kind == "LINK_COPY":  # of the same objects: painting has ended in both
+        assert not copied.hide_get(view_layer=layer)
+    elif painting.painted_mesh(effect) is not None:
+        bpy.context.window.scene = layer.id_data
+        bpy.ops.hfx.paint_end()
+        assert not effect.hfx.body.hfx.avatar.hide_get()
+
+
 def test_an_area_that_is_spoilt_is_told_and_can_be_cleared(effect: Any) -> None:
     effect["hfx_vertices"], effect["hfx_weights"] = [10**8], [1.0]
     with pytest.raises(RuntimeError, match="not one of the model's"):
