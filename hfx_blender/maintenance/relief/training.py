@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from ... import own_processes
 from ...atomic_files import atomic_file
-from ...engine.texture.relief_network import prepared
+from ...engine.texture.relief_network import packed, prepared
 from . import data_set
 from .network import ReliefNetwork, weights_of
 
@@ -189,10 +189,9 @@ def _correlation(a: Tensor, b: Tensor) -> Tensor:
 
 
 def store(weights: dict[str, np.ndarray], path: Path) -> int:
-    """Write weights as 16-bit floats, and return the size of the file in bytes."""
-    halves = {name: value.astype(np.float16) for name, value in weights.items()}
+    """Write weights, and return the size of the file in bytes."""
     with atomic_file(path) as stream:
-        np.savez_compressed(stream, **halves)
+        np.savez_compressed(stream, **packed(weights))
     return path.stat().st_size
 
 
