@@ -33,7 +33,8 @@ def composed(rng: np.random.Generator, texels: int, feature: float) -> F64:
     if way == "lower":
         return np.minimum(heights, other + rng.uniform(-0.5, 0.5))
     if way == "inside":
-        mask = p.smooth_step(other, *(np.quantile(other, rng.uniform(0.3, 0.7)) + (0.0, 0.1)))
+        border = float(np.quantile(other, rng.uniform(0.3, 0.7)))
+        mask = p.smooth_step(other, border, border + 0.1)
         return heights * mask + rng.uniform(0.0, 0.5) * (1.0 - mask)
     return heights + rng.uniform(0.05, 0.3) * np.clip(2.0 * heights, 0.0, 1.0) * other
 
