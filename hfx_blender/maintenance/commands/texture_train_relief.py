@@ -24,7 +24,7 @@ def add_parser(actions: Any) -> None:
         type=Path,
         default=Path("relief-data"),
         metavar="DIR",
-        help="folder for the pictures, 1.3 GB; those that are there are used",
+        help="folder for the pictures, 2.1 GB; those that are there are used",
     )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
     parser.add_argument("--json", action="store_true", help="the result as JSON")

@@ -16,6 +16,7 @@ import numpy as np
 from ...engine.arrays import F64, I64
 from ...engine.texture.procedural import MATERIALS
 from . import patterns as p
+from .composed import composed
 
 
 class Relief(NamedTuple):
@@ -397,10 +398,14 @@ def draw(rng: np.random.Generator, texels: int) -> Relief:
 
 def draw_one(rng: np.random.Generator, texels: int) -> Relief:
     """Relief of one random family, size of features and direction."""
-    families = LIBRARY if rng.random() < 0.15 else OWN
+    kind = rng.random()
+    families = LIBRARY if kind < 0.12 else OWN
     name = list(families)[rng.integers(len(families))]
     feature = 2.0 ** rng.uniform(np.log2(8.0 / texels), np.log2(0.45))
-    made = families[name](rng, texels, feature)
+    if kind > 0.75:
+        made = Relief(composed(rng, texels, feature))
+    else:
+        made = families[name](rng, texels, feature)
     turn, flip = int(rng.integers(4)), rng.random() < 0.5
 
     def placed(grid: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from ...engine.arrays import F32
 
-WIDTHS: Final = (16, 32, 48, 48)
+WIDTHS: Final = (16, 32, 64, 96)
 """Channels at a half, a quarter, an eighth and a sixteenth of the picture's resolution."""
 
 

@@ -91,6 +91,21 @@ def test_a_convolution_is_that_of_scipy(tiles: bool) -> None:
     assert np.allclose(found, truth + 0.5, atol=1e-5)
 
 
+def test_weights_keep_their_values_within_half_a_step_of_their_output() -> None:
+    rng = np.random.default_rng(3)
+    kernel = rng.normal(size=(4, 5, 3, 3)).astype(np.float32) * 10.0 ** rng.integers(
+        -3, 3, (4, 1, 1, 1)
+    )
+    kernel[2] = 0.0
+    weights = {"a.weight": kernel.astype(np.float32), "a.bias": rng.random(4).astype(np.float32)}
+    stored = relief_network.packed(weights)
+    assert stored["a.weight"].dtype == np.int8
+    again = relief_network.unpacked(stored)
+    assert again.keys() == weights.keys() and np.array_equal(again["a.bias"], weights["a.bias"])
+    error = np.abs(again["a.weight"] - kernel).max((1, 2, 3))
+    assert (error <= 0.501 * np.abs(kernel).max((1, 2, 3)) / 127.0).all() and error[0] > 0.0
+
+
 def test_the_weights_are_a_small_file() -> None:
     assert relief_network.WEIGHTS.stat().st_size <= 300_000
 
