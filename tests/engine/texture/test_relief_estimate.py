@@ -49,7 +49,7 @@ def test_slopes_have_no_scale_and_heights_grow_with_the_size(picture: np.ndarray
 
 
 def test_the_level_is_agreed_on_with_the_picture_at_half_its_resolution() -> None:
-    (case,) = bench.cases(1, 0, ("labyrinth",))
+    (case,) = bench.cases(1, 0, ("interference",))
     full = case.srgb.astype(np.float32)
     half = full.reshape(128, 2, 128, 2, 3).mean((1, 3))
     weights = relief_network.stored_weights()
