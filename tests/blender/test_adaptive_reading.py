@@ -170,16 +170,16 @@ def _firsts(scene: Any, **settings: Any) -> list[tuple[int, int]]:
 
 def test_each_block_knows_the_sample_before_within_its_stretch(scene: Any) -> None:
     scene.render.fps = 24
-    scene.frame_start, scene.frame_end = 1, 80
+    scene.frame_start, scene.frame_end = 1, 150
     oracle.add_avatar()
     ball = oracle.add_volume("Ball", "pressure", "SPHERE", (0.0, 0.0, 1.2), radius=0.3)
-    assert _firsts(scene) == [(0, 0), (31, 1), (63, 1)]
-    assert _firsts(scene, frames=(41, 80)) == [(-1, 1), (31, 1)]
-    oracle.add_clip(ball, 21, 61)
-    assert _firsts(scene) == [(20, 0), (31, 1)]
+    assert _firsts(scene) == [(0, 0), (63, 1), (127, 1)]
+    assert _firsts(scene, frames=(41, 150)) == [(-1, 1), (63, 1)]
+    oracle.add_clip(ball, 21, 101)
+    assert _firsts(scene) == [(20, 0), (63, 1)]
 
 
 def test_painted_effects_need_no_sample_before(scene: Any) -> None:
-    scene.frame_start, scene.frame_end = 1, 80
+    scene.frame_start, scene.frame_end = 1, 150
     oracle.add_painted("Felt", "pressure", oracle.add_avatar())
-    assert _firsts(scene) == [(0, 0), (32, 0), (64, 0)]
+    assert _firsts(scene) == [(0, 0), (64, 0), (128, 0)]

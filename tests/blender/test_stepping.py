@@ -79,6 +79,7 @@ def test_curves_give_the_same_as_the_own_scene(
 ) -> None:
     from hfx_blender.maintenance.demo import garage
 
+    monkeypatch.setattr(scene_reader, "BLOCK_SIZE", 32)  # as of a scene that is stepped
     scene = garage.build()
     sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))
     blocks = list(sampled.blocks())
