@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 import bpy
+
+Reference = tuple[bpy.types.ID, bpy.types.ID]
+"""Data, and other data that it refers to."""
 
 
 def is_instancer(obj: bpy.types.ID) -> bool:
@@ -17,16 +20,25 @@ def is_instancer(obj: bpy.types.ID) -> bool:
     )
 
 
-def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
+def reached_from(
+    start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
+) -> set[bpy.types.Object]:
     """Objects, and all that they refer to, directly or not; a superset of what is needed."""
-    return {each for each in data_reached_from(start) if isinstance(each, bpy.types.Object)}
+    found = data_reached_from(start, ignored)
+    return {each for each in found if isinstance(each, bpy.types.Object)}
 
 
-def data_reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
-    """Objects, and all data that they refer to over any number of steps; see above."""
+def data_reached_from(
+    start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
+) -> set[bpy.types.ID]:
+    """Objects, and all data that they refer to over any number of steps; see above.
+
+    ``ignored`` references lead nowhere.
+    """
     uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for user, used in _references():
-        uses.setdefault(user, []).append(used)
+        if (user, used) not in ignored:
+            uses.setdefault(user, []).append(used)
     return _closure(start, uses)
 
 
@@ -38,7 +50,7 @@ def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
     return _closure(start, users)
 
 
-def _references() -> Iterator[tuple[bpy.types.ID, bpy.types.ID]]:
+def _references() -> Iterator[Reference]:
     """Pairs of data and of other data that it refers to; what scenes hold does not count."""
     for used, users in bpy.data.user_map().items():
         yield from ((user, used) for user in users if not isinstance(user, bpy.types.Scene))

@@ -77,9 +77,12 @@ class HapticObjects:
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """Objects that are read of a scene: effects that may be felt, bodies, and their meshes."""
-        shown = [mesh for body in self.bodies for mesh in avatar_meshes.meshes_of(body)]
-        return [*(self.effects[k] for k in self.active), *self.bodies, *shown]
+        """Objects that are read of a scene: effects that may be felt, bodies, and the meshes that
+        bodies follow.
+        """
+        bodies = [body for body in self.bodies if body_binding.why_surface(body) is not None]
+        followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
+        return [*(self.effects[k] for k in self.active), *self.bodies, *followed]
 
     @property
     def unit_m(self) -> float:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..avatars import avatar_meshes
 from ..background_scenes import scene_objects
 from . import simulation as simulations
 from . import visibility
@@ -99,8 +100,8 @@ Stepping = AbstractContextManager[Stepper]
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     """Context that steps the user's scene, after its simulation; frame and camera are restored.
 
-    Meanwhile dormant effects that nothing else can depend on, and what makes instances of them
-    alone, are disabled in viewports, so that Blender does not evaluate them.
+    Meanwhile objects that nothing felt depends on are disabled in viewports, so that Blender does
+    not evaluate them: in a window, where they are seen, only effects that are dormant.
     """
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
@@ -121,23 +122,31 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
-    """Dormant effects, and instancers of such alone, that neither code nor another object of the
-    scene may depend on.
+    """Objects that neither code nor anything that is read or felt may depend on.
+
+    With a window only dormant effects and what makes instances of such alone, as long as no other
+    object of the scene depends on them.
     """
     objects = scene_objects(found.scene)
-    if not found.dormant or foreign_handler() is not None or runs_code(objects):
+    if foreign_handler() is not None or runs_code(objects):
         return []
     felt = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
-    shown = set(filter(is_instancer, data_reaching([*felt, *found.read])))
-    makers = set(filter(is_instancer, data_reaching(found.dormant))) - shown - set(found.read)
-    idle = {obj for obj in objects if obj in found.dormant or obj in makers}
-    kept = shown | reached_from(obj for obj in objects if obj not in idle)
-    kept.update(obj for obj in idle if obj.type == "META")  # others may be of its family
-    return [
-        obj
-        for obj in idle
-        if not (obj in kept or visibility.is_keyed(obj) or simulations.takes_part(obj))
-    ]
+    shown = set(filter(is_instancer, data_reaching(felt)))
+    # What else needs an avatar's mesh than our setting that names it, Blender finds itself.
+    named = {(body, mesh) for body in found.bodies for mesh in avatar_meshes.meshes_of(body)}
+    idle = set(objects)
+    if not bpy.app.background:
+        idle &= set(filter(is_instancer, data_reaching(found.dormant))) - shown | {*found.dormant}
+        named = set()
+    idle = {obj for obj in idle.difference(found.read) if not _has_part_of_its_own(obj)}
+    kept = shown | reached_from((*found.read, *set(objects).difference(idle)), named)
+    return [obj for obj in objects if obj in idle and obj not in kept]
+
+
+def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
+    """Test for an object that counts though nothing refers to it, or that cannot stay disabled."""
+    is_found = obj.type in ("CAMERA", "META")  # by the scene, or by the metaballs of its family
+    return is_found or visibility.is_keyed(obj) or simulations.takes_part(obj)
 
 
 @contextmanager

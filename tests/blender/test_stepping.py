@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -430,6 +431,135 @@ def test_muted_volumes_are_not_evaluated_with_the_own_scene(scene: Any, ball: An
     graph = bpy.context.view_layer.depsgraph
     assert not idle.hide_viewport
     assert idle.evaluated_get(graph).is_evaluated
+
+
+def _moving_cube(scene: Any, name: str = "Prop") -> Any:
+    mesh = bpy.data.meshes.new(name)
+    low, high = (-0.1, 0.1)
+    corners = [(x, y, z) for x in (low, high) for y in (low, high) for z in (low, high)]
+    mesh.from_pydata(corners, [], [(0, 1, 3, 2), (4, 6, 7, 5), (0, 2, 6, 4), (1, 5, 7, 3)])
+    prop = bpy.data.objects.new(name, mesh)
+    scene.collection.objects.link(prop)
+    oracle.key(prop, "location", [(1, (0, 0, 1)), (24, (1, -1, 1.5))])
+    return prop
+
+
+def _by_parent(scene: Any, ball: Any, prop: Any) -> None:
+    above = oracle.empty(scene, parent=prop)
+    ball.parent = above
+
+
+def _by_constraint(scene: Any, ball: Any, prop: Any) -> None:
+    ball.constraints.new("COPY_LOCATION").target = prop
+
+
+def _by_driver(scene: Any, ball: Any, prop: Any) -> None:
+    _, variable = _driver(ball, "location", 0)
+    variable.type = "TRANSFORMS"
+    variable.targets[0].id = prop
+
+
+def _by_vertices(scene: Any, ball: Any, prop: Any) -> None:
+    prop.modifiers.new("Wave", "WAVE")
+    ball.parent, ball.parent_type = prop, "VERTEX_3"
+    ball.parent_vertices = (0, 1, 2)
+
+
+def _by_shrinkwrap(scene: Any, ball: Any, prop: Any) -> None:
+    ball.constraints.new("SHRINKWRAP").target = prop
+
+
+def _by_path(scene: Any, ball: Any, prop: Any) -> None:
+    curve = bpy.data.curves.new("Path", "CURVE")
+    curve.dimensions = "3D"
+    curve.splines.new("POLY").points.add(1)
+    curve.splines[0].points[1].co = (0, 1, 0, 1)
+    path = bpy.data.objects.new("Path", curve)
+    scene.collection.objects.link(path)
+    path.parent = prop
+    follow = ball.constraints.new("FOLLOW_PATH")
+    follow.target, follow.use_fixed_location, follow.offset_factor = path, True, 0.5
+
+
+def _by_bone(scene: Any, ball: Any, prop: Any) -> None:
+    armature = bpy.data.armatures.new("Other")
+    other = bpy.data.objects.new("Other", armature)
+    scene.collection.objects.link(other)
+    bpy.context.view_layer.objects.active = other
+    bpy.ops.object.mode_set(mode="EDIT")
+    armature.edit_bones.new("Bone").tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    other.pose.bones["Bone"].constraints.new("COPY_LOCATION").target = prop
+    ball.parent, ball.parent_type, ball.parent_bone = other, "BONE", "Bone"
+
+
+def _by_displacing(scene: Any, ball: Any, prop: Any) -> None:
+    """The prop is where a texture of the parent's mesh has its place."""
+    cube = _moving_cube(scene, "Shaped")
+    displace = cube.modifiers.new("Displace", "DISPLACE")
+    displace.texture = bpy.data.textures.new("Clouds", "CLOUDS")
+    displace.texture_coords, displace.texture_coords_object = "OBJECT", prop
+    ball.parent, ball.parent_type = cube, "VERTEX"
+
+
+def _by_nodes(scene: Any, ball: Any, prop: Any) -> None:
+    """The prop is in a collection that nodes of the parent's mesh show."""
+    shown = bpy.data.collections.new("Shown")
+    shown.objects.link(prop)
+    cube = _moving_cube(scene, "Shows")
+    tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    tree.interface.new_socket("Out", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes = [
+        tree.nodes.new(f"GeometryNode{each}") for each in ("CollectionInfo", "RealizeInstances")
+    ]
+    nodes.append(tree.nodes.new("NodeGroupOutput"))
+    nodes[0].inputs["Collection"].default_value = shown
+    for one, other in itertools.pairwise(nodes):
+        tree.links.new(one.outputs[0], other.inputs[0])
+    cube.modifiers.new("Nodes", "NODES").node_group = tree
+    ball.parent, ball.parent_type = cube, "VERTEX"
+
+
+@pytest.mark.parametrize(
+    "depend",
+    [
+        *(_by_parent, _by_constraint, _by_driver, _by_vertices, _by_shrinkwrap, _by_path),
+        *(_by_bone, _by_displacing, _by_nodes),
+    ],
+)
+def test_the_own_scene_evaluates_what_the_felt_depends_on(
+    scene: Any, ball: Any, depend: Any
+) -> None:
+    """And nothing else. Blender, which evaluates all, is the judge."""
+    test_a_driver_that_reads_the_scene(scene, ball)
+    prop, bystander = _moving_cube(scene), _moving_cube(scene, "Bystander")
+    depend(scene, ball, prop)
+    scene.frame_set(1)
+    places, graph = {}, bpy.context.view_layer.depsgraph
+    for frame in (1, 9, 17, 24):
+        scene.frame_set(frame)
+        places[frame] = np.array(ball.evaluated_get(graph).matrix_world)
+    assert not np.array_equal(places[1], places[24])
+    reader = SceneReader(scene)
+    with stepping.own_scene(reader._found) as stepper:
+        for frame, place in places.items():
+            stepper.set_frame(oracle.Fraction(frame))
+            assert np.array_equal(stepper.evaluated(ball).matrix_world, place)
+            assert not stepper.evaluated(bystander).is_evaluated
+    assert not bystander.hide_viewport
+    assert not prop.hide_viewport
+
+
+def test_where_code_may_read_anything_all_of_the_own_scene_is_evaluated(
+    scene: Any, ball: Any
+) -> None:
+    bystander = _moving_cube(scene, "Bystander")
+    driver, _ = _driver(ball, "hfx.temperature")
+    driver.type, driver.expression = "SCRIPTED", "len(str(var))"
+    reader = SceneReader(scene)
+    with stepping.own_scene(reader._found) as stepper:
+        stepper.set_frame(oracle.Fraction(3))
+        assert stepper.evaluated(bystander).is_evaluated
 
 
 def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:
