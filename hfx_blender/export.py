@@ -60,8 +60,9 @@ from .sentences import counted
 from .staging import place, staging
 from .stepwise import Progress, finish
 
-_THREADS: Final = 2
-"""Threads that look at skin for one that reads, renders and writes: it has as much to do as two."""
+_THREADS: Final = 8
+"""Largest number of threads that look at skin: more would wait for the one that reads, renders and
+writes."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class ExportSettings:
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
-    processes: int = field(default_factory=cores)  # at most; the results are the same
+    threads: int = field(default_factory=cores)  # at most; the results are the same
     clip_detail: int = DETAIL  # level of detail of bodies in game clips
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
     missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
@@ -238,7 +239,7 @@ class SceneExport:
             self.reader.description,
             record=settings.record,
             tolerance=self.tolerance,
-            threads=min(settings.processes, _THREADS),
+            threads=min(settings.threads, _THREADS),
         )
         renderers = yield from record_track(
             self.reader,
@@ -249,7 +250,6 @@ class SceneExport:
             full_precision=settings.full_precision,
             watch=seen.add if seen.is_any else None,
             part=part,
-            processes=settings.processes,
         )
         return Recorded.of(self.reader, engine), renderers
 

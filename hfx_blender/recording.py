@@ -16,8 +16,7 @@ from . import __version__
 from .engine.body.model import load_model
 from .engine.counters import Counters
 from .engine.evaluate import Engine
-from .engine.parallel.evaluating import evaluated
-from .engine.parallel.overlapping import overlapped, sequentially
+from .engine.overlapping import overlapped, sequentially
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import renderers_of
 from .engine.rendering.render import Renderer
@@ -114,7 +113,6 @@ def record_track(
     full_precision: bool = False,
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
-    processes: int = 1,
 ) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
     """Evaluate a scene block by block, record it, and pass the samples to renderers.
 
@@ -124,10 +122,9 @@ def record_track(
     Blocks are read here; where scenes are stepped, they are worked on in another thread meanwhile.
     The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
     later gives the same.
-    Several ``processes`` evaluate it where that pays, with the same result. With ``part``, only
-    samples ``first <= index < stop`` are recorded, whole chunks of the track. What rings on from
-    before is evaluated first, and forgotten; what devices carry on from one sample to the next
-    is for the whole track.
+    With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
+    What rings on from before is evaluated first, and forgotten; what devices carry on from one
+    sample to the next is for the whole track.
     """
     settings = {
         "record": sorted(record),
@@ -151,8 +148,7 @@ def record_track(
             yield block
 
     def work(given: Iterator[AnimationBlock]) -> Generator[list[AnimationBlock], None, None]:
-        found = evaluated(engine, given, samples=count, processes=processes)
-        with closing(found):
+        with closing(engine.evaluated(given)) as found:
             header = _header(reader.description, settings, tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:

@@ -19,7 +19,6 @@ CHILDREN = (
     "devices.live.host",
     "devices.live.render_worker",
     "devices.live.script_worker",
-    "engine.parallel.evaluation_worker",
     "engine.texture.relief_worker",
     "generation.worker",
     "maintenance.relief.data_set",

@@ -92,7 +92,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
     scene = scene_named(unit.options.scene)
     names, devices, missing = _devices(unit.options, scene)
-    settings = replace(_settings(unit.options, devices, missing), processes=unit.cores)
+    settings = replace(_settings(unit.options, devices, missing), threads=unit.cores)
     export = SceneExport(scene, settings)
     if unit.kind == "part":
         return {"part": _recorded_part(unit, export, progress)}

@@ -20,6 +20,7 @@ response_filters  parameters and values of contact response filters
 scene             the scene description: the input
 keyed_scene       upcoming state of a keyed scene, to be evaluated elsewhere
 samples           haptic samples: the result of an evaluation
+serialization     scenes and blocks for another process
 reference         the definition of a contact, in plain numpy: read it first
 active_rows       rows of a block that count
 retargeting       fitting of the canonical models to an avatar
@@ -28,8 +29,8 @@ contact           broad phase, narrow phase, continuous collision detection
 surface           samples of skin that moves over haptic surfaces
 response          contact responses: how volumes answer a touch
 areas             egocentric and allocentric areas, as runs of samples
+overlapping       work in a thread while its input is produced
 evaluate          evaluation of blocks of animation: the engine's recipe
-parallel          evaluation by several processes
 track             the haptic track on disk: the output
 rendering         samples and tracks as rasters of a device's actuators
 spatial_sound     volumes as sound sources round a listener

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,6 +20,7 @@ from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
 from .native import library
+from .overlapping import short_turns
 from .response.answering import Answering
 from .samples import SampleRun
 from .scene import (
@@ -34,7 +37,7 @@ from .skin.bound_skins import BoundSkins
 from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
-    from .native.threads import Threads
+    from concurrent.futures import Executor
 
 
 _SLOW: Final = (
@@ -58,11 +61,6 @@ class Engine:
     threads : int
         How many look at skin while this one goes on, where the compiled part is there; 1: none.
         The results are the same.
-
-    Attributes
-    ----------
-    threads : Threads or None
-        Those threads.
     """
 
     def __init__(
@@ -85,8 +83,8 @@ class Engine:
         self.responses = Answering(scene)
         builder = SampleRunBuilder(scene, wanted, self._skins, self.counters)
         self._egocentric = EgocentricAreas(builder)
-        self.threads = _threads(threads)
-        self._allocentric = AllocentricAreas(builder, self.responses, self.threads)
+        self._threads = _threads(threads)
+        self._allocentric = AllocentricAreas(builder, self.responses, self._threads)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -96,6 +94,32 @@ class Engine:
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Evaluate a block: one run of samples for each effect and body with any."""
         return self.begin(block)()
+
+    def evaluated(
+        self, blocks: Iterable[AnimationBlock]
+    ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
+        """Yield blocks with their samples, in their order.
+
+        With threads, which go on working meanwhile, a block is begun before the samples of the
+        one before it are given on. Counters hold what was given on.
+        """
+        begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
+        with nullcontext() if self._threads is None else short_turns():
+            for block in blocks:
+                before = self.counters.copy()
+                ended = self.begin(block)
+                begun.append((block, ended, self.counters.since(before)))
+                self.counters.go_back(before)
+                if self._threads is None or len(begun) > 1:
+                    yield self._ended(*begun.popleft())
+            while begun:
+                yield self._ended(*begun.popleft())
+
+    def _ended(
+        self, block: AnimationBlock, ended: Callable[[], list[SampleRun]], counted: Counters
+    ) -> tuple[AnimationBlock, list[SampleRun]]:
+        self.counters.add(counted)
+        return block, ended()
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
         """Begin to :meth:`evaluate` a block; the returned function, called once, gives the samples.
@@ -172,10 +196,10 @@ class Engine:
         return lambda: found
 
 
-def _threads(count: int) -> Threads | None:
+def _threads(count: int) -> Executor | None:
     """Thread pool of an engine; None where threads would have nothing to do."""
     if count < 2 or not library.is_there():
         return None
-    from .native.threads import Threads  # Blender's start does not wait for it
+    from concurrent.futures import ThreadPoolExecutor  # Blender's start does not wait for it
 
-    return Threads(count)
+    return ThreadPoolExecutor(count, "hfx")

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..devices.live.messages import MessageError
 from ..devices.live.playhead import Playhead, parts_between
-from ..engine.parallel.serialization import encode_object
+from ..engine.serialization import encode_object
 from ..errors import HfxError
 from ..scene_units import fps_of
 

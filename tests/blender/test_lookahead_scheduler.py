@@ -14,10 +14,10 @@ from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.keyed_scene import KeyedBlock, KeyedScene
-from hfx_blender.engine.parallel.serialization import decode_object
 from hfx_blender.engine.response_filters.controls import Filter, FilterKind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
+from hfx_blender.engine.serialization import decode_object
 from hfx_blender.engine.volume.shape import Falloff
 from hfx_blender.playback import lookahead_scheduler
 from hfx_blender.playback.lookahead_scheduler import LookaheadScheduler, PlaybackDirection

@@ -79,7 +79,7 @@ def test_effects_without_a_clip_are_told_of_where_clips_are_written(
     scene: Any, tmp_path: Path
 ) -> None:
     clips.add_clip(bpy.data.objects["Touch"], 1, 3)
-    asked = ExportSettings(per_clip=True, processes=1)
+    asked = ExportSettings(per_clip=True, threads=1)
     report = export_scene(scene, tmp_path / "out", "x", asked)
     (sentence,) = [each for each in report.warnings if "--per-clip" in each]
     assert sentence.endswith("1 (Ball)")

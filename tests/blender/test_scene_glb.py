@@ -51,7 +51,7 @@ def _scene(scene: Any) -> dict[str, dict[int, np.ndarray]]:
 @pytest.fixture
 def exported(scene: Any, tmp_path: Path) -> tuple[Path, dict[str, dict[int, np.ndarray]]]:
     skin = _scene(scene)
-    asked = ExportSettings(("glb", "hjif"), rate_hz=Fraction(24), tolerance=EXACT, processes=1)
+    asked = ExportSettings(("glb", "hjif"), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
     export_scene(scene, tmp_path, "x", asked)
     return tmp_path, skin
 
@@ -68,7 +68,7 @@ def test_a_body_that_follows_its_mesh_is_where_its_mesh_is(scene: Any, tmp_path:
     for frame in (1, 6, 9):
         oracle.set_time(scene, Fraction(frame))
         skin[frame] = oracle.world_vertices(scene, reference)
-    asked = ExportSettings(("glb",), rate_hz=Fraction(24), tolerance=EXACT, processes=1)
+    asked = ExportSettings(("glb",), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
     report = export_scene(scene, tmp_path, "x", asked)
     (note,) = (each for each in report.notes if "follows its mesh" in each)
     most_mm, all_mm = (float(each) for each in re.findall(r"within ([0-9.]+) mm", note))

@@ -70,7 +70,7 @@ def scripted(folder: Path, source: str, *, is_approved: bool = True) -> Any:
 
 def settings(*names: str, **more: Any) -> ExportSettings:
     devices = tuple(map(load_device, names))
-    return ExportSettings(("track", "csv", "npz", "wav"), devices, processes=1, **more)
+    return ExportSettings(("track", "csv", "npz", "wav"), devices, threads=1, **more)
 
 
 def test_the_same_bytes_in_one_go_and_in_parts(folder: Path, tmp_path: Path) -> None:
@@ -236,13 +236,13 @@ def test_a_clip_in_which_nothing_is_felt_and_a_script_without_numbers_are_told(
     far.location.x = 50.0
     clips.add_clip(far, 1, 5).name = "Unfelt"
     scripted(folder, "def render(h):\n    return [float('nan')] * 16\n")
-    asked = ExportSettings(("hjif", "csv"), (load_device(NAME),), processes=1, per_clip=True)
+    asked = ExportSettings(("hjif", "csv"), (load_device(NAME),), threads=1, per_clip=True)
     report = export_scene(bpy.context.scene, tmp_path / "out", "x", asked)
     assert "x.Felt.hjif" in names_in(tmp_path / "out")
     assert "x.Unfelt.hjif" not in names_in(tmp_path / "out")
     (sentence,) = report.left_out
     assert "'Unfelt'" in sentence and "HJIF" in sentence and sentence in report.warnings
     assert any("gave no number at" in each for each in report.warnings)
-    asked = ExportSettings(("csv",), (load_device(NAME),), processes=1, strict=True)
+    asked = ExportSettings(("csv",), (load_device(NAME),), threads=1, strict=True)
     with pytest.raises(InputError, match="gave no number at"):
         export_scene(bpy.context.scene, tmp_path / "no", "x", asked)

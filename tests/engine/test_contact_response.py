@@ -16,7 +16,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response.settling import Settling
 from hfx_blender.engine.response_filters import envelope, filters
 from hfx_blender.engine.response_filters.controls import (
     CONTROLS,
@@ -321,22 +320,13 @@ def _columns(runs: list[SampleRun]) -> tuple[bytes, ...]:
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(st.integers(1, COUNT - 1), unique=True, max_size=6), st.booleans())
-def test_splitting_time_and_putting_it_together_gives_the_same_bytes(
-    cuts: list[int], is_apart: bool
-) -> None:
+@given(st.lists(st.integers(1, COUNT - 1), unique=True, max_size=6))
+def test_splitting_time_and_putting_it_together_gives_the_same_bytes(cuts: list[int]) -> None:
     block = _block(STACK, _there_and_back())
     whole = _columns(_engine(STACK).evaluate(block))
-    edges = [0, *sorted(cuts), COUNT]
-    engine = _engine(STACK)
-    touches, runs = [], []
-    for first, stop in pairwise(edges):
-        if is_apart:  # each part by an engine that knows nothing of the others
-            engine = _engine(STACK)
-            engine.responses.defers = True
+    engine, runs = _engine(STACK), []
+    for first, stop in pairwise([0, *sorted(cuts), COUNT]):
         runs += engine.evaluate(_part(block, first, stop))
-        touches += engine.responses.deferred if is_apart else []
-    runs += Settling().settle_all(touches)
     assert _columns(runs) == whole
     assert len(whole[0]) > 8 * 20
 

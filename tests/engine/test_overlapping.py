@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hfx_blender.engine.parallel.overlapping import overlapped, sequentially
+from hfx_blender.engine.overlapping import overlapped, sequentially
 
 
 def _squares(numbers: Iterator[int]) -> Iterator[int]:

@@ -19,8 +19,8 @@ from typing import Final
 
 from ...engine.evaluate import Engine
 from ...engine.keyed_scene import KeyedBlock, KeyedScene
-from ...engine.parallel.serialization import decode_object
 from ...engine.samples import SampleRun
+from ...engine.serialization import decode_object
 from .live_frame import LiveFrame
 from .playhead import Playhead
 

@@ -34,7 +34,7 @@ from . import on_demand
 from .sample_run_builder import SampleRunBuilder
 
 if TYPE_CHECKING:
-    from ..native.threads import Threads
+    from concurrent.futures import Executor
 
 _SMALLEST_BODY: Final = 0.4  # of a model's size, posed as it is; curled up it is no smaller
 
@@ -43,7 +43,7 @@ class AllocentricAreas:
     """Runs of haptic volumes, of their responses, and of haptic surfaces."""
 
     def __init__(
-        self, builder: SampleRunBuilder, responses: Answering, threads: Threads | None
+        self, builder: SampleRunBuilder, responses: Answering, threads: Executor | None
     ) -> None:
         self._builder = builder
         self._threads = threads

@@ -20,7 +20,7 @@ from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays
 
 if TYPE_CHECKING:
-    from ..native.threads import Threads
+    from concurrent.futures import Executor
 
 
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
@@ -45,7 +45,7 @@ def narrow_phase(
     weights: Weights,
     column_of: I64,
     details: DetailArrays | None = None,
-    threads: Threads | None = None,
+    threads: Executor | None = None,
 ) -> Callable[[], int]:
     """Compute contact weights of cells inside and of passages.
 
@@ -65,7 +65,7 @@ def narrow_phase(
         The column of each of the table's cells.
     details : DetailArrays, optional
         Filled in, for the same columns.
-    threads : Threads, optional
+    threads : Executor, optional
         Threads that compute while this one goes on, each for clusters of its own.
 
     Returns

@@ -14,7 +14,7 @@ from ..volume.shape import Falloff
 from .reachable_bounds import ReachableBounds
 
 if TYPE_CHECKING:
-    from ..native.threads import Threads
+    from concurrent.futures import Executor
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class ContactQuery:
     own_sets: bool = False  # rows share no vertex sets
     with_details: bool = False  # places of contacts
     with_impact: bool = False  # how contacts began, however slowly
-    threads: Threads | None = None  # for the compiled part, which works while this one goes on
+    threads: Executor | None = None  # for the compiled part, which works while this one goes on
     title: str = "a volume"  # in warnings
 
     @property

@@ -2,5 +2,5 @@
 """Contact response: how a haptic volume answers a touch, as a stack of filters.
 
 What follows from one moment alone (:mod:`touches`) is kept apart from what remembers
-(:mod:`settling`), so that time may be split between processes and put together again.
+(:mod:`settling`), so that parts of a scene may be recorded apart and put together again.
 """

@@ -26,27 +26,16 @@ from ..scene import (
 from ..skin.cell_coverage import BodySkin
 from ..volume.placing_matrix import world_bounds
 from .settling import Settling
-from .touches import BodyPlaces, Moments, Touches
+from .touches import BodyPlaces, Moments
 
 
 @dataclass(eq=False)
 class Answering:
-    """Applies the responses of a scene's volumes, block after block.
-
-    ``defers`` leaves the part that remembers to a :class:`Settling` that gets all
-    :attr:`deferred` touches in the order of time: where parts of time are evaluated apart.
-    """
+    """Applies the responses of a scene's volumes, block after block."""
 
     scene: SceneDescription
-    defers: bool = False
     settling: Settling = field(default_factory=Settling)
-    deferred: list[Touches] = field(default_factory=list)
     _places: tuple[ReachableBounds, BodyPlaces] | None = field(init=False, default=None)
-
-    def take_deferred(self) -> list[Touches]:
-        """Touches that have been deferred since they were last taken, in their order."""
-        taken, self.deferred = self.deferred, []
-        return taken
 
     @property
     def memory_s(self) -> float:
@@ -78,7 +67,7 @@ class Answering:
         """Apply the response of a volume to its contacts with a body."""
         assert isinstance(effect.area, HapticVolume)
         stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
-        if run is None and not self.defers and self._is_far(stream, animated, rows, bounds, effect):
+        if run is None and self._is_far(stream, animated, rows, bounds, effect):
             self.settling.pass_over(stream, int(block.indices[rows[-1]]))
             return None
         times = block.live_s
@@ -102,9 +91,6 @@ class Answering:
         )
         touches = moments.touches(stream, parameters, run)
         if touches is None:
-            return None
-        if self.defers:
-            self.deferred.append(touches)
             return None
         felt = self.settling.settle(touches)
         if felt is None or block.live_s is None:

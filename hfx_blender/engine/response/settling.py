@@ -7,7 +7,6 @@ putting it together again gives the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -57,11 +56,6 @@ class Settling:
             return None
         run, self.memories[touches.stream] = settled(touches, memory)
         return run
-
-    def settle_all(self, touches: Iterable[Touches]) -> list[SampleRun]:
-        """Settle several streams or blocks, in the order given; silent runs are left out."""
-        found = (self.settle(each) for each in touches)
-        return [run for run in found if run is not None]
 
     def pass_over(self, stream: Stream, index: int) -> None:
         """Record that nothing of a stream was touched, near or ringing up to a sample."""

@@ -110,7 +110,7 @@ for obj in bpy.data.objects:  # the same over and over: clips do not end, motion
         obj.animation_data_clear()
 devices = tuple(load_device(name) for name in sys.argv[4].split(",") if name)
 formats = ("track", "csv") if devices else ("track",)
-settings = ExportSettings(formats, devices, frames=(0, count - 1), processes=1)
+settings = ExportSettings(formats, devices, frames=(0, count - 1), threads=1)
 export_scene(scene, Path(sys.argv[2]), "x", settings)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 sys.stderr.write(f"found={peak * 1024}")

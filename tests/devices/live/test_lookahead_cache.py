@@ -19,7 +19,6 @@ from hfx_blender.devices.live.playhead import Playhead, frames_ahead, parts_betw
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.keyed_scene import KeyedBlock, KeyedScene
 from hfx_blender.engine.kinematics.keyed_rig import KeyedRig
-from hfx_blender.engine.parallel.serialization import decode_object, encode_object
 from hfx_blender.engine.scene import (
     BodyDescription,
     EffectBlock,
@@ -29,6 +28,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
+from hfx_blender.engine.serialization import decode_object, encode_object
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind

@@ -8,8 +8,8 @@ import copy
 import numpy as np
 from mesh_twins import MESHES, needs_library
 
-from hfx_blender.engine.parallel.serialization import decode_object, encode_object
 from hfx_blender.engine.reference import sweep as reference
+from hfx_blender.engine.serialization import decode_object, encode_object
 from hfx_blender.engine.volume.mesh import MeshVolume
 
 pytestmark = needs_library

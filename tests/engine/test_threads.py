@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several threads find what one finds; scenes and blocks as bytes for other processes."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from both_ways import by_reference, needs_library
+
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.contact import compiled_narrow_phase
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.serialization import decode_object, encode_object
+from hfx_blender.engine.tolerance import PAPER, STANDARD, Tolerance
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, Shape
+
+MODEL = load_model("hfx-temperature-1")
+SAMPLES, SIZE = 72, 6
+
+TETRAHEDRON = MeshVolume(
+    np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]),
+    np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], np.int32),
+    "tetrahedron",
+)
+
+
+def _effect(name: str, area: HapticVolume | PaintedArea) -> EffectDescription:
+    return EffectDescription(name, name, "temperature", MODEL.id, area)
+
+
+def _scene(*filters: Filter) -> SceneDescription:
+    painted = PaintedArea("anna", np.arange(5, dtype=np.int32), np.full(5, 0.5, np.float32))
+    return SceneDescription(
+        TimeBase(Fraction(24), Fraction(24), 0, 0, SAMPLES - 1),
+        (BodyDescription("anna", "Anna", SkinBinding(MODEL.bone_names)),),
+        (
+            _effect("ball", HapticVolume(Falloff())),
+            _effect("mesh", HapticVolume(Falloff(), filters)),
+            _effect("painted", painted),
+        ),
+    )
+
+
+def _volume(
+    first: int,
+    stop: int,
+    shapes: tuple[Shape, ...],
+    height_m: float,
+    filters: tuple[Filter, ...] = (),
+) -> EffectBlock:
+    count = stop - first
+    matrices = np.tile(np.diag([0.2, 0.2, 0.2, 1.0]), (count, 1, 1))
+    matrices[:, 0, 3] = np.linspace(-0.6, 0.6, SAMPLES)[first:stop]
+    matrices[:, 2, 3] = height_m
+    response = np.zeros((count, len(filters), WIDTH))
+    for f, each in enumerate(filters):
+        defaults = [control.default for control in CONTROLS[each.kind]]
+        response[:, f, : len(defaults)] = defaults
+    values = np.full((count, 1), 40.0)
+    return EffectBlock(np.ones(count), values, matrices, shapes, response=response)
+
+
+def _block(start: int, *filters: Filter) -> AnimationBlock:
+    history = min(start, 1)
+    first, stop = start - history, start + SIZE
+    count = stop - first
+    bones = np.tile(np.eye(3, 4), (count, len(MODEL.bone_names), 1, 1))
+    pose = PoseBlock(np.ones(count, bool), np.tile(np.eye(4), (count, 1, 1)), bones)
+    # A mesh that stays is read once, one that changes at every block.
+    mesh = (
+        TETRAHEDRON
+        if start < SAMPLES // 2
+        else MeshVolume(TETRAHEDRON.vertices, TETRAHEDRON.triangles, f"changed {start}")
+    )
+    levels = np.ones(count)
+    if start == 2 * SIZE:
+        levels[-1] = np.nan
+    return AnimationBlock(
+        np.arange(first, stop),
+        (
+            _volume(first, stop, (Sphere(),), 1.2),
+            _volume(first, stop, (mesh,), 0.8, filters),
+            EffectBlock(levels, np.full((count, 1), 10.0)),
+        ),
+        (pose,),
+        history,
+    )
+
+
+def _blocks(*filters: Filter) -> Iterator[AnimationBlock]:
+    return (_block(start, *filters) for start in range(0, SAMPLES, SIZE))
+
+
+def _plain(value: Any) -> Any:
+    """Comparable form of a value: of arrays their bytes."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if is_dataclass(value):
+        return [_plain(getattr(value, each.name)) for each in fields(value)]
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _found(
+    threads: int, *filters: Filter, tolerance: Tolerance = PAPER
+) -> tuple[list[Any], dict[str, Any]]:
+    engine = Engine(_scene(*filters), tolerance=tolerance, threads=threads)
+    evaluated = engine.evaluated(_blocks(*filters))
+    found = [(block.indices.tolist(), _plain(runs)) for block, runs in evaluated]
+    return found, engine.counters.as_dict()
+
+
+def test_something_is_felt_all_the_time() -> None:
+    found, counters = _found(1)
+    assert [indices[0] for indices, _ in found] == [0, *range(SIZE - 1, SAMPLES - 1, SIZE)]
+    assert counters["contacts"] > SAMPLES * 5
+    assert sum(counters["warnings"].values()) == 1
+
+
+@pytest.mark.parametrize("tolerance", [PAPER, STANDARD], ids=lambda each: each.name)
+@pytest.mark.parametrize("threads", [2, 4])
+def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> None:
+    """Impacts go on ringing in later blocks, whoever looks for contacts."""
+    ringing = Filter(FilterKind.IMPACT), Filter(FilterKind.PROXIMITY)
+    alone = _found(1, *ringing, tolerance=tolerance)
+    assert _found(threads, *ringing, tolerance=tolerance) == alone
+    assert alone[1]["contacts"] > _found(1, tolerance=tolerance)[1]["contacts"]
+
+
+def test_without_the_library_there_are_no_threads() -> None:
+    with by_reference():
+        assert Engine(_scene(), threads=2)._threads is None
+    assert Engine(_scene())._threads is None
+
+
+@needs_library
+def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() -> None:
+    """And counts only when it is given on itself."""
+    read: list[int] = []
+
+    def noted() -> Iterator[AnimationBlock]:
+        for block in _blocks():
+            read.append(int(block.indices[-1]))
+            yield block
+
+    engine = Engine(_scene(), tolerance=STANDARD, threads=2)
+    found = engine.evaluated(noted())
+    block, _ = next(found)
+    assert block.indices[-1] == SIZE - 1
+    assert read == [SIZE - 1, 2 * SIZE - 1]
+    assert engine.counters.times_evaluated == SIZE
+    found.close()
+    assert engine.counters.times_evaluated == SIZE
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_block_that_cannot_be_evaluated_fails_where_it_is_asked_for(threads: int) -> None:
+    def broken(start: int) -> AnimationBlock:
+        block = _block(start)
+        if start < 5 * SIZE:
+            return block
+        return AnimationBlock(block.indices, block.effects[:1], block.poses, block.history)
+
+    engine = Engine(_scene(), tolerance=PAPER, threads=threads)
+    with pytest.raises(ValueError, match="zip"):
+        list(engine.evaluated(map(broken, range(0, SAMPLES, SIZE))))
+
+
+@needs_library
+def test_an_error_in_a_thread_is_raised_where_its_block_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_arguments: Any) -> int:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(compiled_narrow_phase._NarrowPhaseCall, "run", fails)
+    with pytest.raises(ZeroDivisionError):
+        list(Engine(_scene(), tolerance=PAPER, threads=2).evaluated(_blocks()))
+
+
+def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
+    block = decode_object(encode_object(_block(8)))
+    assert _plain(block.indices) == _plain(_block(8).indices)
+    for value in (print, os.getpid, Path("a")):
+        with pytest.raises(pickle.UnpicklingError, match="plain data"):
+            decode_object(encode_object(value))
+    for text in (
+        b"cos\nsystem\n.",
+        b"chfx_blender.engine.evaluate\nload_model\n.",
+        b"chfx_blender.engine.track.writer\nPath\n.",  # it is at home elsewhere
+        b"chfx_blender.engine.track.writer\nTrackWriter\n.",  # it would write
+        b"chfx_blender.engine.scene\nnothing\n.",
+    ):
+        with pytest.raises(pickle.UnpicklingError, match="plain data"):
+            decode_object(text)
