@@ -71,7 +71,7 @@ class Kind:
     change: Callable[[Any], None]  # of the demo, whose armature is given
 
 
-def _felt_all_the_time(body: Any) -> None:
+def add_volumes(body: Any) -> None:
     """Add five volumes that move along, instead of the demo's effects, one sample a frame."""
     import bpy
 
@@ -99,7 +99,7 @@ def _constrain(body: Any) -> None:
     """Look at the camera, and keep the hands from turning too far."""
     import bpy
 
-    _felt_all_the_time(body)
+    add_volumes(body)
 
     head = body.pose.bones["head"].constraints.new("DAMPED_TRACK")
     head.target, head.influence = bpy.data.objects["Camera"], 0.3
@@ -112,7 +112,7 @@ def _drive(body: Any) -> None:
     """Breathe with the scene's time, by a driver."""
     import bpy
 
-    _felt_all_the_time(body)
+    add_volumes(body)
     driver = body.pose.bones["spine01"].driver_add("scale", 0).driver
     driver.type = "SUM"
     variable = driver.variables.new()
@@ -123,7 +123,7 @@ def _drive(body: Any) -> None:
 
 KINDS = (
     Kind("constraints", "rig with constraints", 0.55, _constrain),
-    Kind("curves", "rig without constraints", 0.20, _felt_all_the_time),
+    Kind("curves", "rig without constraints", 0.20, add_volumes),
     Kind("own scene", "the own scene must be stepped", 1.10, _drive),
     Kind("demo", "the demo itself, 100 samples a second", None, lambda body: None),
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Comparison with the usual solutions: evaluated meshes tested vertex by vertex.
+"""Comparison with the usual solutions for mesh volumes: evaluated meshes, vertex by vertex.
 
 One avatar walks through one mesh volume. Each way answers the same question for every frame:
 which vertices of the perceptual model (45,000) are inside the mesh?

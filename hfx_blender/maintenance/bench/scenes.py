@@ -19,7 +19,7 @@ from ...engine.body.model import load_model
 from ...engine.body.parts import PARTS, SIDES
 from ..demo import garage
 
-_MODALITIES = ("vibration", "pressure", "temperature", "wind")
+MODALITIES = ("vibration", "pressure", "temperature", "wind")
 _Vector = tuple[float, float, float]
 
 
@@ -53,7 +53,8 @@ def build(name: str, path: Path) -> Path:
     return path
 
 
-def _start(name: str, fps: int, seconds: float) -> Any:
+def empty_scene(name: str, fps: int, seconds: float) -> Any:
+    """A new file with a scene that holds the avatar alone, which is active."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.name = name
@@ -63,14 +64,15 @@ def _start(name: str, fps: int, seconds: float) -> Any:
     return scene
 
 
-def _volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
+def volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
+    """Add a volume."""
     bpy.ops.hfx.add_volume(
         modality=modality, shape=shape, location=place, name=f"{modality} {shape}", **settings
     )
     return bpy.context.object
 
 
-def _move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
+def move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
     """Key a straight motion from place to place."""
     action = bpy.data.actions.new(obj.name)
     obj.animation_data_create().action = action
@@ -81,7 +83,7 @@ def _move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
 
 def _crowded() -> None:
     """Three hundred volumes of all kinds in a hall, and a walk right through them."""
-    scene = _start("Crowded", 30, 4.0)
+    scene = empty_scene("Crowded", 30, 4.0)
     ends = [{"name": "", "location": (x, 0.0, 0.0)} for x in (-2.0, 2.0)]
     bpy.ops.hfx.add_walk(places=ends, frame_start=0, frame_end=scene.frame_end)
     rng = np.random.default_rng(1)
@@ -90,24 +92,24 @@ def _crowded() -> None:
         reach = (2.5, 0.6) if k % 3 == 1 else (6.0, 4.0)  # every third is on the way
         x, y, z = rng.uniform((-reach[0], -reach[1], 0.0), (*reach, 2.0)).tolist()
         size = float(rng.uniform(0.05, 0.5))
-        volume = _volume(
-            _MODALITIES[k % 4],
+        made = volume(
+            MODALITIES[k % 4],
             shapes[k // 4 % 4],
             (x, y, z),
             radius=size / 2,
             height=1.5 * size,
             size=(size, size / 2, size),
         )
-        volume.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
+        made.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
         if k % 3 == 0:
             drift = rng.normal(0.0, 0.5, 3)
             there = (x + float(drift[0]), y + float(drift[1]), z + float(drift[2]))
-            _move(volume, [(0, (x, y, z)), (scene.frame_end, there)])
+            move(made, [(0, (x, y, z)), (scene.frame_end, there)])
 
 
 def _fast() -> None:
     """Build balls, bars and walls of a millimetre that fly through a standing person."""
-    scene = _start("Fast", 24, 4.0)
+    scene = empty_scene("Fast", 24, 4.0)
     rng = np.random.default_rng(2)
     speeds = (2.0, 5.0, 10.0, 20.0, 50.0)
     for k in range(20):
@@ -123,16 +125,16 @@ def _fast() -> None:
             ("CUBOID", {"size": (0.001, 1.5, 1.5)}),
             ("CAPSULE", {"radius": 0.01, "height": 0.6}),
         )[kind]
-        volume = _volume(_MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
-        volume.rotation_euler = (0.0, 0.0, angle)
+        made = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
+        made.rotation_euler = (0.0, 0.0, angle)
         frames = reach * scene.render.fps
         start, end = middle - reach * way, middle + reach * way
-        _move(volume, [(frame - frames, tuple(start)), (frame + frames, tuple(end))])
+        move(made, [(frame - frames, tuple(start)), (frame + frames, tuple(end))])
 
 
 def _fine() -> None:
     """Coins, pins, a ring and a blade that rest on and creep over hands, arms and face."""
-    scene = _start("Fine", 24, 4.0)
+    scene = empty_scene("Fine", 24, 4.0)
     rng = np.random.default_rng(3)
     parts = ("hand_palm", "fingers", "forearm", "head", "foot_sole")
     places = [(part, side) for part in parts for side in ("left", "right")]
@@ -153,10 +155,10 @@ def _fine() -> None:
         along = np.cross(model.normals[vertex], rng.normal(size=3))
         along *= 0.03 / np.linalg.norm(along)
         shape, settings = kinds[k % len(kinds)]
-        volume = _volume(_MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
-        volume.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
+        made = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
+        made.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
         ends = [tuple((place - along).tolist()), tuple((place + along).tolist())]
-        _move(volume, [(0, ends[0]), (scene.frame_end, ends[1])])
+        move(made, [(0, ends[0]), (scene.frame_end, ends[1])])
 
 
 _BUILDERS: Final[dict[str, tuple[Callable[[], Any], str, tuple[int, int]]]] = {

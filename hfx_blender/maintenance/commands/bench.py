@@ -181,10 +181,14 @@ def _economy(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str
 def _naive(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     blender_session.start()
 
-    from ..bench import naive
+    from ..bench import naive, numpy_script
 
-    result = naive.measure(short=options.short, progress=progress)
-    return result, naive.as_text(result)
+    meshes = naive.measure(short=options.short, progress=lambda share: progress(share / 2))
+    formulas = numpy_script.measure(
+        short=options.short, progress=lambda share: progress((1.0 + share) / 2)
+    )
+    texts = naive.as_text(meshes), numpy_script.as_text(formulas)
+    return {"mesh": meshes, "formulas": formulas}, "\n\n".join(texts)
 
 
 def _batch(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
