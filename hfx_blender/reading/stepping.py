@@ -85,7 +85,10 @@ class Stepper:
     @cached_property
     def is_changing(self) -> bool:
         """Test that the scene may show other objects at other times."""
-        return self.is_own or any(map(visibility.is_keyed, scene_objects(self._scene)))
+        objects = scene_objects(self._scene)
+        if self.is_own and (foreign_handler() is not None or runs_code(objects)):
+            return True
+        return any(map(visibility.is_keyed, objects))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
