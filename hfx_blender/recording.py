@@ -22,7 +22,7 @@ from .engine.rendering.devices import renderers_of
 from .engine.rendering.render import Renderer
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
-from .engine.track import TrackHeader, TrackWriter, as_stored
+from .engine.track import TrackHeader, TrackWriter
 from .engine.track.joining import joined
 from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
@@ -119,7 +119,7 @@ def record_track(
     Renderers are returned that have been given all of it, for each device on each body.
 
     After each block the share that is done is yielded: whoever stops there leaves no file.
-    Blocks are read here; where scenes are stepped, they are worked on in another thread meanwhile.
+    Blocks are read here; they are worked on in another thread meanwhile, if that can run.
     The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
     later gives the same.
     With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
@@ -153,16 +153,15 @@ def record_track(
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
                 for some in _chunks(_without_warm_up(found, first, engine.counters)):
-                    runs = joined((felt for _, felt in some), header.streams)
-                    runs = [as_stored(run, full_precision=full_precision) for run in runs]
-                    writer.append(runs)
+                    felt = joined((felt for _, felt in some), header.streams)
+                    runs = writer.append(felt)
                     for _, renderer in renderers:
                         renderer.add(runs)
                     yield [block for block, _ in some]
         finished.extend(renderers)
 
-    # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
-    together = overlapped if reader.is_stepped else sequentially
+    # Blender lets other threads run while it steps a scene, even on one processor.
+    together = overlapped if engine.has_threads or reader.is_stepped else sequentially
     # Scenes are restored even if the caller stops after a step.
     with closing(blocks), closing(together(counted(), work)) as worked:
         for done_now in worked:

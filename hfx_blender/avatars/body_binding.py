@@ -16,7 +16,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
-from ..engine.body.model import PerceptualModel, load_avatar, load_model
+from ..engine.body.model import PerceptualModel, load_model, load_skeleton
 from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from ..errors import InputError
@@ -116,7 +116,7 @@ def warning_of(body: bpy.types.Object) -> str | None:
 
 def from_canonical(body: bpy.types.Object) -> str | None:
     """Difference of an armature from the canonical one in rest pose; None if there is none."""
-    skeleton = load_avatar().skeleton
+    skeleton = load_skeleton()
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
     if missing:

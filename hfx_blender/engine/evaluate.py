@@ -87,6 +87,11 @@ class Engine:
         self._allocentric = AllocentricAreas(builder, self.responses, self._threads)
 
     @property
+    def has_threads(self) -> bool:
+        """Test for threads that look at skin while this one goes on."""
+        return self._threads is not None
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Facts for a report that hold for all blocks."""
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()

@@ -138,7 +138,10 @@ class Sources:
         self._shapes = shapes
         self._faults = {} if faults is None else faults
         every = sources_of(found.scene)
-        sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
+        finite: set[bpy.types.ID] = set()
+        sound, bad = soundness.without_faulty(
+            every.values(), lambda source: soundness.warnings_of(source, finite)
+        )
         warned = (text for each in sound.values() for text in each)
         every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}

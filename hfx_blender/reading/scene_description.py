@@ -104,12 +104,15 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)
-    bodies, warned, left_out = _find_bodies(scene, layer, enabled)
+    finite: set[bpy.types.ID] = set()
+    bodies, warned, left_out = _find_bodies(scene, layer, enabled, finite)
     kept, warnings = _find_effects(scene, layer, enabled)
     warnings = (*_of_unknown_role(scene), *warned, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
-    sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
+    sound, faults = soundness.without_faulty(
+        kept, lambda effect: soundness.warnings_of(effect, finite)
+    )
     if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
@@ -139,7 +142,10 @@ def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
 
 
 def _find_bodies(
-    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+    scene: bpy.types.Scene,
+    layer: bpy.types.ViewLayer,
+    enabled: set[bpy.types.Object],
+    finite: set[bpy.types.ID],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
     """Find the bodies that can be posed, warnings about them, and the names of the others."""
     bodies = effects.bodies_of(scene)
@@ -157,7 +163,7 @@ def _find_bodies(
         )
 
     def check(body: bpy.types.Object) -> list[str]:
-        warned = soundness.warnings_of(body)
+        warned = soundness.warnings_of(body, finite)
         if body.type != "ARMATURE":
             raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):

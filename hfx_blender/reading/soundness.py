@@ -45,15 +45,17 @@ _STEADY = re.compile(
 """Animated paths that are read once."""
 
 
-def warnings_of(obj: bpy.types.Object) -> list[str]:
+def warnings_of(obj: bpy.types.Object, finite: set[bpy.types.ID]) -> list[str]:
     """Warnings about values of an effect or a body that are not read as they are stored.
+
+    ``finite`` holds what is known to have finite keys; what is found so is added.
 
     Raises
     ------
     InputError
         It cannot be read at all.
     """
-    reject_non_finite_keyframes(obj)
+    _reject_non_finite_keyframes(obj, finite)
     animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
     warned = []
     for bad in stored_values.bad_values(obj):
@@ -97,20 +99,29 @@ def titled(obj: bpy.types.Object) -> str:
     return f"{kind} '{obj.name}'"
 
 
-def reject_non_finite_keyframes(obj: bpy.types.Object) -> None:
+def _reject_non_finite_keyframes(obj: bpy.types.Object, finite: set[bpy.types.ID]) -> None:
     """Reject keyframes that are not finite, of an object or its parents: they may do anything."""
     for mover in _with_parents(obj):
         for owner in filter(None, (mover, mover.data)):
-            for curve in _curves_of(owner):
-                keys = np.zeros(len(curve.keyframe_points) * 2, np.float32)
-                curve.keyframe_points.foreach_get("co", keys)
-                endless = ~(np.abs(keys) < _LARGEST)
-                if endless.any():
-                    number = int(np.flatnonzero(endless)[0]) // 2 + 1
-                    raise InputError(
-                        f"'{mover.name}': key {number} of the F-curve '{curve.data_path}' "
-                        f"[{curve.array_index}] is not a finite number; correct or delete it."
-                    )
+            if owner not in finite:
+                _reject_non_finite(mover.name, list(_curves_of(owner)))
+                finite.add(owner)
+
+
+def _reject_non_finite(name: str, curves: list[bpy.types.FCurve]) -> None:
+    """Reject keyframes of the F-curves of an object of this name."""
+    every = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
+    for curve, keys in zip(curves, every, strict=True):
+        curve.keyframe_points.foreach_get("co", keys)
+    counts = np.cumsum([0, *map(len, every)])
+    endless = np.flatnonzero(~(np.abs(np.concatenate([np.zeros(0, "f4"), *every])) < _LARGEST))
+    if len(endless):
+        which = int(np.searchsorted(counts, endless[0], "right")) - 1
+        number = (int(endless[0]) - int(counts[which])) // 2 + 1
+        raise InputError(
+            f"'{name}': key {number} of the F-curve '{curves[which].data_path}' "
+            f"[{curves[which].array_index}] is not a finite number; correct or delete it."
+        )
 
 
 def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import I32, Bool
+from ..arrays import F64, I32, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS, SIDES
 from .device import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
@@ -74,16 +75,24 @@ def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
     return np.isin(model.part, [PARTS.index(part) for part in parts])
 
 
+@lru_cache(maxsize=64)
+def _skin_of(parts: tuple[str, ...], side: str | None, model: PerceptualModel) -> tuple[I32, F64]:
+    """Vertices of a model on some parts and a side, and their places (3, n): a device has many
+    actuators on the same ones."""
+    allowed = on_parts(parts, model)
+    if side is not None:
+        allowed &= model.side == SIDES.index(side)
+    found = np.flatnonzero(allowed).astype(np.int32)
+    return found, np.ascontiguousarray(model.vertices[found].T, np.float64)
+
+
 def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
-    allowed = on_parts(place.parts, model)
-    if place.side is not None:
-        allowed &= model.side == SIDES.index(place.side)
-    candidates = np.flatnonzero(allowed).astype(np.int32)
+    candidates, places = _skin_of(place.parts, place.side, model)
     where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
     if not len(candidates):
         raise InputError(f"model '{model.id}' has no vertex on {where}.")
-    offsets = model.vertices[candidates].astype(np.float64) - np.array(place.centre_m)
-    distances = np.linalg.norm(offsets, axis=1)
+    x, y, z = (along - centre for along, centre in zip(places, place.centre_m, strict=True))
+    distances = np.sqrt(x * x + y * y + z * z)
     nearest = int(np.argmin(distances))
     if distances[nearest] > place.radius_m + MAX_MISS_M:
         raise InputError(
