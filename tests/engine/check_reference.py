@@ -5,10 +5,6 @@
 by how much weights and details differ, and goes on where the file ends. ``--first`` begins at
 another seed, for several runs at once; ``--without-library`` judges what is felt where it is
 missing. Not part of the test suite, which looks at some such scenes in ``test_reference.py``.
-
-Known to differ, 8 of the first 10,000: where bones or a surface stretch strongly curved skin, the
-engine's plane beside the volume (``analytic.h``) keeps the bulge that skin has at rest, and
-skin that bulges into the volume only as it is posed is left out.
 """
 
 from __future__ import annotations

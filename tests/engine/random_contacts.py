@@ -299,6 +299,19 @@ class RandomContact:
         return float(np.concatenate(apart).max(initial=0.0))
 
 
+class StretchedContact(RandomContact):
+    """The same, its bones stretching skin up to six times: it bulges as far as it is posed."""
+
+    @cached_property
+    def pose(self) -> PoseBlock:
+        made = super().pose
+        if made.bones is None:
+            return made
+        bones = made.bones.copy()
+        bones[..., :3] = bones[..., :3] * np.exp(self._rng(9).uniform(-0.3, 1.8, 3))
+        return replace(made, bones=bones)
+
+
 def _placing(
     rng: np.random.Generator, spread: float, scale: float = 1.0, offset: object = None
 ) -> np.ndarray:

@@ -14,7 +14,7 @@ from both_ways import by_reference, needs_library
 from coverage_synthetic import SIDE_M, ball, placed, rigid, sheet
 from distorted_scenes import FALLOFFS, DistortedScene, load
 from engine_synthetic import BONES
-from random_contacts import NEAR, RandomContact
+from random_contacts import NEAR, RandomContact, StretchedContact
 
 from hfx_blender.engine import tolerance
 from hfx_blender.engine.body.model import PerceptualModel
@@ -60,6 +60,13 @@ DEFORMING = 11, 14
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
     case = RandomContact(seed)
+    assert case.difference < NEAR, case
+
+
+@pytest.mark.parametrize("seed", [2089, 2244])
+def test_skin_that_bones_stretch_bulges_as_far_as_it_is_posed(seed: int) -> None:
+    """Where only the bulge is inside: no plane parts it from the volume."""
+    case = StretchedContact(seed)
     assert case.difference < NEAR, case
 
 

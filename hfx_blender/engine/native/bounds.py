@@ -11,7 +11,7 @@ from ..arrays import F64, I64
 from .declarations import structure
 from .library import i64, loaded
 
-_ROOM: Final = 22  # numbers for each bone
+_ROOM: Final = 24  # numbers for each bone
 
 
 class Outline:

@@ -80,17 +80,16 @@ class SkinTable:
         Each quad's unit, and the places of its triangle's other corners.
     is_ringed : (P,) uint8
         Whether the first of these already are all neighbours of a unit.
-    steps, finest, heights_m, wholes, sample_starts : (Q,)
-        Of each quad: samples both ways at rest, and the most in any pose; height of the bulge in
-        the rest pose, 0 where it does not count; share of the cell's area, all samples together;
-        its first sample.
+    steps, finest, wholes, sample_starts : (Q,)
+        Of each quad: samples both ways at rest, and the most in any pose; share of the cell's
+        area, all samples together; its first sample.
     quads : (Q, 10) float64
         Of each quad, what places its samples: shares of the ways to both other corners, of its
         place on the edge to each and, both, of its place in the middle; the area of a sample as a
         share of the cell's, and how it changes along and across; the bulges of its triangle's
         edges, 0 where none counts.
-    bulge_m, most_samples : (clusters,)
-        The highest bulge of each cluster; the most samples of any of its cells.
+    most_samples : (clusters,)
+        The most samples of any of its cells.
     largest_cell : int
         The most samples of any cell that is filled in.
     """
@@ -133,9 +132,9 @@ class SkinTable:
         self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
         self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
         self.steps, self.finest = np.zeros(quads, np.int64), np.zeros(quads, np.int64)
-        self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
+        self.wholes = np.zeros(quads)
         self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
-        self.bulge_m, self.most_samples = np.zeros(len(cells)), np.ones(len(cells), np.int64)
+        self.most_samples = np.ones(len(cells), np.int64)
         self._sample_count, self.largest_cell = 0, 1
         self._samples = np.zeros((4, 0))
 

@@ -54,7 +54,8 @@ def _boxes(skin, pose, rows):
         middles += np.einsum("nij,npj->npi", to_world[:, :3, :3], posed[..., 3])
         middles += to_world[:, None, :3, 3]
         reaches = np.einsum("npij,pj->npi", np.abs(linear), halves)
-        bulges = largest_stretch(to_world)[:, None, None] * margins[:, None]
+        stretches = largest_stretch(linear.reshape(-1, 3, 3)).reshape(linear.shape[:2])
+        bulges = (np.maximum.reduceat(stretches, ends[:-1], axis=1) * margins)[..., None]
         low = np.minimum.reduceat(middles - reaches, ends[:-1], axis=1) - bulges
         high = np.maximum.reduceat(middles + reaches, ends[:-1], axis=1) + bulges
         expected = ReachableBounds.around(rows, low, high)

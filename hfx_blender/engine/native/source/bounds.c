@@ -7,7 +7,7 @@
 #include "hfx_native.h"
 #include "skin_posing.h"
 
-#define COLUMNS 11     // of a bone, 2 doubles each
+#define COLUMNS 12     // of a bone, 2 doubles each
 #define LARGEST 1e100  // nothing overflows below it
 
 // Smaller and larger of numbers; the second one where either is NaN.
@@ -33,7 +33,7 @@ static inline hfx_corners around(hfx_corners one, hfx_corners other) {
   return (hfx_corners){least(one.low, other.low), most(one.high, other.high), most(one.z, other.z)};
 }
 
-// By columns: (x, y) of each; their sizes; z of each and its size; z of the last.
+// By columns: (x, y) of each; their sizes; z of each and its size; z of the last. Then its stretch.
 static void columns_of(const double m[12], hfx_loose *columns) {
   for (int j = 0; j < 4; j++) columns[j] = (hfx_two){m[j], m[4 + j]};
   for (int j = 0; j < 3; j++) {
@@ -41,6 +41,7 @@ static void columns_of(const double m[12], hfx_loose *columns) {
     columns[7 + j] = (hfx_two){m[8 + j], fabs(m[8 + j])};
   }
   columns[10] = (hfx_two){m[11], 0.0};
+  columns[11] = (hfx_two){hfx_stretch(m, 4), 0.0};
 }
 
 // The box of a cluster in the matrices that columns_of gave.
@@ -82,6 +83,14 @@ static hfx_corners unsure_corners(const hfx_outline *outline, int64_t cluster, c
   return (hfx_corners){{low[0], low[1]}, {high[0], high[1]}, {-low[2], high[2]}};
 }
 
+// The largest stretch of any bone that moves a cluster.
+static inline double stretch_of(const hfx_outline *outline, int64_t cluster, const hfx_loose *columns) {
+  double most = 0.0;
+  for (int64_t p = outline->starts[cluster]; p < outline->starts[cluster + 1]; p++)
+    most = hfx_larger(most, columns[COLUMNS * outline->slots[p] + 11][0]);
+  return most;
+}
+
 static inline void put(hfx_corners box, double *low, double *high) {
   low[0] = box.low[0], low[1] = box.low[1], low[2] = -box.z[0];
   high[0] = box.high[0], high[1] = box.high[1], high[2] = box.z[1];
@@ -89,7 +98,7 @@ static inline void put(hfx_corners box, double *low, double *high) {
 
 // See SkinnedModel.cluster_bounds: boxes around clusters, (rows, clusters, 3) each, around all of
 // them at each row, (rows, 2, 3), and around each at all rows, (clusters, 2, 3). Skin lies beyond
-// what bones move by `margins`, NULL: not at all. `room` holds 22 numbers for each bone.
+// what bones move by `margins`, NULL: not at all. `room` holds 24 numbers for each bone.
 HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t posed_bones, const double *posed,
                            const int64_t *row, const double *to_target, const double *margins,
                            double *room, double *low, double *high, double *of_rows,
@@ -108,13 +117,12 @@ HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t pos
       for (int i = 0; i < 12; i++) sum += fabs(m[i]);
       is_sure &= sum <= LARGEST;
     }
-    double bulge = margins ? hfx_stretch(target, 4) : 0.0;
     hfx_corners whole = NOWHERE;
     double is_unknown = 0.0;
     for (int64_t c = 0; c < clusters; c++, low += 3, high += 3) {
       hfx_corners box = is_sure ? corners_of(outline, c, columns) : unsure_corners(outline, c, room);
       if (margins) {
-        double margin = bulge * margins[c];
+        double margin = stretch_of(outline, c, columns) * margins[c];
         box.low -= margin, box.high += margin, box.z += margin;
       }
       put(box, low, high);

@@ -67,23 +67,22 @@ static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, 
   if (!near) return at_vertex * table->unit_shares[place];
   gap_of(ctx, pair, unit);  // poses all around it
   double sum = at_vertex * table->vertex_shares[place];
-  double margin = table->bulge_m[ctx->number] * ctx->stretch;
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
     triangle t;
     corners_of(ctx, pair, unit, q, t.corners);
+    find_edges(ctx, pair, q, &t);
     double deepest = gap, shallowest = gap;
     for (int k = 0; k < 2; k++) {
       double clearance = pair->clearance[table->around[2 * q + k] - ctx->first];
       deepest = hfx_larger(deepest, clearance), shallowest = hfx_smaller(shallowest, clearance);
     }
     // A corner inside: no plane parts them.
-    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, margin))
+    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
       continue;
-    if (target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -table->heights_m[q] * ctx->stretch) {
+    if (target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge) {
       sum += table->wholes[q];
       continue;
     }
-    find_edges(ctx, pair->row, q, &t);
     sum += sampled(ctx, q, steps_of(ctx, pair, q, &t), &t);
   }
   return sum;
@@ -192,9 +191,7 @@ static void reset_pairs(const context *ctx, double *room, posed_pair both[2], ga
 static void begin_pair(context *ctx, const posed_pair *before, posed_pair *now, int64_t pair,
                        int64_t row, int64_t steps) {
   const hfx_target *target = ctx->target;
-  now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = now->has_metric = 0;
-  ctx->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
-  ctx->has_turns = 0;
+  now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = now->has_metric = now->has_turns = 0;
   ctx->is_same = before->row == row - 1 && ctx->shape.kind == target->kinds[row - 1] &&
                 ctx->shape.half == target->halves[row - 1] && ctx->shape.mesh == target->meshes[row - 1];
   ctx->moved = INFINITY;

@@ -181,16 +181,13 @@ static inline const double *stretches_of(context *ctx, const hfx_drift *drift, i
 // plane beside the volume that parts the corners of both ends from it, parts all of the step. Skin
 // bulges no farther than its height, stretched as the corners are.
 static inline uint64_t open_steps(context *ctx, const hfx_drift *drift, int64_t steps, int kind,
-                                  int64_t interval, int64_t quad, const triangle *a, const triangle *b) {
-  const hfx_quad *curved = ctx->table->quads + quad;
+                                  int64_t interval, const triangle *a, const triangle *b) {
   double path[3][MOST_STEPS + 1][3], margins[MOST_STEPS + 1];
   for (int c = 0; c < 3; c++)
     path_of(drift, steps, kind, interval, EVERY_STEP, a->corners[c], b->corners[c], path[c]);
-  // A height is at most a third of the largest bulge, in the middle of a triangle.
-  double height = hfx_larger(fabs(curved->to_one), hfx_larger(fabs(curved->to_two), fabs(curved->between)));
-  height *= sqrt(hfx_larger(hfx_dot(a->normal, a->normal), hfx_dot(b->normal, b->normal))) / 3.0;
+  double height = hfx_larger(a->bulge, b->bulge);
   const double *stretches = height > 0.0 ? stretches_of(ctx, drift, steps, kind, interval) : NULL;
-  for (int64_t k = 0; k <= steps; k++) margins[k] = stretches ? SLACK * height * stretches[k] : 0.0;
+  for (int64_t k = 0; k <= steps; k++) margins[k] = stretches ? height * stretches[k] : 0.0;
   uint64_t open = 0;
   for (int64_t k = 0; k < steps; k++) {
     double ends[6][3];
@@ -214,8 +211,7 @@ static inline int stays_outside(const context *ctx, const posed_pair *before, co
   if (shallowest <= 0.0) return 0;
   for (int k = 0; k < 3; k++)
     for (int i = 0; i < 3; i++) corners[k][i] = a->corners[k][i], corners[3 + k][i] = b->corners[k][i];
-  double stretch = hfx_larger(ctx->stretch, hfx_stretch(ctx->target->to_shape + 16 * before->row, 4));
-  return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, table->bulge_m[ctx->number] * stretch);
+  return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, hfx_larger(a->bulge, b->bulge));
 }
 
 // Adds the entries of a quad of a unit between a pair and the next; returns the number of events.
@@ -227,13 +223,11 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   triangle a, b;
   corners_of(ctx, before, unit, quad, a.corners);
   corners_of(ctx, now, unit, quad, b.corners);
-  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
   // Samples of the start stand outwards as the skin did there.
-  ctx->has_turns = 0;
-  find_edges(ctx, interval, quad, &a);
-  ctx->has_turns = 0;
-  find_edges(ctx, now->row, quad, &b);
-  if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, quad, &a, &b);
+  find_edges(ctx, before, quad, &a);
+  find_edges(ctx, now, quad, &b);
+  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
+  if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, &a, &b);
   if (!open) return count;
   int64_t number = steps_of(ctx, before, quad, &a), later = steps_of(ctx, now, quad, &b);
   number = number > later ? number : later;

@@ -36,6 +36,8 @@ typedef struct {
   int64_t row, pair, has_matrices, has_gaps, has_metric;
   double metric[6];      // of shape space: what makes squared metres of ways, see find_metric
   double allowed;        // how far skin may be from its samples, metres
+  double turns[2][9];    // cross products to the world, and these back
+  int64_t has_turns;
 } posed_pair;
 
 // Optional details of contacts, in shape space; see contact/contact_details.py. A contact is
@@ -64,9 +66,6 @@ typedef struct {
   int is_same;                 // the volume has the shape that it had then
   hfx_shape shape;
   int64_t number, first;  // the cluster, its first place
-  double stretch;         // of the row
-  double turns[2][9];     // cross products to the world, and these back
-  int has_turns;
   int64_t posed;          // places
   double limit;           // mean distance within which vertices suffice
   double steepest;
@@ -227,8 +226,8 @@ static inline int is_unit_even(context *ctx, posed_pair *pair, int64_t unit, int
 }
 
 // A matrix turns cross products by its determinant times its inverse transposed.
-static inline void find_turns(context *ctx, int64_t row) {
-  const double *a = ctx->target->to_shape + 16 * row, *b = ctx->target->to_world + 16 * row;
+static void find_turns(const context *ctx, posed_pair *pair) {
+  const double *a = ctx->target->to_shape + 16 * pair->row, *b = ctx->target->to_world + 16 * pair->row;
   double determinants[2];
   const double *matrices[2] = {a, b};
   for (int k = 0; k < 2; k++) {
@@ -239,38 +238,39 @@ static inline void find_turns(context *ctx, int64_t row) {
   double hand = determinants[1] > 0.0 ? 1.0 : (determinants[1] < 0.0 ? -1.0 : 0.0);
   double sign = hand / determinants[0];
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) ctx->turns[0][3 * i + j] = a[4 * j + i] * sign;
+    for (int j = 0; j < 3; j++) pair->turns[0][3 * i + j] = a[4 * j + i] * sign;
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 3; j++) {
-      const double *m = a + 4 * i, *turn = ctx->turns[0] + j;
-      ctx->turns[1][3 * i + j] = m[0] * turn[0] + m[1] * turn[3] + m[2] * turn[6];
+      const double *m = a + 4 * i, *turn = pair->turns[0] + j;
+      pair->turns[1][3 * i + j] = m[0] * turn[0] + m[1] * turn[3] + m[2] * turn[6];
     }
-  ctx->has_turns = 1;
+  pair->has_turns = 1;
 }
 
 // The normal of a triangle with edges `a` and `b`, as long in the world as the square root of twice its
 // area, all in shape space.
-static inline void find_normal(context *ctx, int64_t row, const double a[3], const double b[3],
+static inline void find_normal(const context *ctx, posed_pair *pair, const double a[3], const double b[3],
                                double normal[3]) {
-  if (!ctx->has_turns) find_turns(ctx, row);
+  if (!pair->has_turns) find_turns(ctx, pair);
   double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
   double squared = 0.0;
   for (int i = 0; i < 3; i++) {
-    double world = hfx_dot(ctx->turns[0] + 3 * i, cross);
+    double world = hfx_dot(pair->turns[0] + 3 * i, cross);
     squared += world * world;
   }
   double size = sqrt(sqrt(squared));
   int usable = 1;
   for (int i = 0; i < 3; i++) {
-    normal[i] = hfx_dot(ctx->turns[1] + 3 * i, cross) / size;
+    normal[i] = hfx_dot(pair->turns[1] + 3 * i, cross) / size;
     usable &= isfinite(normal[i]) != 0;
   }
   if (!usable) normal[0] = normal[1] = normal[2] = 0.0;
 }
 
-// A quad's triangle as it is posed: a corner, both edges from it, and outwards where it is curved.
+// A quad's triangle as it is posed: a corner, both edges from it, outwards where it is curved, and how far
+// its skin bulges.
 typedef struct {
-  double corners[3][3], edges[2][3], normal[3];
+  double corners[3][3], edges[2][3], normal[3], bulge;
 } triangle;
 
 // Corners of the triangle of a quad; all of them are posed.
@@ -282,11 +282,14 @@ static inline void corners_of(const context *ctx, const posed_pair *pair, int64_
   }
 }
 
-static inline void find_edges(context *ctx, int64_t row, int64_t quad, triangle *t) {
+static inline void find_edges(const context *ctx, posed_pair *pair, int64_t quad, triangle *t) {
   for (int k = 0; k < 2; k++)
     for (int i = 0; i < 3; i++) t->edges[k][i] = t->corners[1 + k][i] - t->corners[0][i];
-  t->normal[0] = t->normal[1] = t->normal[2] = 0.0;
-  if (ctx->table->heights_m[quad]) find_normal(ctx, row, t->edges[0], t->edges[1], t->normal);
+  t->normal[0] = t->normal[1] = t->normal[2] = t->bulge = 0.0;
+  double height = hfx_height(ctx->table->quads + quad);
+  if (!(height > 0.0)) return;
+  find_normal(ctx, pair, t->edges[0], t->edges[1], t->normal);
+  t->bulge = SLACK * height * sqrt(hfx_dot(t->normal, t->normal));
 }
 
 // Number `k` of a quad's samples, where it has `steps` both ways.

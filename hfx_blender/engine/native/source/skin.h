@@ -32,9 +32,8 @@ typedef struct {
   double *unit_shares, *vertex_shares, *reaches, *means;             // of places
   uint8_t *is_ringed;                                                // of places
   int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
-  double *heights_m, *wholes;                                        // of quads
+  double *wholes;                                                    // of quads
   hfx_quad *quads;
-  double *bulge_m;                                                   // of clusters
   int64_t *most_samples;                                             // of clusters
   double *samples;                                                   // (4, room)
   int64_t room;

@@ -111,27 +111,24 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
 
 static double squared_of(int64_t steps) { return (double)(steps * steps); }
 
-// Sets all that depends on the area of the whole cell; returns the highest bulge.
-static double share_out(const hfx_table *table, const hfx_spacing *spacing, int64_t unit, double area,
+// Sets all that depends on the area of the whole cell.
+static void share_out(const hfx_table *table, const hfx_spacing *spacing, int64_t unit, double area,
                         double cell, const extent *extents) {
   int64_t first = table->quad_starts[unit], count = table->quad_starts[unit + 1] - first;
   double share = area / cell, samples = 0.0;
   for (int64_t k = 0; k < count; k++) samples += squared_of(table->steps[first + k]);
   double mine = samples > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), spacing->most_share) : share;
   double scale = (share - mine) / area;
-  double reach = 0.0, mean = 0.0, highest = 0.0;
+  double reach = 0.0, mean = 0.0;
   double flat = FLAT_ENOUGH * spacing->distance[table->vertices[unit]];
   for (int64_t k = 0; k < count; k++) {
     hfx_quad *quad = table->quads + first + k;
-    double most = hfx_larger(hfx_larger(fabs(quad->to_one), fabs(quad->to_two)), fabs(quad->between));
-    double height = most / 3.0;  // all three edges meet in the middle
+    double height = hfx_height(quad);
     int is_curved = height * extents[k].size > flat;
     double up = is_curved ? 2.0 * height : 0.0, counts = is_curved ? 1.0 : 0.0;
-    table->heights_m[first + k] = is_curved ? height * extents[k].size : 0.0;
     table->wholes[first + k] = extents[k].total * scale;
     reach = hfx_larger(reach, extents[k].reach + up);
     mean += extents[k].total * (extents[k].mean + up);
-    highest = hfx_larger(highest, table->heights_m[first + k]);
     quad->to_one *= counts, quad->to_two *= counts, quad->between *= counts;
     double each = scale / squared_of(table->steps[first + k]);
     quad->area *= each, quad->by_s *= each, quad->by_t *= each;
@@ -139,7 +136,6 @@ static double share_out(const hfx_table *table, const hfx_spacing *spacing, int6
   table->unit_shares[unit] = share, table->vertex_shares[unit] = mine;
   table->reaches[unit] = table->is_split ? reach : 0.0;
   table->means[unit] = table->is_split ? mean / area : 0.0;
-  return highest;
 }
 
 // See SkinTable.need: all but the samples, of which there are `samples` before. Returns how many
@@ -154,7 +150,6 @@ HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
     int64_t c = clusters[k], start = table->starts[c], end = start + table->unit_counts[c];
     int64_t first = table->cell_starts[c], count = table->cell_starts[c + 1] - first;
     int64_t quad = table->quad_starts[start], most = 1;
-    double highest = 0.0;
     for (int64_t p = start; p < table->starts[c + 1]; p++) place[table->vertices[p]] = p;
     for (int64_t i = 0; i < count; i++) cells[i] = 0.0, counts[i] = 0;
     for (int64_t u = start; u < end; u++) {
@@ -166,8 +161,7 @@ HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
       int64_t at = table->quad_starts[u] - quad;
       int64_t *counted = counts + table->cell_of[u] - first;
       double cell = cells[table->cell_of[u] - first];
-      double bulge_m = share_out(table, spacing, u, areas[u - start], cell, extents + at);
-      highest = hfx_larger(highest, bulge_m);
+      share_out(table, spacing, u, areas[u - start], cell, extents + at);
       *counted += 1;
       for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
         table->sample_starts[q] = samples;
@@ -176,7 +170,6 @@ HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
       }
       if (*counted > most) most = *counted;
     }
-    table->bulge_m[c] = highest;
     table->most_samples[c] = most;
   }
   return samples;

@@ -34,6 +34,12 @@ static inline hfx_sample hfx_sample_at(const hfx_quad *quad, double s, double t)
   return at;
 }
 
+// The highest place of the triangle of a quad, as a share of its normal: a third of the largest bulge, as all
+// three edges meet in the middle.
+static inline double hfx_height(const hfx_quad *quad) {
+  return hfx_larger(hfx_larger(fabs(quad->to_one), fabs(quad->to_two)), fabs(quad->between)) / 3.0;
+}
+
 // The longest diagonal of any part of a quad divided so, times the steps, squared. `squares` are the squared
 // lengths of its triangle's edges and, between, their product. The place for (s, t) is linear in either, so
 // that the way from a part's sample to its corner is half a step times the sum, or the difference, of both
