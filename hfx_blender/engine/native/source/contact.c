@@ -70,15 +70,15 @@ static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, 
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
     triangle t;
     corners_of(ctx, pair, unit, q, t.corners);
-    find_edges(ctx, pair, q, &t);
     double deepest = gap, shallowest = gap;
     for (int k = 0; k < 2; k++) {
       double clearance = pair->clearance[table->around[2 * q + k] - ctx->first];
       deepest = hfx_larger(deepest, clearance), shallowest = hfx_smaller(shallowest, clearance);
     }
     // A corner inside: no plane parts them.
-    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
+    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bulge_bound(ctx, pair, unit, q)))
       continue;
+    find_edges(ctx, pair, q, &t);
     if (target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge) {
       sum += table->wholes[q];
       continue;
@@ -192,6 +192,7 @@ static void begin_pair(context *ctx, const posed_pair *before, posed_pair *now, 
                        int64_t row, int64_t steps) {
   const hfx_target *target = ctx->target;
   now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = now->has_metric = now->has_turns = 0;
+  now->skew = hfx_stretch(target->to_shape + 16 * row, 4) * hfx_stretch(target->matrices + 16 * row, 4);
   ctx->is_same = before->row == row - 1 && ctx->shape.kind == target->kinds[row - 1] &&
                 ctx->shape.half == target->halves[row - 1] && ctx->shape.mesh == target->meshes[row - 1];
   ctx->moved = INFINITY;

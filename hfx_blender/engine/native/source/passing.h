@@ -211,7 +211,8 @@ static inline int stays_outside(const context *ctx, const posed_pair *before, co
   if (shallowest <= 0.0) return 0;
   for (int k = 0; k < 3; k++)
     for (int i = 0; i < 3; i++) corners[k][i] = a->corners[k][i], corners[3 + k][i] = b->corners[k][i];
-  return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, hfx_larger(a->bulge, b->bulge));
+  double bulge = hfx_larger(bulge_bound(ctx, before, unit, quad), bulge_bound(ctx, now, unit, quad));
+  return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, bulge);
 }
 
 // Adds the entries of a quad of a unit between a pair and the next; returns the number of events.
@@ -223,10 +224,10 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   triangle a, b;
   corners_of(ctx, before, unit, quad, a.corners);
   corners_of(ctx, now, unit, quad, b.corners);
+  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
   // Samples of the start stand outwards as the skin did there.
   find_edges(ctx, before, quad, &a);
   find_edges(ctx, now, quad, &b);
-  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
   if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, &a, &b);
   if (!open) return count;
   int64_t number = steps_of(ctx, before, quad, &a), later = steps_of(ctx, now, quad, &b);

@@ -38,6 +38,7 @@ typedef struct {
   double allowed;        // how far skin may be from its samples, metres
   double turns[2][9];    // cross products to the world, and these back
   int64_t has_turns;
+  double skew;           // no less than its largest stretch to the world over its smallest
 } posed_pair;
 
 // Optional details of contacts, in shape space; see contact/contact_details.py. A contact is
@@ -272,6 +273,12 @@ static inline void find_normal(const context *ctx, posed_pair *pair, const doubl
 typedef struct {
   double corners[3][3], edges[2][3], normal[3], bulge;
 } triangle;
+
+// No less than how far the skin of a quad bulges, of a unit whose gap is known: a triangle's normal is as long
+// as the square root of twice its area, in the world.
+static inline double bulge_bound(const context *ctx, const posed_pair *pair, int64_t unit, int64_t quad) {
+  return SLACK * hfx_height(ctx->table->quads + quad) * pair->skew * pair->exact_gaps[unit];
+}
 
 // Corners of the triangle of a quad; all of them are posed.
 static inline void corners_of(const context *ctx, const posed_pair *pair, int64_t unit, int64_t quad,
