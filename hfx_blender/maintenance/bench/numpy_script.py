@@ -45,7 +45,7 @@ class _Frame:
 
 
 class _Script:
-    """What is constant of a scene, for the script."""
+    """Bodies, volumes and skins of a scene, for the script."""
 
     def __init__(self) -> None:
         self.body = next(o for o in bpy.context.scene.objects if o.hfx.role == "BODY")
