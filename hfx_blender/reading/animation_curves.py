@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from .. import compat
 from ..engine.arrays import F32, F64, I64
@@ -39,6 +38,8 @@ class _Curves:
 
     def sample(self, frames: F64, single: bool) -> F64:
         """Values (T, C) at an action's own frames; see :meth:`KeyedCurves.sample`."""
+        if len(self.keyed) == 1 and not self.other:
+            return self.keyed[0][0].sample(frames, single=single)
         values = np.zeros((len(frames), len(self.channels)))
         for curves, columns in self.keyed:
             values[:, columns] = curves.sample(frames, single=single)
@@ -49,7 +50,7 @@ class _Curves:
 
 def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool]) -> _Curves:
     found = _Curves()
-    groups: dict[tuple[bytes, bytes], list[tuple[int, F32, F64 | None, F64 | None]]] = {}
+    groups: dict[tuple[bytes, bytes], list[tuple[int, bpy.types.FCurve, F32]]] = {}
     for curve in curves:
         if not selects(curve.data_path):
             continue
@@ -58,51 +59,41 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
         column = len(found.channels)
         found.channels.append((curve.data_path, curve.array_index))
         keys = curve.keyframe_points
-        points = np.zeros(len(keys) * 2, np.float32)
-        keys.foreach_get("co", points)
-        kinds = _kinds(curve)
-        if kinds is None:
+        if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
             found.other.append((curve, column))
             continue
-        left = right = None
-        if _BEZIER in kinds:
-            left, right = _handles(keys, "handle_left"), _handles(keys, "handle_right")
-        members = groups.setdefault((points[::2].tobytes(), kinds.tobytes()), [])
-        members.append((column, points[1::2], left, right))
+        points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
+        keys.foreach_get("co", points)
+        keys.foreach_get("interpolation", kinds)
+        alike = points[::2].tobytes(), kinds.tobytes()
+        groups.setdefault(alike, []).append((column, curve, points[1::2]))
     for (frame_bytes, kind_bytes), members in groups.items():
-        columns, values, lefts, rights = zip(*members, strict=True)
-        curved = lefts[0] is not None
+        kinds = np.frombuffer(kind_bytes, np.int32)
+        if kinds.max() > _LAST_KIND:  # easing
+            found.other += [(curve, column) for column, curve, _ in members]
+            continue
+        curved = _BEZIER in kinds
         found.keyed.append(
             (
                 KeyedCurves(
                     np.frombuffer(frame_bytes, np.float32).astype(np.float64),
-                    np.frombuffer(kind_bytes, np.int32),
-                    np.stack(values).astype(np.float64),
-                    np.stack(lefts) if curved else None,
-                    np.stack(rights) if curved else None,
+                    kinds,
+                    np.stack([values for _, _, values in members]).astype(np.float64),
+                    _handles(members, "handle_left") if curved else None,
+                    _handles(members, "handle_right") if curved else None,
                 ),
-                list(columns),
+                [column for column, _, _ in members],
             )
         )
     return found
 
 
-def _kinds(curve: bpy.types.FCurve) -> npt.NDArray[np.int32] | None:
-    """Interpolation after each key; None where Blender has to evaluate the curve."""
-    keys = curve.keyframe_points
-    if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
-        return None
-    numbers = np.zeros(len(keys), np.int32)
-    keys.foreach_get("interpolation", numbers)
-    if numbers.max() > _LAST_KIND:  # easing
-        return None
-    return numbers
-
-
-def _handles(keys: bpy.types.FCurveKeyframePoints, name: str) -> F64:
-    flat = np.zeros(len(keys) * 2, np.float32)
-    keys.foreach_get(name, flat)
-    return flat.reshape(-1, 2).astype(np.float64)
+def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
+    """Handles of curves with equally many keys, (C, K, 2)."""
+    flat = np.empty((len(members), 2 * len(members[0][2])), np.float32)
+    for k, (_, curve, _) in enumerate(members):
+        curve.keyframe_points.foreach_get(name, flat[k])
+    return flat.reshape(len(members), -1, 2).astype(np.float64)
 
 
 @dataclass(eq=False)
@@ -226,7 +217,9 @@ class AnimatedValues:
                 sampled = strip.curves.sample(strip.frames_within(at), single)
                 share = strip.influence(at)[:, None]
                 place = np.ix_(rows, strip.columns)
-                values[place] = values[place] * (1.0 - share) + sampled * share
+                if (share < 1.0).any():
+                    sampled = values[place] * (1.0 - share) + sampled * share
+                values[place] = sampled
         if self._action is not None:
             curves, columns = self._action
             values[:, columns] = curves.sample(frames, single)

@@ -284,10 +284,13 @@ class CurveBody:
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
         """Read the body at frames of the scene; only the wanted ones are posed."""
-        bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
         to_world = np.zeros((len(frames), 4, 4))
         if not wanted.any():
             return PoseBlock(wanted, to_world)
+        if wanted.all():
+            world, bones = self.rig.sample(frames)
+            return PoseBlock(wanted, effect_values.to_metres(world, self._unit_m), bones)
+        bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
         world, bones[wanted] = self.rig.sample(frames[wanted])
         to_world[wanted] = effect_values.to_metres(world, self._unit_m)
         return PoseBlock(wanted, to_world, bones)

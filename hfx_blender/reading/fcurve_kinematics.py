@@ -135,9 +135,25 @@ class PlainObject:
 
     def world(self, frames: F64, sampled: F64 | None = None) -> F64:
         """World matrices (T, 4, 4) in Blender's units; ``sampled`` saves sampling it again."""
-        sampled = self.values.sample(frames) if sampled is None else sampled
-        obj = self.obj
-        mode = obj.rotation_mode
+        if sampled is None:
+            sampled = self.values.sample(frames)
+        own = self._own(sampled if self._moves else sampled[:1])
+        own = np.broadcast_to(own, (len(frames), 4, 4)).copy()
+        if self._parent is None:
+            return own
+        above = self._parent._kept_world(frames)
+        if self._rig is not None and self._bone is not None:
+            above = above @ self._rig.places_on_bone(self._bone, frames)
+        return above @ np.array(self.obj.matrix_parent_inverse, np.float64) @ own
+
+    @property
+    def _moves(self) -> bool:
+        """Test for an animated place of its own."""
+        return any(path in WIDTHS for path, _ in self.values.columns)
+
+    def _own(self, sampled: F64) -> F64:
+        """Matrices (T, 4, 4) of its own channels."""
+        mode = self.obj.rotation_mode
 
         def of(name: str) -> F64:
             return self._channels(sampled, name)
@@ -147,15 +163,9 @@ class PlainObject:
             turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
         elif mode != "AXIS_ANGLE":
             turned = rotations(of("delta_rotation_euler"), mode) @ turned
-        own = transforms(
+        return transforms(
             of("location") + of("delta_location"), turned, of("scale") * of("delta_scale")
         )
-        if self._parent is None:
-            return own
-        above = self._parent._kept_world(frames)
-        if self._rig is not None and self._bone is not None:
-            above = above @ self._rig.places_on_bone(self._bone, frames)
-        return above @ np.array(obj.matrix_parent_inverse, np.float64) @ own
 
     def _channels(self, sampled: F64, name: str) -> F64:
         """Values of one property over the times, (T, width)."""
@@ -196,7 +206,10 @@ class PlainRig:
                 raise NotModelledError(
                     f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
                 )
-        rest = np.array([bone.matrix_local for bone in bones], np.float64)
+        matrices = np.empty((len(data.bones), 4, 4), np.float32)
+        data.bones.foreach_get("matrix_local", matrices.ravel())
+        order = [data.bones.find(name) for name in self._names]
+        rest = np.array(matrices[order].transpose(0, 2, 1), np.float64, order="C")
         self._lengths = {bone.name: bone.length for bone in bones}
         self._relative = {bone.name for bone in bones if bone.use_relative_parent}
         modes = [bone.rotation_mode for bone in obj.pose.bones]

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from .bone_hierarchy import Rig, rotations
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
 """Channels by rotation mode; the other modes are orders of Euler angles."""
+
+_AT_ONCE: Final = 16
+"""Times that are posed together: what they need between stays in the processor's cache."""
 
 
 def rotation_channel(mode: str) -> str:
@@ -55,14 +59,34 @@ class KeyedRig:
     def _rig(self) -> Rig:
         return Rig(self.parents, self.rest, self.local_location)
 
-    def skinning(self, sampled: F64) -> F64:
-        """Skinning matrices (T, B, 3, 4) of sampled values (T, C)."""
-        values = {}
+    @cached_property
+    def _still(self) -> F64:
+        """All values where nothing is keyed, channel after channel, (S,)."""
+        return np.concatenate([np.zeros(0), *(each.ravel() for each in self.still.values())])
+
+    @cached_property
+    def _sources(self) -> dict[str, I64]:
+        """By channel, which of the still values, or of the sampled ones after them, each is."""
+        sources, first = {}, 0
         for name, still in self.still.items():
-            values[name] = np.repeat(still[None], len(sampled), axis=0)
+            sources[name] = np.arange(first, first + still.size)
+            first += still.size
             if name in self.places:
                 columns, bones, numbers = self.places[name]
-                values[name][:, bones, numbers] = sampled[:, columns]
+                sources[name][bones * still.shape[1] + numbers] = len(self._still) + columns
+        return sources
+
+    def skinning(self, sampled: F64) -> F64:
+        """Skinning matrices (T, B, 3, 4) of sampled values (T, C)."""
+        if len(sampled) > _AT_ONCE:
+            cuts = range(0, len(sampled), _AT_ONCE)
+            return np.concatenate([self.skinning(sampled[k : k + _AT_ONCE]) for k in cuts])
+        still = np.repeat(self._still[None], len(sampled), axis=0)
+        known = np.concatenate([still, sampled], axis=1)
+        values = {
+            name: known.take(source, axis=1).reshape(len(sampled), len(self.parents), -1)
+            for name, source in self._sources.items()
+        }
         modes = dict.fromkeys(self.modes)
         if len(modes) == 1:
             (mode,) = modes

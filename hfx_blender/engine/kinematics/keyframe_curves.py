@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,11 @@ class KeyedCurves:
     left: F64 | None = None  # (C, K, 2)
     right: F64 | None = None  # (C, K, 2)
 
+    @cached_property
+    def _by_key(self) -> F64:
+        """Values, (K, C)."""
+        return np.ascontiguousarray(self.values.T)
+
     def sample(self, frames: F64, *, single: bool = False) -> F64:
         """Values at some frames (T,) as (T, C).
 
@@ -63,7 +69,7 @@ class KeyedCurves:
         # The last key itself belongs to no segment.
         linear = np.where(kind == Interpolation.CONSTANT, 0.0, share)
         linear = np.where(inside >= self.frames[-1] - _KEY_WIDTH, 1.0, linear)[:, None]
-        first, second = self.values.T[segment], self.values.T[segment + 1]
+        first, second = self._by_key[segment], self._by_key[segment + 1]
         sampled: F64 = (1.0 - linear) * first + linear * second
         if single:
             between = (kind == Interpolation.LINEAR) & (linear[:, 0] < 1.0)
@@ -80,7 +86,7 @@ class KeyedCurves:
         """Values within Bezier segments, (n, C)."""
         assert self.left is not None and self.right is not None
         x0, x3 = self.frames[segment][:, None], self.frames[segment + 1][:, None]
-        y0, y3 = self.values.T[segment], self.values.T[segment + 1]
+        y0, y3 = self._by_key[segment], self._by_key[segment + 1]
         out = self.right[:, segment].transpose(1, 0, 2)
         into = self.left[:, segment + 1].transpose(1, 0, 2)
         x1, y1 = _shortened(x0, y0, out, x3 - x0)

@@ -17,7 +17,7 @@ def from_quaternions(quaternions: F64) -> F64 | None:
     found = library()
     if found is None:
         return None
-    turned = np.zeros((*quaternions.shape[:-1], 3, 3))
+    turned = np.empty((*quaternions.shape[:-1], 3, 3))
     found.hfx_from_quaternions(turned.size // 9, quaternions, turned)
     return turned
 
@@ -41,7 +41,7 @@ def rig_pose(
     found = library()
     if found is None:
         return None
-    skinning = np.zeros((*locations.shape[:2], 3, 4))
+    skinning = np.empty((*locations.shape[:2], 3, 4))
     arrays = (order, parents, rest, inverse, locations, turned, scales, skinning)
     found.hfx_rig_pose(len(locations), len(order), *arrays)
     return skinning
