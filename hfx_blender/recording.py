@@ -121,7 +121,7 @@ def record_track(
     Renderers are returned that have been given all of it, for each device on each body.
 
     After each block the share that is done is yielded: whoever stops there leaves no file.
-    Blocks are read here; where scenes are stepped, they are worked on in another thread meanwhile.
+    Blocks are read here; they are worked on in another thread meanwhile, if that can run.
     The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
     later gives the same.
     Several ``processes`` evaluate it where that pays, with the same result. With ``part``, only
@@ -165,8 +165,8 @@ def record_track(
                     yield [block for block, _ in some]
         finished.extend(renderers)
 
-    # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
-    together = overlapped if reader.is_stepped else sequentially
+    # Blender lets other threads run while it steps a scene, even on one processor.
+    together = overlapped if processes > 1 or reader.is_stepped else sequentially
     # Scenes are restored even if the caller stops after a step.
     with closing(blocks), closing(together(counted(), work)) as worked:
         for done_now in worked:
