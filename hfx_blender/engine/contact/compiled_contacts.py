@@ -72,7 +72,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
         return _nothing
     pairs, posing = reached.pairs, _posing(query, reached)
     columns, column_of = gathering.columns_of(reached.clusters, table)
-    weights: Weights = np.zeros((len(rows), len(columns)), falloff.precision)
+    weights = gathering.no_weights(table, len(rows), len(columns), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
     drifts = _drifts(target, pairs.steps[pairs.steps > 1]) if reached.most_steps > 1 else {}
     looked = native.narrow_phase(
@@ -82,7 +82,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
     def found() -> FoundContacts:
         counters.vertices_posed += looked()
         own_sets = query.own_sets or arrays is not None
-        felt = gathering.gathered(weights, columns, query.reported, own_sets)
+        felt = gathering.gathered(table, weights, columns, query.reported, own_sets)
         if arrays is None:
             return *felt, None
         row, column = np.repeat(felt[0], np.diff(felt[2])), np.searchsorted(columns, felt[3])

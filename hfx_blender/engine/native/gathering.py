@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import I32, I64, Bool, Weights
 from .library import loaded
@@ -14,6 +15,9 @@ from .skin_table import Table
 
 _MOST_COLUMNS: Final = 32
 _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
+
+_MOST_CLEARED: Final = 8
+_CLEARED: WeakKeyDictionary[Table, list[npt.NDArray[Any]]] = WeakKeyDictionary()
 
 
 def columns_of(clusters: I64, table: Table) -> tuple[I32, I64]:
@@ -38,10 +42,24 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
     return columns[:found].copy(), column_of
 
 
+def no_weights(table: Table, rows: int, columns: int, precision: Any) -> Weights:
+    """Weights (rows, columns) that are all 0, for clusters of a table.
+
+    Those that :func:`gathered` has cleared are used again: new ones would be fetched page by page.
+    """
+    kept, size = _CLEARED.setdefault(table, []), rows * columns
+    fitting = (k for k, each in enumerate(kept) if each.size >= size and each.dtype == precision)
+    which = next(fitting, None)
+    room = np.zeros(size, precision) if which is None else kept.pop(which)
+    return room[:size].reshape(rows, columns)
+
+
 def gathered(
-    weights: Weights, columns: I32, reported: Bool, own_sets: bool
+    table: Table, weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
     """Gather contacts row by row; see :class:`..contact.contacts.Contacts`.
+
+    ``weights`` are those of :func:`no_weights`, and are not to be used any more.
 
     Returns
     -------
@@ -55,6 +73,10 @@ def gathered(
         *(count, width, weights, weights.dtype == np.float32, reported, columns, own_sets),
         *(at, sets, offsets, vertices, values, counts),
     )
+    kept = _CLEARED[table]
+    assert weights.base is not None
+    kept.append(weights.base)
+    del kept[:-_MOST_CLEARED]
     felt, set_count, total = counts.tolist()
     # Copies, as a view would keep the memory of all possible contacts.
     return (

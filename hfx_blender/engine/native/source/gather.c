@@ -2,6 +2,7 @@
 // From pairs to contacts: which vertices have weights, and their lists row by row.
 
 #include <stdint.h>
+#include <string.h>
 
 #include "hfx_native.h"
 
@@ -27,19 +28,23 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
 }
 
 #define GATHERING(name, real)                                                                      \
-  static void gather_##name(int64_t rows, int64_t columns, const real *weights,                    \
-                            const uint8_t *reported, const int32_t *vertices, int64_t own_sets,    \
-                            int64_t *at, int64_t *sets, int64_t *offsets, int32_t *found,          \
-                            real *values, int64_t *counts) {                                       \
-    const real *before = 0;                                                                        \
+  static void gather_##name(int64_t rows, int64_t columns, real *weights, const uint8_t *reported, \
+                            const int32_t *vertices, int64_t own_sets, int64_t *at, int64_t *sets, \
+                            int64_t *offsets, int32_t *found, real *values, int64_t *counts) {     \
+    real *before = 0;                                                                              \
     int64_t felt = 0, set = 0, total = 0;                                                          \
+    size_t size = (size_t)columns * sizeof(real);                                                  \
     offsets[0] = 0;                                                                                \
     for (int64_t n = 0; n < rows; n++, weights += columns) {                                       \
       int64_t any = 0, changed = !before || own_sets;                                              \
-      if (!reported[n]) continue;                                                                     \
       for (int64_t k = 0; k < columns; k++) any |= weights[k] != 0;                                \
       if (!any) continue;                                                                          \
+      if (!reported[n]) {                                                                          \
+        memset(weights, 0, size);                                                                  \
+        continue;                                                                                  \
+      }                                                                                            \
       for (int64_t k = 0; !changed && k < columns; k++) changed = weights[k] != before[k];         \
+      if (before) memset(before, 0, size);                                                         \
       before = weights;                                                                            \
       for (int64_t k = 0; changed && k < columns; k++) {                                           \
         found[total] = vertices[k], values[total] = weights[k];                                    \
@@ -48,6 +53,7 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
       if (changed) offsets[++set] = total;                                                         \
       at[felt] = n, sets[felt++] = set - 1;                                                        \
     }                                                                                              \
+    if (before) memset(before, 0, size);                                                           \
     counts[0] = felt, counts[1] = set, counts[2] = total;                                          \
   }
 
@@ -57,7 +63,8 @@ GATHERING(double, double)
 // Rows with any weight, ascending, and which set of vertices each has: a new one where it differs
 // from that of the row before, or `own_sets` says so. `offsets` (rows + 1,) are where sets begin among
 // the vertices found and their values, (rows * columns,). How many rows, sets and vertices there are.
-HFX_EXPORT void hfx_gather(int64_t rows, int64_t columns, const void *weights, int64_t is_single,
+// Weights are all 0 then.
+HFX_EXPORT void hfx_gather(int64_t rows, int64_t columns, void *weights, int64_t is_single,
                            const uint8_t *reported, const int32_t *vertices, int64_t own_sets,
                            int64_t *at, int64_t *sets, int64_t *offsets, int32_t *found,
                            void *values, int64_t *counts) {

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights of contacts that are gathered, and used again."""
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.native import gathering, library
+
+pytestmark = pytest.mark.skipif(not library.is_there(), reason="needs the compiled library")
+
+
+class Table:
+    """Stands for a table of skin, of which gathering asks nothing."""
+
+
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+def test_weights_are_gathered_by_row_and_cleared_for_those_that_come_next(precision):
+    table = Table()
+    weights = gathering.no_weights(table, 5, 3, precision)
+    weights[0, 1] = weights[1, 1] = 0.5  # the same set twice
+    weights[2] = 0.25, 0.0, 1.0
+    weights[3] = 1.0  # only there to be followed from
+    reported = np.array([True, True, True, False, True])
+    columns = np.array([7, 8, 9], np.int32)
+    rows, sets, offsets, vertices, values = gathering.gathered(
+        table, weights, columns, reported, False
+    )
+    assert rows.tolist() == [0, 1, 2] and sets.tolist() == [0, 0, 1]
+    assert offsets.tolist() == [0, 1, 3]
+    assert vertices.tolist() == [8, 7, 9] and values.tolist() == [0.5, 0.25, 1.0]
+    again = gathering.no_weights(table, 2, 7, precision)
+    assert np.shares_memory(weights, again) and again.shape == (2, 7)
+    assert not weights.any()
+
+
+def test_weights_in_use_and_of_other_kinds_are_not_given_twice():
+    table, other = Table(), Table()
+    first = gathering.no_weights(table, 2, 2, np.float32)
+    second = gathering.no_weights(table, 2, 2, np.float32)
+    assert not np.shares_memory(first, second)
+    gathering.gathered(table, first, np.zeros(2, np.int32), np.ones(2, np.bool_), False)
+    for asked in ((other, 2, 2, np.float32), (table, 2, 2, np.float64), (table, 3, 2, np.float32)):
+        assert not np.shares_memory(first, gathering.no_weights(*asked))
