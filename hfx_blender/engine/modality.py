@@ -132,11 +132,13 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
     import numpy as np
 
     frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
-    order = np.argsort(frequencies, axis=0, kind="stable")
-    frequencies = np.take_along_axis(frequencies, order, axis=0)
-    amplitudes = np.take_along_axis(np.broadcast_to(amplitudes, order.shape), order, axis=0)
-    group, power, strongest, frequency = np.zeros((4, *order.shape[1:]))
-    group_hz = np.full(order.shape[1:], -np.inf)
+    amplitudes, places = np.broadcast_to(amplitudes, frequencies.shape), frequencies.shape[1:]
+    if len(frequencies) > 1:
+        order = np.argsort(frequencies, axis=0, kind="stable")
+        frequencies = np.take_along_axis(frequencies, order, axis=0)
+        amplitudes = np.take_along_axis(amplitudes, order, axis=0)
+    group, power, strongest, frequency = np.zeros((4, *places))
+    group_hz = np.full(places, -np.inf)
     for amplitude, each_hz in zip(amplitudes, frequencies, strict=True):
         begins = each_hz > group_hz + 1.0
         power = power + np.where(begins, group**2, 0.0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 import numpy as np
@@ -102,7 +103,7 @@ class _Strip:
 
     strip: bpy.types.NlaStrip
     curves: _Curves
-    columns: I64  # of its values among those of the datablock
+    columns: I64 | slice  # of its values among those of the datablock
     start: float
     end: float
 
@@ -164,7 +165,7 @@ class AnimatedValues:
         self.columns: dict[Channel, int] = {}
         self._below: list[float] = []  # values where no strip of the NLA plays
         self._tracks: list[list[_Strip]] = []
-        self._action: tuple[_Curves, I64] | None = None
+        self._action: tuple[_Curves, I64 | slice] | None = None
         data = owner.animation_data
         if data is None:
             return
@@ -183,12 +184,16 @@ class AnimatedValues:
         if not (data.use_nla and any(track.is_solo for track in data.nla_tracks)):
             self._action = action, columns
 
-    def _columns_of(self, curves: _Curves, default: Callable[[str, int], float]) -> I64:
+    def _columns_of(self, curves: _Curves, default: Callable[[str, int], float]) -> I64 | slice:
         for channel in curves.channels:
             if channel not in self.columns:
                 self.columns[channel] = len(self._below)
                 self._below.append(default(*channel))
-        return np.array([self.columns[channel] for channel in curves.channels], np.int64)
+        found = [self.columns[channel] for channel in curves.channels]
+        first = found[0] if found else 0
+        if found == [*range(first, first + len(found))]:
+            return slice(first, first + len(found))
+        return np.array(found, np.int64)
 
     def _read_tracks(
         self, name: str, data: bpy.types.AnimData, default: Callable[[str, int], float]
@@ -216,7 +221,7 @@ class AnimatedValues:
             for strip, rows, at in _playing(strips, frames):
                 sampled = strip.curves.sample(strip.frames_within(at), single)
                 share = strip.influence(at)[:, None]
-                place = np.ix_(rows, strip.columns)
+                place = _place(rows, strip.columns)
                 if (share < 1.0).any():
                     sampled = values[place] * (1.0 - share) + sampled * share
                 values[place] = sampled
@@ -224,6 +229,11 @@ class AnimatedValues:
             curves, columns = self._action
             values[:, columns] = curves.sample(frames, single)
         return values
+
+
+def _place(rows: I64, columns: I64 | slice) -> Any:
+    """Index of some rows and columns."""
+    return (rows, columns) if isinstance(columns, slice) else np.ix_(rows, columns)
 
 
 def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:

@@ -119,7 +119,7 @@ def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> Any:
     return structure("hfx_drift")(*ways, intervals)
 
 
-_WORTH: Final = 1 << 16
+_WORTH: Final = 1 << 17
 """Places of pairs that pay for a call of their own where threads share the work: some of it takes
 much longer than the rest."""
 

@@ -69,14 +69,14 @@ class KeyedCurves:
         # The last key itself belongs to no segment.
         linear = np.where(kind == Interpolation.CONSTANT, 0.0, share)
         linear = np.where(inside >= self.frames[-1] - _KEY_WIDTH, 1.0, linear)[:, None]
-        first, second = self._by_key[segment], self._by_key[segment + 1]
-        sampled: F64 = (1.0 - linear) * first + linear * second
+        sampled = self._by_key[segment]
+        sampled *= 1.0 - linear
+        sampled += linear * self._by_key[segment + 1]
         if single:
             between = (kind == Interpolation.LINEAR) & (linear[:, 0] < 1.0)
             rows = np.flatnonzero(between & (inside - start > _KEY_WIDTH))
-            sampled[rows] = _on_lines(
-                inside[rows] - start[rows], length[rows], first[rows], second[rows]
-            )
+            ends = self._by_key[segment[rows]], self._by_key[segment[rows] + 1]
+            sampled[rows] = _on_lines(inside[rows] - start[rows], length[rows], *ends)
         curved = np.flatnonzero((kind == Interpolation.BEZIER) & (share > 0.0) & (share < 1.0))
         if len(curved):
             sampled[curved] = self._on_bezier(segment[curved], inside[curved])
