@@ -166,3 +166,26 @@ def test_a_parent_with_such_a_key(scene: Any, ball: Any) -> None:
     _break_a_key(compat.fcurves(carrier)[0])
     with pytest.raises(InputError, match=r"^'Carrier': key 2 .*'location' \[0\].*finite"):
         oracle.evaluate(scene)
+
+
+def test_effects_whose_parent_has_a_key_that_is_no_number_are_each_left_out(
+    scene: Any, ball: Any, nowhere: Any
+) -> None:
+    others = [
+        oracle.add_volume(name, "pressure", "SPHERE", (0.0, 0.0, 1.1), radius=0.4)
+        for name in ("One", "Other")
+    ]
+    for other in others:
+        other.parent = nowhere
+    for curve in compat.fcurves(nowhere):
+        curve.keyframe_points[0].co = (1, 0.0)
+    curve = compat.fcurves(nowhere)[4]
+    curve.keyframe_points[1].co = (6, math.inf)
+    reader = oracle.evaluate(scene, rate_hz=24).reader
+    assert [effect.name for effect in reader.description.effects] == ["Ball"]
+    why = f"'Nowhere': key 2 of the F-curve '{curve.data_path}' [{curve.array_index}] is not a"
+    left = [text for text in reader.description.warnings if why in text]
+    assert [text.partition(" was left out")[0] for text in left] == [
+        "effect 'One'",
+        "effect 'Other'",
+    ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,16 +32,21 @@ def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F6
     (T, P) float64
         ``values`` itself if the rows are no closer than the interval.
     """
-    rows_per_interval = Fraction(interval_ms) / 1000 * rate_hz
-    if rows_per_interval <= 1 or not len(values):
+    numerator, denominator = _interval(rate_hz, interval_ms)
+    if numerator <= denominator or not len(values):
         return values
-    numerator, denominator = rows_per_interval.as_integer_ratio()
-    if numerator >= 1 << 31:  # an interval such as 33.3 ms is a long binary fraction
-        exact = rows_per_interval.limit_denominator(1 << 16)
-        numerator, denominator = exact.as_integer_ratio()
     intervals = np.arange(len(values), dtype=np.int64) * denominator // numerator
     deviation = np.abs(values[:, 0] - neutral[0])
     # Stable sort by interval, then the strongest, then the earliest comes first.
     order = np.lexsort((-deviation, intervals))
     peaks = order[np.flatnonzero(np.diff(intervals[order], prepend=-1))]
     return np.asarray(values[peaks[intervals]])
+
+
+@lru_cache(maxsize=64)
+def _interval(rate_hz: Fraction, interval_ms: float) -> tuple[int, int]:
+    """Rows in an interval, as numerator and denominator."""
+    rows = Fraction(interval_ms) / 1000 * rate_hz
+    if rows.numerator >= 1 << 31:  # an interval such as 33.3 ms is a long binary fraction
+        rows = rows.limit_denominator(1 << 16)
+    return rows.as_integer_ratio()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,6 +41,7 @@ def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) ->
     return early
 
 
+@lru_cache(maxsize=64)
 def rows_of(rate_hz: Fraction, latency_ms: float) -> int:
     """A latency in rows, rounded to the nearest, halves up."""
     return int(Fraction(latency_ms) / 1000 * rate_hz + Fraction(1, 2))

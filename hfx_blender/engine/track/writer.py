@@ -349,7 +349,8 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         and run.offsets.shape == (int(run.set_of[-1]) + 2,)
     ):
         raise ValueError(f"effect '{run.stream.effect_id}': columns of unequal length")
-    if run.set_of[0] != 0 or not np.isin(np.diff(run.set_of), (0, 1)).all():
+    steps = np.diff(run.set_of)
+    if run.set_of[0] != 0 or not ((steps == 0) | (steps == 1)).all():
         raise ValueError("sets: expected a number from 0 for each sample, rising by 0 or 1")
     if run.sets is not None and any(getattr(run, name) is not None for name in CHANNELS):
         raise ValueError("positions, velocities and depth need a set for each sample")
@@ -361,9 +362,8 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
         raise ValueError(f"sample {run.indices[-1]} is outside the time base")
-    if not np.allclose(
-        run.times_s, header.time.times_s(run.indices), rtol=0.0, atol=_TIME_TOLERANCE_S
-    ):
+    away_s = np.abs(run.times_s - header.time.times_s(run.indices))
+    if not (away_s <= _TIME_TOLERANCE_S).all():
         raise ValueError("times differ from those of the time base")
     if not ((run.levels > 0.0) & (run.levels <= 1.0)).all():
         raise ValueError("a level is not in (0, 1]")
