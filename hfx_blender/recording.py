@@ -23,7 +23,7 @@ from .engine.rendering.devices import renderers_of
 from .engine.rendering.render import Renderer
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
-from .engine.track import TrackHeader, TrackWriter, as_stored
+from .engine.track import TrackHeader, TrackWriter
 from .engine.track.joining import joined
 from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
@@ -157,9 +157,8 @@ def record_track(
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
                 for some in _chunks(_without_warm_up(found, first, engine.counters)):
-                    runs = joined((felt for _, felt in some), header.streams)
-                    runs = [as_stored(run, full_precision=full_precision) for run in runs]
-                    writer.append(runs)
+                    felt = joined((felt for _, felt in some), header.streams)
+                    runs = writer.append(felt)
                     for _, renderer in renderers:
                         renderer.add(runs)
                     yield [block for block, _ in some]

@@ -37,7 +37,7 @@ from hfx_blender.engine.scene import (
     SpotArea,
     TimeBase,
 )
-from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter, as_stored
+from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter
 from hfx_blender.errors import InputError
 
 MODEL = plane()
@@ -143,10 +143,9 @@ def test_any_other_device_plays_nothing_and_says_so_once() -> None:
 @pytest.mark.parametrize("record", [(), ("positions", "depth")])
 def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...]) -> None:
     effects = [VECTOR, SPOT, PAINT]
-    runs = [as_stored(run, full_precision=False) for run in _felt(effects, record=record)]
     path = tmp_path / "a.hfxtrack"
     with TrackWriter(path, _header(effects)) as writer:
-        writer.append(runs)
+        runs = writer.append(_felt(effects, record=record))
     with TrackReader(path) as track:
         again = list(track.runs())
         assert [effect.kind for effect in track.header.effects] == ["actuators", "spot", "painted"]
@@ -157,6 +156,7 @@ def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...])
         assert (part[1].focus == runs[1].focus[2:5]).all()
     for one, other in zip(runs, again, strict=True):
         assert (one.indices == other.indices).all() and (one.vertices == other.vertices).all()
+        assert one.weights.tobytes() == other.weights.tobytes()
         assert (one.focus is None) == (other.focus is None)
         if one.focus is not None and other.focus is not None:
             assert one.focus.tobytes() == other.focus.tobytes()

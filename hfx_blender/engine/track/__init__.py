@@ -8,7 +8,7 @@ plays them back from any time. ``docs/track-format.md`` has the layout.
 
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from .reader import StreamSummary, TrackReader
-from .writer import TrackWriter, as_stored
+from .writer import TrackWriter
 
 SUFFIX = ".hfxtrack"
 
@@ -21,5 +21,4 @@ __all__ = [
     "TrackModel",
     "TrackReader",
     "TrackWriter",
-    "as_stored",
 ]

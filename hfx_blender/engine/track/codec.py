@@ -62,8 +62,9 @@ class Section:
 
 def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
     """Encode weights in (0, 1] as 1..255: no contact becomes 0."""
-    steps: F64 = np.rint(weights.astype(np.float64) * 255.0)
-    return np.maximum(steps, 1.0).astype(np.uint8)
+    steps: F64 = np.multiply(weights, 255.0, dtype=np.float64)
+    np.maximum(np.rint(steps, out=steps), 1.0, out=steps)
+    return steps.astype(np.uint8)
 
 
 def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:

@@ -97,8 +97,10 @@ class TrackWriter:
             index = layout.encode_index(self._chunks, self._index)
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
-    def append(self, runs: Iterable[SampleRun]) -> None:
+    def append(self, runs: Iterable[SampleRun]) -> list[SampleRun]:
         """Record one block of time: runs of any of the header's streams.
+
+        Runs with any sample are returned, with the weights that reading the track will give.
 
         Blocks come in time order, and so do the runs of one stream within a block. A block
         may start within the chunk of :data:`layout.SAMPLES_PER_CHUNK` samples in which
@@ -110,14 +112,13 @@ class TrackWriter:
             A run is not what :class:`SampleRun` promises, or comes too late.
         OutputError
         """
-        for run in runs:
-            if len(run):
-                self._add(run)
+        stored = [self._add(run) for run in runs if len(run)]
         if self._open:
             newest = max(self._open)
             self._write_chunks([chunk for chunk in sorted(self._open) if chunk < newest])
+        return stored
 
-    def _add(self, run: SampleRun) -> None:
+    def _add(self, run: SampleRun) -> SampleRun:
         stream = self._streams.get((run.stream.effect_id, run.stream.body_id))
         if stream is None:
             raise ValueError(
@@ -130,12 +131,15 @@ class TrackWriter:
         if run.indices[0] <= index.last or run.indices[0] < written_until:
             raise ValueError(f"sample {run.indices[0]} comes after later ones were recorded")
 
+        weights: npt.NDArray[Any] = run.weights.astype(np.float32)
+        if not self.full_precision:
+            weights = encode_weights(weights)
         chunks = run.indices // layout.SAMPLES_PER_CHUNK
         edges = np.flatnonzero(np.diff(chunks, prepend=-1, append=-1))
         for first, last in pairwise(edges.tolist()):
             sections = self._open.setdefault(int(chunks[first]), {})
-            builder = sections.setdefault(stream, _SectionBuilder(self.full_precision))
-            builder.extend(run, first, last)
+            builder = sections.setdefault(stream, _SectionBuilder())
+            builder.extend(run, weights, first, last)
 
         index.add(
             layout.StreamIndex(
@@ -147,6 +151,7 @@ class TrackWriter:
                 channels=tuple(name for name in CHANNELS if getattr(run, name) is not None),
             )
         )
+        return run if self.full_precision else replace(run, weights=decode_weights(weights))
 
     def copy(self, part: TrackReader) -> None:
         """Add a part of the same recording: a track of the same header, of later chunks.
@@ -196,8 +201,7 @@ class TrackWriter:
 class _SectionBuilder:
     """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
 
-    def __init__(self, full_precision: bool) -> None:
-        self._full_precision = full_precision
+    def __init__(self) -> None:
         self._indices: list[npt.NDArray[np.int64]] = []
         self._levels: list[npt.NDArray[np.float64]] = []
         self._parameters: list[npt.NDArray[np.float64]] = []
@@ -210,17 +214,17 @@ class _SectionBuilder:
         self._drive: list[npt.NDArray[np.float32]] = []
         self._entries = 0
 
-    def extend(self, run: SampleRun, first: int, last: int) -> None:
-        """Add the samples ``first`` to ``last - 1`` of a checked run, as copies."""
+    def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
+        """Add the samples ``first`` to ``last - 1`` of a checked run, as copies, with the weights
+        of all of it as they are stored.
+        """
         present = {name for name in CHANNELS if getattr(run, name) is not None}
         if self._indices and present != self._channels.keys():
             raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
         sets = run.set_of[first:last]
         offsets = run.offsets[sets[0] : sets[-1] + 2]
         low, high = int(offsets[0]), int(offsets[-1])
-        weights: npt.NDArray[Any] = run.weights[low:high].astype(np.float32)
-        if not self._full_precision:
-            weights = encode_weights(weights)
+        weights = weights[low:high]
         vertices = run.vertices[low:high].astype(np.int32)
         is_new = np.diff(sets, prepend=-1) != 0
         if present:  # each sample has a set of its own
@@ -309,13 +313,6 @@ class _SectionBuilder:
                 drive=np.concatenate(self._drive) if self._drive else None,
             )
         )
-
-
-def as_stored(run: SampleRun, *, full_precision: bool) -> SampleRun:
-    """Copy of a run with the weights that reading it from a track will give."""
-    if full_precision:
-        return run
-    return replace(run, weights=decode_weights(encode_weights(run.weights)))
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
