@@ -47,13 +47,20 @@ def write(raster: Raster, path: Path) -> None:
     OutputError
         The file cannot be written; nothing is left of it then.
     """
-    row_format = ",".join(["%.12g", *["%.9g"] * len(raster.columns)]) + "\r\n"
+    row_format = ",".join(["%.9g"] * len(raster.columns))
     with atomic_file(path) as file:
         file.write((header_line(raster) + "\r\n").encode())
         for first in range(0, len(raster.times_s), _BLOCK_ROWS):
             part = slice(first, first + _BLOCK_ROWS)
-            rows = np.column_stack([raster.times_s[part], raster.values[part] + 0.0])
-            file.write((row_format * len(rows) % tuple(rows.ravel().tolist())).encode())
+            known: dict[bytes, str] = {}  # most rows of most devices are alike: silent, or held
+            lines = []
+            rows = raster.values[part] + 0.0
+            for time_s, row in zip(raster.times_s[part].tolist(), rows, strict=True):
+                key = row.tobytes()
+                if key not in known:
+                    known[key] = row_format % tuple(row.tolist())
+                lines.append(f"{time_s:.12g},{known[key]}\r\n")
+            file.write("".join(lines).encode())
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
