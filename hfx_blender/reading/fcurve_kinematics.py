@@ -138,7 +138,7 @@ class PlainObject:
         if sampled is None:
             sampled = self.values.sample(frames)
         own = self._own(sampled if self._moves else sampled[:1])
-        own = np.broadcast_to(own, (len(frames), 4, 4))
+        own = np.broadcast_to(own, (len(frames), 4, 4)).copy()
         if self._parent is None:
             return own
         above = self._parent._kept_world(frames)
