@@ -270,9 +270,12 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
 
 
 def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
-    """Test for drivers with code that may read anything, of objects and all that they reach."""
+    """Test for drivers of objects and all that they reach which may read anything: they have code, or
+    a path through a list of objects, which Blender's dependency graph does not follow.
+    """
     return any(
-        driver.type == "SCRIPTED" and not driver.is_simple_expression
+        (driver.type == "SCRIPTED" and not driver.is_simple_expression)
+        or any("objects" in t.data_path for v in driver.variables for t in v.targets)
         for _, driver in _drivers(data_reached_from(objects))
     )
 

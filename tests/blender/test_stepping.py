@@ -550,6 +550,28 @@ def test_the_own_scene_evaluates_what_the_felt_depends_on(
     assert not prop.hide_viewport
 
 
+def _by_path_of_objects(scene: Any, ball: Any, prop: Any) -> None:
+    """Blender's dependency graph does not follow such a path."""
+    _, variable = _driver(ball, "location", 0)
+    variable.targets[0].id_type, variable.targets[0].id = "SCENE", scene
+    variable.targets[0].data_path = f'objects["{prop.name}"].location[0]'
+
+
+def test_a_driver_that_goes_through_the_objects_of_the_scene(scene: Any, ball: Any) -> None:
+    prop = _moving_cube(scene)
+    _by_path_of_objects(scene, ball, prop)
+    graph, places = bpy.context.view_layer.depsgraph, {}
+    for frame in range(1, 25):
+        scene.frame_set(frame)
+        places[frame] = np.array(ball.evaluated_get(graph).matrix_world)
+    assert not np.array_equal(places[1], places[24])
+    reader = SceneReader(scene)
+    with stepping.own_scene(reader._found) as stepper:
+        for frame, place in places.items():
+            stepper.set_frame(oracle.Fraction(frame))
+            assert np.array_equal(stepper.evaluated(ball).matrix_world, place)
+
+
 def test_where_code_may_read_anything_all_of_the_own_scene_is_evaluated(
     scene: Any, ball: Any
 ) -> None:
