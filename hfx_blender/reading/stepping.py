@@ -270,8 +270,10 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
 
 
 def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
-    """Test for drivers of objects and all that they reach which may read anything: they have code, or
-    a path through a list of objects, which Blender's dependency graph does not follow.
+    """Test for drivers that may read anything, of objects and all that they reach.
+
+    They have code, or a path through a list of objects: Blender's dependency graph does not follow
+    either.
     """
     return any(
         (driver.type == "SCRIPTED" and not driver.is_simple_expression)
