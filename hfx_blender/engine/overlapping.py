@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
 from queue import Empty, Full, Queue, SimpleQueue
-from threading import Thread
+from threading import Event, Thread
 from typing import Final, Generic, TypeVar
 
 Made = TypeVar("Made")
@@ -41,6 +41,8 @@ class _Worker(Generic[Made, Done]):
         self._done: SimpleQueue[Done] = SimpleQueue()
         self._error: BaseException | None = None
         self._is_stopped = False
+        # Not Thread.join: one that Ctrl-C interrupts takes the thread for ended (CPython 3.11).
+        self._has_ended = Event()
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -52,6 +54,8 @@ class _Worker(Generic[Made, Done]):
             pass
         except BaseException as error:  # told where it is waited for
             self._error = error
+        finally:
+            self._has_ended.set()
 
     def _taken(self) -> Iterator[Made]:
         while True:
@@ -85,8 +89,7 @@ class _Worker(Generic[Made, Done]):
 
     def wait_for_end(self) -> bool:
         """Wait a little, and test for the end of the work."""
-        self._thread.join(_LOOK_S)
-        if self._thread.is_alive():
+        if not self._has_ended.wait(_LOOK_S):
             return False
         self._raise_error()
         return True
@@ -94,6 +97,7 @@ class _Worker(Generic[Made, Done]):
     def stop(self) -> None:
         """Stop the thread before the next item."""
         self._is_stopped = True
+        self._has_ended.wait()
         self._thread.join()
 
     def _raise_error(self) -> None:

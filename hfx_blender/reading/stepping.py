@@ -110,6 +110,14 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     with _marked_as_stepping():
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
         idle = [obj for obj in _idle(found) if not obj.hide_viewport]
+
+        def restore() -> None:
+            for obj in idle:
+                obj.hide_viewport = False
+            scene.frame_set(before[0], subframe=before[1])
+            if scene.camera != camera:
+                scene.camera = camera
+
         try:
             for obj in idle:
                 obj.hide_viewport = True
@@ -117,11 +125,11 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
                 simulation.play()
             yield Stepper(scene, found.layer, simulation=simulation)
         finally:
-            for obj in idle:
-                obj.hide_viewport = False
-            scene.frame_set(before[0], subframe=before[1])
-            if scene.camera != camera:
-                scene.camera = camera
+            try:
+                restore()
+            except KeyboardInterrupt:  # a late Ctrl-C
+                restore()
+                raise
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
@@ -214,10 +222,12 @@ def _scratch(
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
         yield Stepper(scratch, layer, presampled=presampled, is_own=False)
     finally:
-        # What animation set in the objects themselves is as it was in the user's scene.
-        scratch.frame_set(scene.frame_current, subframe=scene.frame_subframe)
-        # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
-        bpy.data.batch_remove(made)
+        try:
+            # What animation set in the objects themselves is as it was in the user's scene.
+            scratch.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+        finally:
+            # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
+            bpy.data.batch_remove(made)
 
 
 def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -570,6 +570,34 @@ def test_a_driver_that_goes_through_the_objects_of_the_scene(scene: Any, ball: A
         for frame, place in places.items():
             stepper.set_frame(oracle.Fraction(frame))
             assert np.array_equal(stepper.evaluated(ball).matrix_world, place)
+
+
+def test_an_interrupt_while_the_own_scene_is_restored(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test_a_driver_that_reads_the_scene(scene, ball)
+    bystander = _moving_cube(scene)
+    scene.frame_set(5)
+    found = SceneReader(scene)._found
+
+    class Late:
+        """An object that is told to show itself just when Ctrl-C comes."""
+
+        shown: ClassVar[list[bool]] = []
+
+        def __setattr__(self, _name: str, value: bool) -> None:
+            if not value and not self.shown:
+                self.shown.append(True)
+                raise KeyboardInterrupt
+
+        hide_viewport = False
+
+    monkeypatch.setattr(stepping, "_idle", lambda _found: [Late(), bystander])
+    with pytest.raises(KeyboardInterrupt), stepping.own_scene(found) as stepper:
+        stepper.set_frame(oracle.Fraction(9))
+        assert bystander.hide_viewport
+    assert not bystander.hide_viewport
+    assert scene.frame_current == 5
 
 
 def test_where_code_may_read_anything_all_of_the_own_scene_is_evaluated(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import threading
 import time
@@ -119,6 +120,25 @@ def test_no_thread_is_left_and_the_worker_is_closed(way: str) -> None:
     assert closed == [True]
     assert threading.active_count() == before
     assert sys.getswitchinterval() == interval
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer to interrupt with")
+@pytest.mark.parametrize("after_s", [0.03, 0.07, 0.11, 0.15])
+def test_an_interrupt_while_it_waits_leaves_no_thread(after_s: float) -> None:
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        for number in numbers:
+            time.sleep(0.3)
+            yield number
+
+    before = threading.active_count()
+    old = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, after_s)
+        with pytest.raises(KeyboardInterrupt):
+            list(overlapped(iter([1]), work))
+    finally:
+        signal.signal(signal.SIGALRM, old)
+    assert threading.active_count() == before
 
 
 def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
