@@ -253,7 +253,7 @@ def _rig(frames: int) -> None:
 
 
 def _sheared(frames: int) -> None:
-    """Ten volumes that turn, under turned, unevenly scaled and mirrored parents."""
+    """Ten volumes that turn, half with falloff, under turned, unevenly scaled and mirrored parents."""
     scene = empty_scene("Sheared", 24, frames / 24)
     rng = np.random.default_rng(21)
     _bend(bpy.context.object, rng, 0.3, frames)
@@ -265,6 +265,8 @@ def _sheared(frames: int) -> None:
             size=(0.2, 0.3, 0.3),
         )
         made.rotation_euler = rng.uniform(0, 6, 3)
+        if k % 2:
+            made.hfx.falloff, made.hfx.falloff_share = "smooth", 0.6
         for place in ((0.0, 0.0, 0.0), _near_body(rng)):
             parent = bpy.data.objects.new("Parent", None)
             scene.collection.objects.link(parent)
