@@ -253,7 +253,7 @@ def _rig(frames: int) -> None:
 
 
 def _sheared(frames: int) -> None:
-    """Ten turning volumes, half with falloff, under turned, unevenly scaled and mirrored parents."""
+    """Ten turning volumes, half with falloff, under turned, unevenly scaled, mirrored parents."""
     scene = empty_scene("Sheared", 24, frames / 24)
     rng = np.random.default_rng(21)
     _bend(bpy.context.object, rng, 0.3, frames)
