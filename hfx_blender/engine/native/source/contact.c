@@ -75,10 +75,13 @@ static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, 
       double clearance = pair->clearance[table->around[2 * q + k] - ctx->first];
       deepest = hfx_larger(deepest, clearance), shallowest = hfx_smaller(shallowest, clearance);
     }
-    // A corner inside: no plane parts them.
-    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bulge_bound(ctx, pair, unit, q)))
-      continue;
+    // A corner inside: no plane parts them. Else a bound first, then as far as it bulges.
+    double bound = bulge_bound(ctx, pair, unit, q);
+    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bound)) continue;
     find_edges(ctx, pair, q, &t);
+    if (!(shallowest <= 0.0) && t.bulge < bound &&
+        hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
+      continue;
     if (target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge) {
       sum += table->wholes[q];
       continue;

@@ -199,9 +199,11 @@ static inline uint64_t open_steps(context *ctx, const hfx_drift *drift, int64_t 
   return open;
 }
 
-// True if a quad's skin surely stays outside on a straight way. Nothing parts them if a corner is inside.
+// True if a quad's skin, which bulges so far, surely stays outside on a straight way. Nothing parts them if
+// a corner is inside.
 static inline int stays_outside(const context *ctx, const posed_pair *before, const posed_pair *now,
-                                int64_t unit, int64_t quad, const triangle *a, const triangle *b) {
+                                int64_t unit, int64_t quad, const triangle *a, const triangle *b,
+                                double bulge) {
   const hfx_table *table = ctx->table;
   double shallowest = hfx_smaller(before->clearance[unit], now->clearance[unit]), corners[6][3];
   for (int k = 0; k < 2; k++) {
@@ -211,7 +213,6 @@ static inline int stays_outside(const context *ctx, const posed_pair *before, co
   if (shallowest <= 0.0) return 0;
   for (int k = 0; k < 3; k++)
     for (int i = 0; i < 3; i++) corners[k][i] = a->corners[k][i], corners[3 + k][i] = b->corners[k][i];
-  double bulge = hfx_larger(bulge_bound(ctx, before, unit, quad), bulge_bound(ctx, now, unit, quad));
   return hfx_parted(ctx->shape, (const double(*)[3])corners, 6, bulge);
 }
 
@@ -224,10 +225,13 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   triangle a, b;
   corners_of(ctx, before, unit, quad, a.corners);
   corners_of(ctx, now, unit, quad, b.corners);
-  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b)) return count;
+  double bound = hfx_larger(bulge_bound(ctx, before, unit, quad), bulge_bound(ctx, now, unit, quad));
+  if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b, bound)) return count;
   // Samples of the start stand outwards as the skin did there.
   find_edges(ctx, before, quad, &a);
   find_edges(ctx, now, quad, &b);
+  double bulge = hfx_larger(a.bulge, b.bulge);
+  if (steps == 1 && bulge < bound && stays_outside(ctx, before, now, unit, quad, &a, &b, bulge)) return count;
   if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, &a, &b);
   if (!open) return count;
   int64_t number = steps_of(ctx, before, quad, &a), later = steps_of(ctx, now, quad, &b);
