@@ -2,8 +2,8 @@
 """Comparison with a script of numpy and scipy that a user would write for volumes with a formula.
 
 It poses every vertex of the perceptual models that the scene's volumes are felt on, by one sparse
-product in 32 bits, and tests those within a volume's box in the volume's space: the fastest of
-several such scripts. Both get what Blender says of bones and volumes; that takes the time of
+product in 32 bits, and tests those within a volume's box in the volume's space: the faster of
+two such scripts. Both get what Blender says of bones and volumes; that takes the time of
 stepping the scene, which is shown apart. Seconds are those of a processor, of one thread.
 """
 
