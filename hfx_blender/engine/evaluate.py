@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,7 +19,6 @@ from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
 from .native import library
-from .overlapping import short_turns
 from .response.answering import Answering
 from .samples import SampleRun
 from .scene import (
@@ -109,16 +107,15 @@ class Engine:
         one before it are given on. Counters hold what was given on.
         """
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
-        with nullcontext() if self._threads is None else short_turns():
-            for block in blocks:
-                before = self.counters.copy()
-                ended = self.begin(block)
-                begun.append((block, ended, self.counters.since(before)))
-                self.counters.go_back(before)
-                if self._threads is None or len(begun) > 1:
-                    yield self._ended(*begun.popleft())
-            while begun:
+        for block in blocks:
+            before = self.counters.copy()
+            ended = self.begin(block)
+            begun.append((block, ended, self.counters.since(before)))
+            self.counters.go_back(before)
+            if self._threads is None or len(begun) > 1:
                 yield self._ended(*begun.popleft())
+        while begun:
+            yield self._ended(*begun.popleft())
 
     def _ended(
         self, block: AnimationBlock, ended: Callable[[], list[SampleRun]], counted: Counters

@@ -119,7 +119,7 @@ def overlapped(
     then until all is done. What either of them raises is raised here. Whoever stops asking has
     ended the thread.
     """
-    with short_turns():
+    with _short_turns():
         worker = _Worker(work)
         try:
             for item in source:
@@ -143,7 +143,7 @@ def sequentially(
 
 
 @contextmanager
-def short_turns() -> Iterator[None]:
+def _short_turns() -> Iterator[None]:
     """Context in which threads switch more often, for threads that wait for each other."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))

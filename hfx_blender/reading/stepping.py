@@ -47,7 +47,7 @@ class Stepper:
     """Scene that is set to times and read through its dependency graph.
 
     Rigs that are ``presampled`` are in it as their copies. ``is_own`` is the user's scene, not a
-    scratch scene.
+    scratch scene; ``has_code`` tells of code in it that may show and hide objects.
     """
 
     def __init__(
@@ -57,11 +57,13 @@ class Stepper:
         *,
         presampled: Sequence[PresampledRig] = (),
         is_own: bool = True,
+        has_code: bool = False,
         simulation: Simulation | None = None,
     ) -> None:
         self._scene = scene
         self._layer = layer
         self.is_own = is_own
+        self._has_code = has_code
         self._simulation = simulation
         self._presampled = presampled
         self._copies = {rig.obj: rig.copy for rig in presampled}
@@ -85,10 +87,7 @@ class Stepper:
     @cached_property
     def is_changing(self) -> bool:
         """Test that the scene may show other objects at other times."""
-        objects = scene_objects(self._scene)
-        if self.is_own and (foreign_handler() is not None or runs_code(objects)):
-            return True
-        return any(map(visibility.is_keyed, objects))
+        return self._has_code or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
@@ -109,7 +108,8 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
-        idle = [obj for obj in _idle(found) if not obj.hide_viewport]
+        has_code = foreign_handler() is not None or runs_code(scene_objects(scene))
+        idle = [] if has_code else [obj for obj in _idle(found) if not obj.hide_viewport]
 
         def restore() -> None:
             for obj in idle:
@@ -123,7 +123,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
                 obj.hide_viewport = True
             if simulation is not None:
                 simulation.play()
-            yield Stepper(scene, found.layer, simulation=simulation)
+            yield Stepper(scene, found.layer, has_code=has_code, simulation=simulation)
         finally:
             try:
                 restore()
@@ -133,14 +133,12 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def _idle(found: HapticObjects) -> list[bpy.types.Object]:
-    """Objects that neither code nor anything that is read or felt may depend on.
+    """Objects that nothing which is read or felt depends on, where no code may.
 
     With a window only dormant effects and what makes instances of such alone, as long as no other
     object of the scene depends on them.
     """
     objects = scene_objects(found.scene)
-    if foreign_handler() is not None or runs_code(objects):
-        return []
     felt = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
     shown = set(filter(is_instancer, data_reaching(felt)))
     # What else needs an avatar's mesh than our setting that names it, Blender finds itself.

@@ -33,7 +33,7 @@ static inline hfx_corners around(hfx_corners one, hfx_corners other) {
   return (hfx_corners){least(one.low, other.low), most(one.high, other.high), most(one.z, other.z)};
 }
 
-// By columns: (x, y) of each; their sizes; z of each and its size; z of the last. Then its stretch.
+// By columns: (x, y) of each; their sizes; z of each and its size; z of the last. Its stretch comes after them.
 static void columns_of(const double m[12], hfx_loose *columns) {
   for (int j = 0; j < 4; j++) columns[j] = (hfx_two){m[j], m[4 + j]};
   for (int j = 0; j < 3; j++) {
@@ -41,7 +41,6 @@ static void columns_of(const double m[12], hfx_loose *columns) {
     columns[7 + j] = (hfx_two){m[8 + j], fabs(m[8 + j])};
   }
   columns[10] = (hfx_two){m[11], 0.0};
-  columns[11] = (hfx_two){hfx_stretch(m, 4), 0.0};
 }
 
 // The box of a cluster in the matrices that columns_of gave.
@@ -114,6 +113,7 @@ HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t pos
       double m[12], sum = 0.0;
       hfx_find_matrix(posed + 12 * row[n] * posed_bones, posed_bones, outline->bones[b], target, m);
       columns_of(m, columns + COLUMNS * b);
+      if (margins) columns[COLUMNS * b + 11] = (hfx_two){hfx_stretch(m, 4), 0.0};
       for (int i = 0; i < 12; i++) sum += fabs(m[i]);
       is_sure &= sum <= LARGEST;
     }
