@@ -3,7 +3,9 @@
 
 Such a map (VRC Haptics' configuration files) lists ``nodes``: a position on a standing avatar in
 Unity's axes (Y up, facing +Z, the wearer's left at -X), a ``radius``, the humanoid bone that
-carries the node, and the OSC address of its avatar parameter.
+carries the node, and the OSC address of its avatar parameter. Positions and radii are metres on an
+avatar whose eyes are 1.585 m above the floor; the tools of VRC Haptics scale them by the eye height
+of each avatar, and so does this importer.
 """
 
 from __future__ import annotations
@@ -28,6 +30,10 @@ from .strict_json import Node, read
 
 MODEL: Final = "hfx-vibration-1"
 MAX_NODES: Final = 1000
+MAP_EYE_HEIGHT_M: Final = 1.585
+"""Height of the eyes of the avatar that node maps are made on, metres above the floor."""
+EYE_HEIGHT_M: Final = 1.685
+"""Height of the eyes of the perceptual models in rest, metres above the floor."""
 
 _TORSO: Final = ("torso",)
 _LIMB: Final = {
@@ -93,13 +99,15 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
             f"{resources.user_devices()}."
         )
     actuators, addresses = [], []
+    scale = EYE_HEIGHT_M / MAP_EYE_HEIGHT_M
     if "nodes" not in top:
         document.fail("an object with 'nodes'")
     for k, each in enumerate(top["nodes"].items(least=1, most=MAX_NODES), 1):
         node = each.entries(allowed="an object")
         parts, side = _carried_by(each, node)
-        radius_m = node["radius"].number(0.0, 1.0, "m") if "radius" in node else 0.02
-        centre = _on_skin(_position(node.get("node_data", each)), parts, side, model)
+        radius_m = (node["radius"].number(0.0, 1.0, "m") if "radius" in node else 0.02) * scale
+        position = _position(node.get("node_data", each)) * scale
+        centre = _on_skin(position, parts, side, model)
         placement = {"parts": list(parts), "centre_m": centre, "radius_m": round(radius_m, 4)}
         if side is not None:
             placement["side"] = side

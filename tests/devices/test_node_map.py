@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import check, load_device
-from hfx_blender.devices.node_map import import_node_map
-from hfx_blender.engine.body.model import load_model
+from hfx_blender.devices.node_map import EYE_HEIGHT_M, import_node_map
+from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, SIDES
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError
@@ -59,7 +59,7 @@ def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
     assert (arm.parts, arm.side, head.parts) == (("forearm",), "left", ("head",))
     model = load_model("hfx-vibration-1")
     assert set(model.side[vertices_of(arm, model)].tolist()) == {LEFT} and SIDES[LEFT] == "left"
-    assert np.linalg.norm(np.array(front.centre_m) - [0.08, -0.1, 1.3]) < 0.1
+    assert np.linalg.norm(np.array(front.centre_m) - [0.085, -0.106, 1.382]) < 0.07
     assert device.output is not None
     assert device.output.encoder.addresses == (
         "/avatar/parameters/h/VestFront_0",
@@ -67,6 +67,27 @@ def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
         "/avatar/parameters/hfx_3",
         "/avatar/parameters/hfx_4",
     )
+
+
+def test_a_node_map_is_scaled_from_its_eye_height_to_that_of_the_model(written: Any) -> None:
+    """1.685 m / 1.585 m = 1.0631: 1.692 m, the crown of the map's avatar, becomes 1.799 m."""
+    nodes = [
+        node("Head", 0.0, 1.692, 0.04),
+        node("Head", -0.0634, 1.585, 0.0846),
+        node("Chest", 0.0, 1.2716, 0.12),
+    ]
+    import_node_map(written(nodes), "heights")
+    places = [each.place for each in load_device("heights").actuators]
+    assert [place.centre_m[2] for place in places] == pytest.approx([1.799, 1.685, 1.352], abs=6e-3)
+    assert [place.radius_m for place in places] == pytest.approx([0.0319] * 3)
+    assert places[0].centre_m[1] == pytest.approx(-0.0425, abs=5e-3)
+
+
+def test_the_eyes_of_the_model_are_where_the_scale_assumes_them() -> None:
+    avatar = load_avatar()
+    eyes = [avatar.skeleton.bone_names.index(f"eye.{side}") for side in "LR"]
+    heights = avatar.skeleton.rest[eyes, 2, 3]
+    assert heights == pytest.approx([EYE_HEIGHT_M] * 2, abs=2e-3)
 
 
 @pytest.mark.parametrize(
