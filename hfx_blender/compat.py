@@ -108,6 +108,11 @@ def set_keys(
     curve.update()
 
 
+def place_along_parent_bone(obj: bpy.types.Object) -> float:
+    """Place along its parent bone that an object hangs on: 0 the head, 1 the tail, as before 5.2."""
+    return float(getattr(obj, "parent_bone_head_tail_factor", 1.0))
+
+
 def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
     """Settings that Weight Paint's brushes share, and whether their size is a diameter.
 

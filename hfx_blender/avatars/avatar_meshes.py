@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import bpy
 from mathutils import Matrix
 
+from .. import compat
 from ..errors import InputError
 from ..scene_units import metres_of
 from ..stepwise import within
@@ -256,9 +257,9 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
         matrix = at.matrix_parent_inverse @ at.matrix_basis @ matrix
         at = at.parent
     bone = armature.data.bones[at.parent_bone]
-    # A child hangs on the bone's tail, unless the bone is set to carry it by its head.
-    end = Matrix() if bone.use_relative_parent else Matrix.Translation((0.0, bone.length, 0.0))
-    at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ end
+    along = Matrix.Translation((0.0, compat.place_along_parent_bone(at) * bone.length, 0.0))
+    # With Relative Parenting a child keeps its place in the armature while the bone rests.
+    at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ along
     return at_bone @ at.matrix_parent_inverse @ at.matrix_basis @ matrix
 
 

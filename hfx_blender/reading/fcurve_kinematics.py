@@ -13,6 +13,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
+from .. import compat
 from ..engine.arrays import F64
 from ..engine.kinematics.bone_hierarchy import rotations, transforms
 from ..engine.kinematics.keyed_rig import KeyedRig, rotation_channel
@@ -143,7 +144,8 @@ class PlainObject:
             return own
         above = self._parent._kept_world(frames)
         if self._rig is not None and self._bone is not None:
-            above = above @ self._rig.places_on_bone(self._bone, frames)
+            along = compat.place_along_parent_bone(self.obj)
+            above = above @ self._rig.places_on_bone(self._bone, along, frames)
         return above @ np.array(self.obj.matrix_parent_inverse, np.float64) @ own
 
     @property
@@ -259,8 +261,11 @@ class PlainRig:
     def _pose(self, frames: F64) -> F64:
         return self.keyed.skinning(self.channels(frames))
 
-    def places_on_bone(self, bone: str, frames: F64) -> F64:
-        """Places of objects with a bone as their parent, (T, 4, 4), armature space."""
+    def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
+        """Places of objects with a bone as their parent, (T, 4, 4), armature space.
+
+        ``along`` is the place along the bone: 0 the head, 1 the tail.
+        """
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
         seat[:, :3] = self._kept_pose(frames)[:, k]
@@ -268,7 +273,7 @@ class PlainRig:
         if bone in self._relative:
             return seat
         seat = seat @ self.keyed.rest[k]
-        seat[:, :3, 3] += seat[:, :3, 1] * self._lengths[bone]  # the bone's tail
+        seat[:, :3, 3] += seat[:, :3, 1] * along * self._lengths[bone]
         return seat
 
 

@@ -186,6 +186,50 @@ def test_children_of_bones(scene: Any, rig: Any, is_relative: bool) -> None:
     assert_object(child)
 
 
+needs_factor = pytest.mark.skipif(
+    "parent_bone_head_tail_factor" not in bpy.types.Object.bl_rna.properties,
+    reason="Blender 5.2 and later",
+)
+
+
+@needs_factor
+@pytest.mark.parametrize("is_relative", [False, True])
+@pytest.mark.parametrize("along", [0.0, 0.35, 1.0])
+def test_children_along_bones(scene: Any, rig: Any, along: float, is_relative: bool) -> None:
+    """Also a child of a child, and an armature on a bone with a child on a bone of its own."""
+    _key_bones(rig)
+    held = oracle.empty(scene, "Held", rig)
+    held.parent_type, held.parent_bone = "BONE", "branch"
+    held.parent_bone_head_tail_factor = along
+    rig.data.bones["branch"].use_relative_parent = is_relative
+    held.matrix_parent_inverse = ((1, 0.2, 0, 3), (0, 1, 0, 1), (0, 0.4, 2, 0), (0, 0, 0, 1))
+    key_at_random(held, "location", 4)
+    rider = rig.copy()
+    scene.collection.objects.link(rider)
+    rider.parent, rider.parent_type, rider.parent_bone = rig, "BONE", "other axes"
+    rider.parent_bone_head_tail_factor = 1.0 - along
+    on_rider = oracle.empty(scene, "On Rider", rider)
+    on_rider.parent_type, on_rider.parent_bone = "BONE", "lone"
+    on_rider.parent_bone_head_tail_factor = along
+    assert_object(oracle.empty(scene, "Child", held))
+    assert_object(on_rider)
+
+
+@needs_factor
+@pytest.mark.parametrize("is_driven", [False, True])
+def test_a_place_along_a_bone_that_changes_is_left_to_blender(
+    scene: Any, rig: Any, is_driven: bool
+) -> None:
+    held = oracle.empty(scene, "Held", rig)
+    held.parent_type, held.parent_bone = "BONE", "branch"
+    if is_driven:
+        held.driver_add("parent_bone_head_tail_factor").driver.expression = "frame / 30"
+    else:
+        oracle.key(held, "parent_bone_head_tail_factor", [(1, 0.0), (9, 1.0)])
+    with pytest.raises(NotModelledError, match="'Held'"):
+        PlainObject(held)
+
+
 def _strip(track: Any, owner: Any, path: str, start: int, seed: int, **settings: Any) -> Any:
     data = owner.animation_data_create()
     data.action = None

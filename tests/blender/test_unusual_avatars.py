@@ -146,6 +146,28 @@ def test_a_rigid_piece_is_read_where_it_is_at_rest(anna: tuple[Any, Any]) -> Non
     assert target.bone_names == (bone.name,)
 
 
+@pytest.mark.skipif(
+    "parent_bone_head_tail_factor" not in bpy.types.Object.bl_rna.properties,
+    reason="Blender 5.2 and later",
+)
+@pytest.mark.parametrize("along", [0.0, 0.4])
+def test_a_rigid_piece_hangs_anywhere_along_its_bone(anna: tuple[Any, Any], along: float) -> None:
+    """Blender's own place while all bones rest is the truth; also of a piece on another one."""
+    rig, _ = anna
+    box, beyond = (piece(rig, "mixamorig:LeftForeArm", size) for size in (0.1, 0.05))
+    box.parent_bone_head_tail_factor = along
+    beyond.parent, beyond.parent_type = box, "OBJECT"
+    bpy.context.view_layer.update()
+    truth = [np.array(rig.matrix_world.inverted() @ each.matrix_world) for each in (box, beyond)]
+    bone = rig.pose.bones["mixamorig:LeftForeArm"]
+    bone.rotation_mode, bone.rotation_euler = "XYZ", (1.0, 0.5, 0.2)
+    bpy.context.view_layer.update()
+    for mesh, matrix in zip((box, beyond), truth, strict=True):
+        own = np.array([vertex.co for vertex in mesh.data.vertices])
+        found = avatar_meshes.read_mesh(rig, mesh).vertices
+        assert np.allclose(found, own @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-5)
+
+
 def test_what_a_hand_holds_is_no_skin(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     sword = piece(rig, "mixamorig:RightHand", 0.8, offset=2.0)
