@@ -154,7 +154,7 @@ def test_a_coded_block_is_its_numbers(count, planes):
     found = spiht.decode(stream_of(values, planes, 96, False), count)
     assert found * 2**planes == pytest.approx(np.array(values) * 96 / 128)
     louder = spiht.decode(stream_of(values, planes, 20, True), count)
-    assert louder * 2**planes == pytest.approx(np.array(values) * (1 + 20 / 16))
+    assert louder * 2**planes == pytest.approx(np.array(values) * (1 + 20 / 8))
 
 
 @pytest.mark.parametrize("count", [16, 512])
@@ -166,8 +166,8 @@ def test_the_transform_gives_the_samples_back(count):
 def coded(samples, spacing_ticks=128):
     effects = []
     for k, block in enumerate(samples.reshape(-1, 1024)):
-        values = np.rint(analysed(block) / (1 + 80 / 16) * 2**12).astype(int).tolist()
-        stream = stream_of(values, 12, 80, True)
+        values = np.rint(analysed(block) / (1 + 40 / 8) * 2**12).astype(int).tolist()
+        stream = stream_of(values, 12, 40, True)
         effects.append(
             {"effect_type": "Basis", "position": k * spacing_ticks, "wavelet_stream": stream}
         )
@@ -197,6 +197,45 @@ def test_early_wavelets_are_keyframes_with_their_scale():
     band["effects"] = [{"effect_type": "Basis", "position": 0, "keyframes": frames}]
     found = signal_of(channel_with(band))
     assert found.amplitude.at([0.04, 0.08]) == pytest.approx(0.6, abs=0.006)
+
+
+@pytest.mark.parametrize("loudness", [0.2, 1.0, 1.7])
+def test_quiet_and_loud_blocks_keep_their_ratio(loudness):
+    """A block's largest value has 7 bits after the point below 1, 4 before it and 3 after above.
+
+    The bits are those of Spiht_Enc.h in MPEG's reference software: WAVMAXLENGTH 8,
+    FRACTIONBITS_0 7, INTEGERBITS_1 4, FRACTIONBITS_1 3.
+    """
+    blocks = analysed(0.5 * np.sin(2 * np.pi * 150 * np.arange(1024) / RATE)) * loudness
+    largest = np.abs(blocks).max()
+    bits, whole = (7, 0) if largest < 1.0 else (3, 1)
+    scale = int(np.ceil((largest - whole) * 2**bits))
+    values = np.rint(blocks / (whole + scale / 2**bits) * 2**12).astype(int).tolist()
+    found = spiht.decode(stream_of(values, 12, scale, whole == 1), 1024)
+    assert found == pytest.approx(blocks, abs=0.6 * 2**-12 * (whole + scale / 2**bits))
+
+
+# The encoder cuts zeros off at a stream's end: nothing may be left of a silent block.
+@pytest.mark.parametrize("stream", ["", "A", "AAAA"])
+def test_a_silent_block_is_a_block_and_keeps_its_length(stream):
+    tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(3072) / RATE)
+    band = coded(tone, spacing_ticks=16)  # blocks that follow each other, as their places overlap
+    band["effects"][1]["wavelet_stream"] = stream
+    found = signal_of(channel_with(band))
+    assert found.left_out == ()
+    assert found.duration_s == pytest.approx(3072 / RATE, abs=0.003)
+    assert found.amplitude.at([0.16, 0.2, 0.23]) == pytest.approx(0.0, abs=0.01)
+    assert found.amplitude.at([0.06, 0.3]) == pytest.approx(0.6, abs=0.006)
+
+
+def test_a_band_that_is_silent_throughout_is_silence():
+    band = coded(np.zeros(2048))
+    for effect in band["effects"]:
+        effect["wavelet_stream"] = ""
+    found = signal_of(channel_with(band))
+    assert found.left_out == ()
+    assert found.duration_s == pytest.approx(0.256, abs=0.003)
+    assert not found.amplitude.values.any()
 
 
 def test_wavelets_that_cannot_be_decoded_are_told():

@@ -92,7 +92,7 @@ def decode(stream: str, count: int) -> F64:
     Parameters
     ----------
     stream : str
-        Base64 digits, of any number.
+        Base64 digits, of any number; none are silence, as zeros at a stream's end are not written.
     count : int
         A power of two, 16 or more.
 
@@ -106,7 +106,8 @@ def decode(stream: str, count: int) -> F64:
     except KeyError as error:
         raise ValueError(f"{error} is no digit of base64") from None
     planes = bits.number(4)
-    largest = 1.0 + bits.number(7) / 16.0 if bits.take(_HEADER) else bits.number(7) / 128.0
+    # Below 1 the largest value has 7 digits after the point; from 1 on 4 before it and 3 after.
+    largest = 1.0 + bits.number(7) / 8.0 if bits.take(_HEADER) else bits.number(7) / 128.0
     values = _planes(bits, planes, count)
     return np.array(values, np.float64) * (largest / 2.0**planes)
 

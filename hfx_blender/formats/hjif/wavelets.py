@@ -95,10 +95,9 @@ def waveform(
         file_limits.UNFOLDED.check(total, name, "its wavelet bands have")
         coefficients = _coefficients(effect, count)
         if coefficients is None:
-            lost["have no readable wavelet stream"] = (
-                lost.get("have no readable wavelet stream", 0) + 1
-            )
-            continue
+            reason = "have no readable wavelet stream and are silent"
+            lost[reason] = lost.get(reason, 0) + 1
+            coefficients = np.zeros(count)  # the blocks after it keep their time
         first = round(position * rate_hz / timescale)
         blocks.append((first, synthesized(coefficients)))
     if not blocks:
@@ -136,7 +135,7 @@ def _count(band: Band, effect: Effect, timescale: int) -> int | None:
 
 
 def _coefficients(effect: Effect, count: int) -> F64 | None:
-    if effect.wavelet_stream:
+    if effect.wavelet_stream or (effect.wavelet_stream == "" and not effect.keyframes):
         try:
             return spiht.decode(effect.wavelet_stream, count)
         except ValueError:
