@@ -109,7 +109,7 @@ def set_keys(
 
 
 def place_along_parent_bone(obj: bpy.types.Object) -> float:
-    """Place along its parent bone that an object hangs on: 0 the head, 1 the tail, as before 5.2."""
+    """Place along its parent bone that an object hangs on: 0 the head, 1 (before 5.2) the tail."""
     return float(getattr(obj, "parent_bone_head_tail_factor", 1.0))
 
 

@@ -70,7 +70,6 @@ def test_tables_hold_the_main_bones_and_fingers() -> None:
         "knee target L", "head_ctrl", "VB Hand_r_Hand_l", "thumb_03_end_l", "ArmHelper.L",
         "LeftHandProp", "spine_tweak", "neckTie", "footstool", "ringmaster", "handle", "toenail.L",
         "Bip01 HeadNub", "upperarm_bicep_l", "J_Sec_L_Bust1", "eyebrow.L", "armor_l",
-        "hand_l_r",
     ],
 )  # fmt: skip
 def test_look_alikes_are_not_joints(name: str) -> None:

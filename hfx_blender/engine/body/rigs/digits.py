@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from .names import BoneName, read_names
+from .names import read_names
 from .rig import Rig, canonical_heads
-from .vocabulary import CENTRE, FINGERS
-
-_CENTRE_SLOTS = frozenset(CENTRE.values())
+from .sides import with_sides
+from .vocabulary import FINGERS
 
 
 class Digits:
@@ -23,7 +21,7 @@ class Digits:
         self.rig = rig
         read = read_names(rig.labels.values())
         named = {name: read[label] for name, label in rig.labels.items() if label in read}
-        self.names = _with_inherited_sides(rig, named)
+        self.names = with_sides(rig, named)
         self.slots: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self.names, key=self._order):
             said = self.names[name]
@@ -170,17 +168,3 @@ class Digits:
         for number, chain in chains.items():
             for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
                 self._put(f"toe{number}-{joint}.{side}", [name])
-
-
-def _with_inherited_sides(rig: Rig, names: dict[str, BoneName]) -> dict[str, BoneName]:
-    """Give a limb's bone that names no side ("Thumb_01") the side of the limb that it hangs on."""
-    found = {}
-    for name, said in names.items():
-        if said.side or said.slot in _CENTRE_SLOTS:
-            found[name] = said
-            continue
-        sides = (names[above].side for above in rig.ancestors(name) if above in names)
-        side = next((side for side in sides if side), "")
-        if side:
-            found[name] = replace(said, side=side)
-    return found

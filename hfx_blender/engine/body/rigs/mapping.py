@@ -19,6 +19,7 @@ from .characters import check_single, doubled_ends
 from .conventions import convention_of
 from .geometry import assigned_by_geometry, geometric_left, left_by_soles, named_left
 from .rig import Rig, RigBone, canonical_parents
+from .sides import misnamed
 from .vocabulary import FINGERS
 
 __all__ = [
@@ -99,12 +100,21 @@ def map_bones(
             "The bone names say nothing; the joints were found by the shape of the hierarchy, "
             "so check them."
         )
-    elif _is_mirrored(rig, found, skin):
-        found = {_mirrored(canonical): name for canonical, name in found.items()}
-        notes.append(
-            "The bone names are mirrored: bones named left lie on the body's right, as its feet "
-            "point; they were mapped by where they lie."
-        )
+    else:
+        is_mirrored = _is_mirrored(rig, found, skin)
+        if is_mirrored:
+            found = {_mirrored(canonical): name for canonical, name in found.items()}
+        wrong = misnamed(rig, found)
+        if is_mirrored and len(wrong) > 0.5 * len(found):
+            notes.append(
+                "The bone names are mirrored: bones named left lie on the body's right, as its "
+                "feet point; they were mapped by where they lie."
+            )
+        elif wrong:
+            notes.append(
+                "Bones that are named after the other side of the body than the one where they lie "
+                f"were mapped by where they lie: {len(wrong)}, '{wrong[0]}' first."
+            )
     return _mapping(convention, found, [*notes, *doubled_ends(rig, found)])
 
 

@@ -47,7 +47,8 @@ _NUMBERED: Final = 0.75
 class BoneName:
     """Meaning of a bone name: the joint (``slot``), ``side`` ("L", "R" or "") and its numbers.
 
-    A joint of a limb whose name tells no side has side "" too: that of the limb it hangs on.
+    A joint of a limb whose name tells no side has side "" too: that of the limb it hangs on. A
+    name that tells both has side "LR" or "RL", the last as told last.
     """
 
     slot: str
@@ -150,9 +151,7 @@ def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
 def _understood(parts: list[str]) -> BoneName | None:
     if len(parts) == 2 and parts[0] in VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
         return BoneName(VERTEBRAE[parts[0]], "", ())
-    sides = {SIDES[word] for word in parts if word in SIDES}
-    if len(sides) > 1:
-        return None
+    sides = "".join(dict.fromkeys(SIDES[word] for word in reversed(parts) if word in SIDES))[::-1]
     numbers = tuple(word for word in parts if word.isdigit())
     # "c_index1.l" is moved by hand where there is an "index1.l" too.
     # "shoulderP_L" is a helper where there is a "shoulder_L" too.
@@ -164,9 +163,8 @@ def _understood(parts: list[str]) -> BoneName | None:
         for word in parts
         if not word.isdigit() and word not in SIDES and word not in CENTRE_MARKS
     )
-    side = next(iter(sides), "")
-    slot = _slot(words, side)
-    return None if slot is None else BoneName(slot, side, numbers, rank)
+    slot = _slot(words, sides)
+    return None if slot is None else BoneName(slot, sides, numbers, rank)
 
 
 def _slot(words: Words, side: str) -> str | None:
