@@ -4,17 +4,22 @@
 from __future__ import annotations
 
 import errno
+import glob
 import hashlib
+import io
 import json
 import os
+import platform
+import secrets
+import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 from .errors import OutputError
 
@@ -25,6 +30,18 @@ PATIENCE_S: Final = 5.0
 """Longest wait for a lock, seconds."""
 
 _RETRY_S: Final = 0.01
+
+NEW_S: Final = 60.0
+"""Age up to which unfinished files without a lock may still be in the making, seconds."""
+
+LOCKED_BYTE: Final = 4096
+"""Byte of an owner's lock, behind its text: what is locked cannot be read on Windows."""
+
+_LONGEST_NAME: Final = 100  # of a name that becomes part of another; a file system allows 255 bytes
+_TOKEN_BYTES: Final = 8
+
+_inputs: dict[tuple[int, int], int] = {}
+"""Device and inode of files that are being read, with the number of :func:`inputs_kept` blocks."""
 
 _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
 
@@ -67,11 +84,39 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
     with _locked(folder):
-        moved = tuple(map(Path.replace, files, targets))
-    if stays:
-        for each in {folder, *(target.parent for target in targets)}:
-            _sync_folder(each)
-    return moved
+        _replace(files, targets, stays)
+    return tuple(targets)
+
+
+def _replace(files: Sequence[Path], targets: Sequence[Path], stays: bool) -> None:
+    """Give files their final names, all or none: after an error, the earlier files are back.
+
+    ``stays``: the folders are forced to the disk as well. An earlier file cannot come back where
+    the file system knows no hard links.
+    """
+    moved: list[tuple[Path, Path]] = []
+    earlier: dict[Path, Path] = {}
+    try:
+        for file, target in zip(files, targets, strict=True):
+            second_name = file.with_name(temporary_name(target.name))
+            with suppress(OSError):  # there is none, or no hard links
+                os.link(target, second_name, follow_symlinks=False)
+                earlier[target] = second_name
+            os.replace(file, target)
+            moved.append((file, target))
+        for folder in dict.fromkeys(target.parent for target in targets) if stays else ():
+            _sync_folder(folder)
+    except BaseException:
+        for file, target in reversed(moved):
+            with suppress(OSError):
+                if target in earlier:
+                    os.replace(earlier[target], target)
+                else:
+                    os.replace(target, file)
+        raise
+    finally:
+        for second_name in earlier.values():
+            _remove(second_name)
 
 
 def _sync_file(path: Path) -> None:
@@ -86,57 +131,173 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path}: cannot be written ({error.strerror or error}).")
 
 
+class _WatchedFile(io.FileIO):
+    """Unbuffered file that remembers why it could not be written.
+
+    What writes into it may raise something else then: zipfile a ``ValueError`` when it is closed.
+    """
+
+    fault: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        try:
+            return super().write(content)
+        except OSError as error:
+            self.fault = self.fault or error
+            raise
+
+
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces ``path`` when the ``with`` block ends well.
 
-    The bytes go to ``path`` + ``.tmp``, are forced to the disk (but for a folder that is
+    The bytes go to a new hidden file beside it, are forced to the disk (but for a folder that is
     :func:`passing`) and moved into place. After any exception, Ctrl-C included, there is no
-    ``.tmp`` and what ``path`` held before is untouched.
+    hidden file and what ``path`` held before is untouched. A link of that name is replaced, not
+    what it leads to.
 
     Raises
     ------
     OutputError
         The file cannot be written (no such folder, not allowed, disk full, name of a folder or
-        of a device).
+        of a device, a file of :func:`inputs_kept`; in a folder that is :func:`passing`, there is
+        such a file).
         An ``OSError`` of the block that names another file is passed on as it is.
     """
     if not path.name:
         raise OutputError(f"'{path}' is no name of a file.")
-    temporary = path.with_name(path.name + ".tmp")
+    stays = not _is_passing(path.parent)
+    temporary = path.with_name(temporary_name(path.name) if stays else f"{path.name}.tmp")
+    raw: _WatchedFile | None = None
     try:
         refuse_taken(path)
-        with open(temporary, "w+b") as file:
+        if stays:
+            _remove_abandoned(path)
+        elif path.exists():
+            raise OutputError(f"{path}: cannot be written (two results have this name).")
+        raw = _WatchedFile(temporary, "xb+")
+        if stays:
+            with suppress(OSError):  # no locks: then it is never removed
+                take_lock(raw.fileno(), LOCKED_BYTE)
+        with io.BufferedRandom(raw) as file:
             yield file
             file.flush()
-            if not _is_passing(path.parent):
+            if stays:
                 os.fsync(file.fileno())
-        os.replace(temporary, path)
-        if not _is_passing(path.parent):
-            _sync_folder(path.parent)
-    except OSError as error:
-        _remove(temporary)
-        ours = {str(path), str(temporary), str(path.parent)}
-        if error.filename is not None and str(error.filename) not in ours:
+        _replace([temporary], [path], stays)
+    except BaseException as error:
+        if raw is not None:
+            _remove(temporary)
+        fault = raw.fault if raw is not None and isinstance(error, Exception) else None
+        if fault is None and isinstance(error, OSError):
+            ours = {str(path), str(temporary), str(path.parent)}
+            if error.filename is None or str(error.filename) in ours:
+                fault = error
+        if fault is None:
             raise
-        raise _unwritable(path, error) from error
-    except BaseException:
-        _remove(temporary)
-        raise
+        raise _unwritable(path, fault) from error
+
+
+def temporary_name(name: str) -> str:
+    """New hidden name of something unfinished, which tells that it is of this machine."""
+    return f"{_temporary_start(name)}{secrets.token_hex(_TOKEN_BYTES)}.tmp"
+
+
+def temporary_pattern(name: str | None = None) -> str:
+    """Pattern of ``glob`` for the :func:`temporary_name` of a name, or of any, on this machine."""
+    start = f".*.{_machine()}-" if name is None else glob.escape(_temporary_start(name))
+    return f"{start}{'[0-9a-f]' * 2 * _TOKEN_BYTES}.tmp"
+
+
+def _temporary_start(name: str) -> str:
+    short = os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
+    return f".{short}.{_machine()}-"
+
+
+def _machine() -> str:
+    return hashlib.sha256(platform.node().encode(errors="replace")).hexdigest()[:8]
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove hidden files of processes that were killed while they wrote ``path``."""
+    with suppress(OSError):
+        for left in path.parent.glob(temporary_pattern(path.name)):
+            with suppress(OSError):
+                if stat.S_ISREG(left.lstat().st_mode) and is_ownerless(left):
+                    left.unlink()
+
+
+def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
+    """Test that no process has locked an unfinished file of ours, nor will.
+
+    Before it has its lock, a new file has no content ``ready``, and is not older than
+    :data:`NEW_S`.
+    """
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        descriptor = os.open(path, os.O_RDWR | flags)
+    except OSError:
+        return False
+    try:
+        state = os.fstat(descriptor)
+        is_new = time.time() - state.st_mtime < NEW_S
+        if not stat.S_ISREG(state.st_mode):
+            return False
+        if is_new and (ready is None or os.read(descriptor, LOCKED_BYTE) != ready):
+            return False
+        take_lock(descriptor, LOCKED_BYTE)
+        return True
+    except OSError:  # the lock is held
+        return False
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
+    """Context in which no result replaces one of these files, by whatever name it is known."""
+    known = []
+    for path in paths:
+        with suppress(OSError, ValueError):
+            state = path.stat()
+            if state.st_ino:
+                known.append((state.st_dev, state.st_ino))
+    for each in known:
+        _inputs[each] = _inputs.get(each, 0) + 1
+    try:
+        yield
+    finally:
+        for each in known:
+            _inputs[each] -= 1
+            if not _inputs[each]:
+                del _inputs[each]
+
+
+def _is_input(path: Path) -> bool:
+    try:
+        state = path.stat()
+    except OSError:
+        return False
+    return (state.st_dev, state.st_ino) in _inputs
 
 
 def refuse_taken(path: Path) -> None:
-    """Refuse a name that a file cannot take: of a folder, a device, a pipe or an open file.
+    """Refuse a name that a file cannot take: of a folder, a device, a pipe or an open file, or of
+    a file of :func:`inputs_kept`.
 
     A file moved to the name ``/dev/stdout`` would take that away from the whole machine.
 
     Raises
     ------
     OutputError
-        There is something of that name that is no file.
+        There is something of that name that is no file, or is being read.
     """
     if path.is_dir():
         raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
+    if _is_input(path):
+        raise OutputError(
+            f"{path}: cannot be written (it is a file that is read for it; choose another name)."
+        )
     is_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
     if is_open_file or (path.exists() and not path.is_file()):
         raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")

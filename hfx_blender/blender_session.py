@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -14,12 +15,16 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from .errors import HfxError, InputError
+from .errors import HfxError, InputError, OutputError
 from .json_kinds import title_of
 
 _SYSTEM_PACKAGES = (
     "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
 )
+
+
+_temporary: Path | None = None
+"""Folder that this process has made for Blender's temporary files; only that is removed."""
 
 
 def start() -> Any:
@@ -31,7 +36,7 @@ def start() -> Any:
         Blender cannot be loaded on this machine; says what is missing.
     """
     try:
-        with interrupts_held():
+        with interrupts_held(), _temporary_folder():
             import bpy
     except ModuleNotFoundError as error:
         if error.name != "bpy":
@@ -51,6 +56,49 @@ def start() -> Any:
 
         register()
     return bpy
+
+
+@contextmanager
+def _temporary_folder() -> Iterator[None]:
+    """Context in which Blender, when it starts, takes a new folder of ours for temporary files.
+
+    Where it cannot make a folder of its own, Blender uses the user's temporary folder itself. So
+    ``bpy.app.tempdir`` does not tell what may be removed.
+    """
+    global _temporary
+    if "bpy" not in sys.modules:
+        with suppress(OSError):  # no folder, or a full one: Blender finds what it can use
+            _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
+    if _temporary is None:
+        yield
+        return
+    earlier = {name: os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")}
+    os.environ.update(dict.fromkeys(earlier, str(_temporary)))
+    try:
+        yield
+    finally:
+        for name, value in earlier.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def new_temporary_folder(prefix: str) -> Path:
+    """A new folder within Blender's temporary folder; it goes with Blender, or before.
+
+    Raises
+    ------
+    OutputError
+        It cannot be made.
+    """
+    folder = sys.modules["bpy"].app.tempdir
+    try:
+        return Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: Blender's temporary folder cannot be written to ({error.strerror})."
+        ) from error
 
 
 @contextmanager
@@ -157,15 +205,17 @@ def leave(code: int) -> None:
     Blender's module sometimes hangs while Python takes it down, after all work is done; what it
     would have cleared away then is cleared away here.
     """
-    bpy = sys.modules.get("bpy")
-    # Another thread may still be loading it.
-    folder = getattr(getattr(bpy, "app", None), "tempdir", None)
-    if folder and not inside_blender():
-        shutil.rmtree(folder, ignore_errors=True)
+    remove_temporary_files()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
     os._exit(code)
+
+
+def remove_temporary_files() -> None:
+    """Remove the folder that this process has made for Blender's temporary files, if any."""
+    if _temporary is not None:
+        shutil.rmtree(_temporary, ignore_errors=True)
 
 
 def open_standard_streams() -> None:

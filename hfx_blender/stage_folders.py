@@ -3,26 +3,31 @@
 
 A folder belongs to the process that holds the lock of its file ``owner``. The system lets go of
 the lock when that process ends, however it does. A lock may be unknown to other machines that
-share the folder, so only a folder of a machine of this name is ever removed.
+share the folder, so the name of a folder tells the machine, and only folders with such a name of
+this machine are ever removed.
 """
 
 from __future__ import annotations
 
 import os
-import platform
 import shutil
-import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
-from .atomic_files import take_lock
+from .atomic_files import (
+    LOCKED_BYTE,
+    NEW_S,
+    is_ownerless,
+    take_lock,
+    temporary_name,
+    temporary_pattern,
+)
 
 _OWNER: Final = "owner"
-_SUFFIX: Final = ".tmp"
-_LOCKED_BYTE: Final = 4096  # behind the text: what is locked cannot be read on Windows
-_LONGEST_NAME: Final = 100  # a file system allows 255 bytes
+_LOCKED: Final = b"locked\n"
 
 
 def with_final_names(text: str, stage: Path, folder: Path) -> str:
@@ -50,40 +55,30 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
         A name has a zero in it.
     """
     remove_abandoned(parent)
-    short = name.encode()[:_LONGEST_NAME].decode(errors="ignore")
-    stage = Path(tempfile.mkdtemp(prefix=f".{short}.", suffix=_SUFFIX, dir=parent))
-    owner: BinaryIO | None = None
+    stage = parent / temporary_name(name)
+    stage.mkdir(0o700)
+    owner: int | None = None
     try:
-        owner = open(stage / _OWNER, "xb")
+        owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         with suppress(OSError):  # some network file systems have no locks: then it is not removed
-            take_lock(owner.fileno(), _LOCKED_BYTE)
-            owner.write(_machine())  # last: without it, nobody else touches the folder
-            owner.flush()
+            take_lock(owner, LOCKED_BYTE)
+            os.write(owner, _LOCKED)  # last; a full disk cannot take it
         yield stage
     finally:
         if owner is not None:
-            owner.close()
+            with suppress(OSError):
+                os.close(owner)
         shutil.rmtree(stage, ignore_errors=True)
 
 
 def remove_abandoned(parent: Path) -> None:
     """Remove the folders of :func:`stage_folder` whose owners have gone."""
     with suppress(OSError):
-        for path in parent.glob(f".*{_SUFFIX}/{_OWNER}"):
-            if _is_abandoned(path):
-                shutil.rmtree(path.parent, ignore_errors=True)
-
-
-def _is_abandoned(owner: Path) -> bool:
-    try:
-        with open(owner, "r+b") as file:
-            if file.read(_LOCKED_BYTE) != _machine():
-                return False  # of another machine, or just being made
-            take_lock(file.fileno(), _LOCKED_BYTE)
-            return True
-    except OSError:  # the lock is held, or it is not ours to change
-        return False
-
-
-def _machine() -> bytes:
-    return f"{platform.node()}\n".encode()
+        for stage in parent.glob(temporary_pattern()):
+            with suppress(OSError):
+                if not stage.is_dir() or stage.is_symlink():
+                    continue
+                if is_ownerless(stage / _OWNER, _LOCKED):
+                    shutil.rmtree(stage, ignore_errors=True)
+                elif time.time() - stage.stat().st_mtime > NEW_S:
+                    stage.rmdir()  # only if it is empty: its maker was killed at once

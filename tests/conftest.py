@@ -61,7 +61,12 @@ def patient_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 def pytest_unconfigure(config: pytest.Config) -> Iterator[None] | None:
     # Blender's module sometimes hangs while Python takes it down; all results are out by now.
     if "bpy" in sys.modules:
-        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
+        from hfx_blender import blender_session
+
+        temporary = sys.modules["bpy"].app.tempdir.rstrip(os.sep)
+        if os.path.basename(temporary).startswith("blender_"):  # not the user's own folder
+            shutil.rmtree(temporary, ignore_errors=True)
+        blender_session.remove_temporary_files()
         settings = os.environ.get("BLENDER_USER_RESOURCES", "")
         if os.path.basename(settings).startswith("hfx_test_"):
             shutil.rmtree(settings, ignore_errors=True)

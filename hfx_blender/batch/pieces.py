@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Mapping
 from contextlib import suppress
 from itertools import pairwise
@@ -20,6 +19,7 @@ from .. import export_report
 from ..atomic_files import atomic_file
 from ..errors import InputError
 from ..file_hash import sha256_of
+from ..stage_folders import remove_abandoned
 from ..staging import make_folder, place
 from . import inputs, journal
 from .units import Unit
@@ -144,8 +144,26 @@ def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def remove(unit: Unit) -> None:
-    """Remove the pieces after they were merged."""
-    shutil.rmtree(folder_of(unit), ignore_errors=True)
+    """Remove the pieces after they were merged, of all divisions.
+
+    What no record lists, or has changed since, stays; :func:`remove_folder` removes the folder.
+    """
+    folder = folder_of(unit)
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            match = _RECORD.fullmatch(path.name)
+            record = match and _record(folder, (int(match[1]), int(match[2])))
+            if record:
+                for each in (*files_of(unit, record).values(), path):
+                    if each.name.startswith(f"{path.stem}."):
+                        each.unlink()
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder of pieces, if nothing is left in it but what killed jobs have left."""
+    remove_abandoned(folder)
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _count(folder: Path, unit: Unit) -> int:

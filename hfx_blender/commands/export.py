@@ -15,7 +15,7 @@ from .. import blender_session
 from ..atomic_files import atomic_file
 from ..batch.local_workers import LocalWorkers, ThisProcess, Workers
 from ..batch.options import ExportOptions
-from ..batch.pieces import MOST_PIECES, pieces_folder
+from ..batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_folder
 from ..batch.units import Outcome, Unit
 from ..console import Console
 from ..engine.tolerance import Tolerance
@@ -173,6 +173,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             results = [_result(outcome) for outcome in outcomes]
             if options.report is not None and results:
                 _write_report(options.report, results)
+    for unit in units if options.merge else ():
+        remove_folder(folder_of(unit))
     console.result(results if len(results) > 1 else results[0])
     failed = [result for result in results if "error" in result]
     if not failed:

@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 from .. import file_limits
-from ..atomic_files import refuse_taken
+from ..atomic_files import inputs_kept
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
@@ -20,7 +19,7 @@ from ..engine.rendering.raster import Column, Raster, columns_of
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
-from ..stage_folders import stage_folder, with_final_names
+from ..staging import place, staging
 from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules, wav
 from .curves import CurveTolerance
@@ -90,16 +89,16 @@ def convert(
         The device's script may not run, or has failed.
     """
     kind, stem = _target(target, to)
-    with _staging(target.parent) as stage:
+    if not target.parent.is_dir():
+        raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
+    with inputs_kept([source]), staging(target.parent, "hfx") as stage:
         written = _converted(source, kind, stage / stem, device, body, tolerance)
         written += Written(notes=_ignored_options(source, kind, device, body))
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
-        for path in written.files:
-            refuse_taken(target.parent / path.name)
-        files = tuple(path.replace(target.parent / path.name) for path in written.files)
+        files = place(written.files, target.parent)
     return replace(written, files=files)
 
 
@@ -301,21 +300,3 @@ def _first_difference(found: Sequence[Column], wanted: Sequence[Column]) -> str:
             names = [csv_raster.column_name(each) for each in (one, other)]
             return f": column {number} is '{names[0]}', expected is '{names[1]}'"
     return f": it has {len(found)}, expected are {len(wanted)}"
-
-
-@contextmanager
-def _staging(folder: Path) -> Iterator[Path]:
-    """A folder beside the result, gone afterwards."""
-    made = ExitStack()
-    try:
-        stage = made.enter_context(stage_folder(folder, "hfx"))
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
-    try:
-        with made:
-            yield stage
-    except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(with_final_names(str(error), stage, folder)) from error
-    except OSError as error:
-        path = with_final_names(str(error.filename or folder), stage, folder)
-        raise OutputError(f"{path}: {error.strerror}.") from error

@@ -6,14 +6,13 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy.props import IntProperty
 
-from .. import __version__
+from .. import __version__, blender_session
 from ..errors import HfxError, InputError
 from .shared import HfxOperator
 
@@ -40,7 +39,7 @@ def _job(context: bpy.types.Context) -> dict[str, Any]:
         No words, or no picture that Blender reads.
     """
     wanted = context.window_manager.hfx_generation
-    folder = tempfile.mkdtemp(prefix="hfx_generated_", dir=bpy.app.tempdir)
+    folder = str(blender_session.new_temporary_folder("hfx_generated_"))
     _folders.append(folder)
     job = {
         "version": __version__,

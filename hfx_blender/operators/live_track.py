@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from .. import blender_session
 from ..authoring import effects, swarms
 from ..playback.live import live
 from .shared import HfxOperator, is_in_view_layer
@@ -18,7 +19,8 @@ from .stepwise_export import StepwiseExport
 if TYPE_CHECKING:
     from ..export_report import ExportReport
 
-_FOLDER = "hfx_recorded"  # in Blender's temporary folder of this session
+_recorded: list[Path] = []
+"""Folder of the last recording, in Blender's temporary folder of this session."""
 
 
 class HFX_OT_record_track(StepwiseExport):
@@ -44,10 +46,11 @@ class HFX_OT_record_track(StepwiseExport):
         record = ("positions",) if needs_positions(devices) else ()
         settings = ExportSettings(("track",), record=record)
         live.stop_all("a track is recorded")
-        folder = Path(bpy.app.tempdir) / _FOLDER
         live.tracks.forget()
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True, exist_ok=True)
+        while _recorded:
+            shutil.rmtree(_recorded.pop(), ignore_errors=True)
+        folder = blender_session.new_temporary_folder("hfx_recorded_")
+        _recorded.append(folder)
         return SceneExport(context.scene, settings).steps(folder, "recorded")
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
