@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Wheels of an extension zip, by platform and Blender's Python.
 
-Blender has numpy; whatever else the package imports comes as a wheel. ``addon_wheels.sha256`` pins
-every file (``sha256sum -c`` reads it too); pip fetches the files once into a folder.
+Blender has numpy; whatever else the package imports comes as a wheel, also what it imports in a
+function, by name, or where it expects that the module may be missing: a user of Blender cannot
+install any of it. ``addon_wheels.sha256`` pins every file (``sha256sum -c`` reads it too); pip
+fetches the files once into a folder.
 """
 
 from __future__ import annotations
 
 import ast
+import email
 import hashlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -21,19 +25,36 @@ ROOT = Path(__file__).resolve().parent
 LOCK = ROOT / "addon_wheels.sha256"
 LICENCES = ROOT / "licences"  # of distributions whose wheels forget theirs
 
-# Import name -> distribution. Bundled is what the package imports, never more.
+# Import name -> distribution. Bundled is what the package imports and what that requires.
 DISTRIBUTIONS = {
     "fast_simplification": "fast-simplification",
     "scipy": "scipy",
     "serial": "pyserial",
+    "sounddevice": "sounddevice",
     "trimesh": "trimesh",
 }
+REQUIRED = {"sounddevice": {"cffi"}}
+"""Distributions that a bundled one imports, besides NumPy."""
+NOT_USED = {"pycparser"}
+"""Required by the metadata of bundled wheels, but imported only by what nothing here calls:
+cffi compiles no declarations for sounddevice, which brings its own compiled ones."""
 IN_BLENDER = {
     *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
     *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui"),
 }
-OF_USERS = {"diffusers", "safetensors", "torch", "transformers"}
-"""Modules of the extra ``generate``: only where the user has installed them."""
+COMPUTED: dict[str, set[str]] = {
+    "avatars/bodies.py": {"scipy", "trimesh"},
+    "commands/left_out.py": set(),  # of 'maintenance': where it is absent, the user is told so
+    "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
+    "engine/serialization.py": set(),  # of the package's own engine
+}
+"""Files that import modules by names which are not written as one string -> those modules."""
+REMOVED = {
+    *("aifc", "asynchat", "asyncore", "audioop", "cgi", "cgitb", "chunk", "crypt", "distutils"),
+    *("imghdr", "imp", "lib2to3", "mailcap", "msilib", "nis", "nntplib", "ossaudiodev", "pipes"),
+    *("smtpd", "sndhdr", "spwd", "sunau", "telnetlib", "uu", "xdrlib"),
+}
+"""Modules of Python 3.11 that a later Python of a Blender lacks."""
 
 # blender.org's Blender: 4.2 LTS to 5.0 have Python 3.11, 5.1 and 5.2 LTS have 3.13. Distributions
 # build with their own Python: Debian's 4.3 has 3.13, its 5.2 has 3.14.
@@ -47,7 +68,12 @@ VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "fast-simplification": dict.fromkeys(PYTHONS, ("0.2.0",)),
     "trimesh": dict.fromkeys(PYTHONS, ("5.2.0",)),
     "pyserial": dict.fromkeys(PYTHONS, ("3.5",)),
+    # Brings PortAudio for Windows and macOS; on Linux it uses the system's.
+    "sounddevice": dict.fromkeys(PYTHONS, ("0.5.6",)),
+    "cffi": dict.fromkeys(PYTHONS, ("2.1.1",)),
 }
+PURE = {"pyserial"}
+"""Distributions whose one wheel runs everywhere and needs no other: in the small zip, too."""
 
 
 class Platform(NamedTuple):
@@ -59,7 +85,10 @@ class Platform(NamedTuple):
 
     def runs(self, tag: str) -> bool:
         """Blender's own rule: it compares the names and leaves the releases out."""
-        return tag == "any" or (tag.startswith(self.system) and tag.endswith("_" + self.machine))
+        if tag == "any":
+            return True
+        machines = (self.machine, "universal2") if self.system == "macosx" else (self.machine,)
+        return tag.startswith(self.system) and tag.endswith(tuple(f"_{each}" for each in machines))
 
     def tags(self) -> list[str]:
         return [f"{self.system}{release}_{self.machine}" for release in self.releases]
@@ -87,49 +116,80 @@ def default_pythons(platform: str) -> tuple[str, ...]:
 def imported(package: Path, left_out: str = "") -> set[str]:
     """Distributions that a package's source imports and Blender does not have.
 
-    What it can do without (imports under ``except ImportError``) does not count, nor what its
-    folder ``left_out`` imports.
+    Every import counts: in functions, by name (``import_module``, ``find_spec``), and under
+    ``except ImportError``. What its folder ``left_out`` imports does not.
 
     Raises
     ------
     WheelError
-        An import that is neither Python's, nor Blender's, nor in ``DISTRIBUTIONS``.
+        An import that is neither Python's, nor Blender's, nor in ``DISTRIBUTIONS``; or one by a
+        computed name in a file that ``COMPUTED`` does not list.
     """
     found = set()
     for path in sorted(package.rglob("*.py")):
-        if path.relative_to(package).parts[0] == left_out:
+        name = path.relative_to(package).as_posix()
+        if name.partition("/")[0] == left_out:
             continue
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        optional = {id(each) for node in ast.walk(tree) for each in _guarded(node)}
-        for node in ast.walk(tree):
-            if id(node) in optional:
+        tops = set(COMPUTED.get(name, ()))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            modules = _modules_of(node)
+            if modules is None and name not in COMPUTED:
+                raise WheelError(
+                    f"{path}, line {getattr(node, 'lineno', 0)}: imports a module by a computed "
+                    f"name; write it as a string, or list it in COMPUTED of {Path(__file__).name}."
+                )
+            tops |= {module.partition(".")[0] for module in modules or ()}
+        for top in sorted(tops - IN_BLENDER - {package.name}):
+            if top in sys.stdlib_module_names and top not in REMOVED:
                 continue
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names = [node.module or ""]
-            else:
-                continue
-            for top in {name.partition(".")[0] for name in names}:
-                if top in sys.stdlib_module_names or top in {*IN_BLENDER, *OF_USERS, package.name}:
-                    continue
-                if top not in DISTRIBUTIONS:
-                    raise WheelError(
-                        f"{path}: imports '{top}', which Blender does not have; add it to "
-                        f"DISTRIBUTIONS and VERSIONS in {Path(__file__).name}."
-                    )
-                found.add(DISTRIBUTIONS[top])
+            if top not in DISTRIBUTIONS:
+                raise WheelError(
+                    f"{path}: imports '{top}', which Blender does not have; add it to "
+                    f"DISTRIBUTIONS and VERSIONS in {Path(__file__).name}."
+                )
+            found |= {DISTRIBUTIONS[top], *REQUIRED.get(DISTRIBUTIONS[top], ())}
     return found
 
 
-def _guarded(node: ast.AST) -> Iterable[ast.AST]:
-    """Yield the nodes inside a ``try`` that expects a missing module."""
-    if not isinstance(node, ast.Try):
-        return ()
-    caught = {getattr(handler.type, "id", "") for handler in node.handlers}
-    if not caught & {"ImportError", "ModuleNotFoundError"}:
-        return ()
-    return (each for child in node.body for each in ast.walk(child))
+def _modules_of(node: ast.AST) -> list[str] | None:
+    """Names of the absolute modules that a node imports; None where the name is computed."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        return [] if node.level else [node.module or ""]
+    if not isinstance(node, ast.Call):
+        return []
+    called = node.func.attr if isinstance(node.func, ast.Attribute) else None
+    called = node.func.id if isinstance(node.func, ast.Name) else called
+    if called not in ("import_module", "__import__", "find_spec"):
+        return []
+    name = node.args[0] if node.args else None
+    if isinstance(name, ast.Constant) and isinstance(name.value, str):
+        return [] if name.value.startswith(".") else [name.value]
+    return None
+
+
+def check_requirements(wheels: Iterable[Path]) -> None:
+    """Test that whatever the wheels of a zip require is in it, or in Blender.
+
+    Raises
+    ------
+    WheelError
+        The metadata of a wheel names a distribution that is neither bundled nor in ``NOT_USED``.
+    """
+    wheels = list(wheels)
+    there = {wheel.name.partition("-")[0].replace("_", "-") for wheel in wheels}
+    for wheel in wheels:
+        with zipfile.ZipFile(wheel) as archive:
+            (name,) = (n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
+            lines = email.message_from_bytes(archive.read(name)).get_all("Requires-Dist", [])
+        for line in lines:
+            required = re.split(r"[^A-Za-z0-9._-]", line)[0].lower()
+            if "extra ==" not in line and required not in {*there, *IN_BLENDER, *NOT_USED}:
+                raise WheelError(
+                    f"{wheel.name}: requires '{required}'; add it to REQUIRED and VERSIONS in "
+                    f"{Path(__file__).name}, or to NOT_USED."
+                )
 
 
 def read_lock(lock: Path = LOCK) -> dict[str, str]:
@@ -149,7 +209,9 @@ def select(
         fits = "py3" in python_tag.split(".") or python_tag == "cp" + python.replace(".", "")
         runs = PLATFORMS[platform].runs(platform_tag)
         if distribution in distributions and fits and runs:
-            chosen[distribution] = name
+            # A wheel for every platform may lack a library that one for this platform brings.
+            if platform_tag != "any" or distribution not in chosen:
+                chosen[distribution] = name
     return chosen
 
 
@@ -174,6 +236,19 @@ def fetch(name: str, digest: str, folder: Path) -> Path:
     if not carries_licence(path) and not own_licence(name).exists():
         raise WheelError(f"{name}: carries no licence; put it into {own_licence(name)}.")
     return path
+
+
+def named_for(wheel: Path, platform: str) -> Path:
+    """Copy of a wheel for all Macs, named after one kind of them; any other wheel as it is.
+
+    Blender before 4.4 takes no wheel whose name ends in ``universal2``.
+    """
+    if not wheel.stem.endswith("universal2"):
+        return wheel
+    tags = PLATFORMS[platform].tags()
+    copy = wheel.with_name(f"{wheel.stem.rpartition('-')[0]}-{tags[0]}.whl")
+    copy.write_bytes(wheel.read_bytes())
+    return copy
 
 
 def own_licence(wheel: str) -> Path:

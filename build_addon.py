@@ -5,7 +5,7 @@ A zip holds the package without its folder ``maintenance``, the body models, the
 configurations, the library of engine/native compiled for the platform, and the wheels of what these
 modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
 Blender unpacks the wheels that fit. One zip for all platforms would be five times as large; but one
-that brings the library alone, as wheels for all platforms, is the smallest.
+that brings the library, as wheels for all platforms, and pyserial is the smallest.
 """
 
 from __future__ import annotations
@@ -128,7 +128,9 @@ def build_for(
         for distribution in sorted(wanted - set(found)):
             _say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
         for wheel in found.values():
-            chosen[wheel] = addon_wheels.fetch(wheel, lock[wheel], cache)
+            path = addon_wheels.named_for(addon_wheels.fetch(wheel, lock[wheel], cache), name)
+            chosen[path.name] = path
+    addon_wheels.check_requirements(chosen.values())
     if zig is not None:
         own = native_wheel.make(native_build.TARGETS[name], cache, zig)
         chosen[own.name] = own
@@ -139,7 +141,7 @@ def build_for(
 
 
 def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
-    """Build the zip for all platforms: its only wheels are those of the library.
+    """Build the zip for all platforms: its wheels are those of the library, and pure ones.
 
     Parameters
     ----------
@@ -150,11 +152,18 @@ def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
 
     Raises
     ------
+    WheelError
+        A wheel cannot be had or is not what was pinned.
     BuildError
         The library cannot be compiled.
     """
+    lock = addon_wheels.read_lock()
+    pure = [name for name in lock if name.partition("-")[0] in addon_wheels.PURE]
     targets = native_build.TARGETS.values() if zig is not None else ()
-    wheels = sorted(native_wheel.make(target, cache, zig) for target in targets)
+    wheels = sorted(
+        [addon_wheels.fetch(name, lock[name], cache) for name in pure]
+        + [native_wheel.make(target, cache, zig) for target in targets]
+    )
     return build(folder, "no_wheels", manifest(path.name for path in wheels), wheels)
 
 

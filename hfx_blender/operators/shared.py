@@ -18,7 +18,7 @@ from ..playback import preview
 from ..printable import printable
 from . import framing
 
-_PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
+_PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial", "sounddevice")
 """Packages that the extension brings as wheels; its small zip brings none of them."""
 
 

@@ -14,11 +14,13 @@ import sys
 import tomllib
 import zipfile
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 from import_graph import PACKAGE, imports, module_name
+from packed_wheels import BLENDERS_OWN, bare_python, pack
 from strange_modules import CHILDREN, fill
 
 import hfx_blender
@@ -70,6 +72,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(native_build, "build", build)
+        patch.setattr(addon_wheels, "fetch", lambda name, _digest, folder: pack(name, folder))
         return build_addon.build_small(folder, folder, zig)
 
 
@@ -218,11 +221,15 @@ def test_the_manifest_says_what_the_package_says(small: Path) -> None:
 
 def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None:
     names = [name.removeprefix("./") for name in manifest_of(small)["wheels"]]
+    assert [name for name in names if "/hfx_native-" not in name] == [
+        "wheels/pyserial-3.5-py2.py3-none-any.whl"
+    ]
+    names = [name for name in names if "/hfx_native-" in name]
     tags = [name[: -len(".whl")].split("-")[-1] for name in names]
     for platform in addon_wheels.PLATFORMS.values():
         assert sum(platform.runs(tag) for tag in tags) == 1
     with zipfile.ZipFile(small) as archive:
-        assert sorted(name for name in archive.namelist() if name.endswith(".whl")) == names
+        assert [name for name in archive.namelist() if "/hfx_native-" in name] == names
         own = max(archive.getinfo(name).compress_size for name in names)
     size = small.stat().st_size + (len(names) - 1) * own  # the others are stand-ins
     for page, sentence in (
@@ -235,8 +242,9 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_small_zip_may_be_without_the_library(tmp_path: Path) -> None:
-    assert "wheels" not in manifest_of(build_addon.build_small(tmp_path, tmp_path))
+def test_the_small_zip_may_be_without_the_library(wheels: Path, tmp_path: Path) -> None:
+    (only,) = manifest_of(build_addon.build_small(tmp_path, wheels))["wheels"]
+    assert "pyserial" in only
 
 
 def test_only_the_permissions_that_are_used_are_asked_for(small: Path) -> None:
@@ -269,6 +277,7 @@ def test_blender_accepts_the_zip_of_each_platform(
         assert {f"./{name}" for name in names} == set(manifest["wheels"])
         for name in names:
             assert archive.read(name) == (wheels / Path(name).name).read_bytes()
+            assert "universal2" not in name, "Blender before 4.4 does not take it"
         (own,) = [name for name in names if "/hfx_native-" in name]
         assert addon_wheels.PLATFORMS[platform].runs(own[: -len(".whl")].split("-")[-1])
 
@@ -358,6 +367,107 @@ def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Pa
     assert not [path for path in resources.rglob("*") if "hfx" in path.name]
 
 
+BARE = """
+import importlib, os, pkgutil, subprocess, sys
+import bpy
+import addon_utils
+
+addon_utils.enable("bl_pkg")
+bpy.ops.extensions.package_install_files(
+    filepath=sys.argv[1], repo="user_default", enable_on_install=True
+)
+name = "bl_ext.user_default.hfx_blender"
+package = importlib.import_module(name)
+count = 0
+for module in pkgutil.walk_packages(package.__path__, name + "."):
+    importlib.import_module(module.name)
+    count += 1
+import fast_simplification, scipy.sparse.linalg, trimesh.graph
+
+strays = [
+    module.__file__
+    for module in list(sys.modules.values())
+    if (getattr(module, "__file__", None) or "").startswith(sys.argv[2])
+    and module.__name__.partition(".")[0] not in sys.argv[3:]
+]
+assert not strays, strays
+
+# Live devices, in this process and in one that plays on devices.
+DEVICES = '''
+import os
+from PACKAGE.devices.configuration import load_device
+from PACKAGE.devices.live.discovery import serial_ports
+from PACKAGE.devices.live.output import OutputLostError
+from PACKAGE.devices.live.transports.serial_port import SerialPort
+from PACKAGE.devices.live.transports.sound_card import SoundCard
+import serial.tools.list_ports
+
+board, end = os.openpty()
+port = SerialPort(os.ttyname(end), 115200)
+port.write_newest(b"to the board")
+assert os.read(board, 100) == b"to the board"
+os.write(board, b"from it")
+assert port.read() == b"from it"
+port.close()
+assert len(serial_ports()) == len(serial.tools.list_ports.comports())
+try:
+    SoundCard(load_device("sound_card_8"), "no such card").close()
+except OutputLostError as error:
+    assert "portaudio" in str(error).lower() or "no such card" in str(error), error
+import _cffi_backend
+print("devices are there", flush=True)
+'''
+exec(DEVICES.replace("PACKAGE", name))
+own = importlib.import_module(name + ".own_processes")
+command = [*own.python_command(), "-c", DEVICES.replace("PACKAGE", "hfx_blender")]
+told = own.start(command, stdout=subprocess.PIPE, text=True).communicate()[0]
+assert told == "devices are there\\n", told
+print(count, "modules imported", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and symbolic links")
+def test_in_a_bare_blender_every_module_imports_and_devices_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the packages of the development environment; the zip is that of this computer."""
+    bpy = pytest.importorskip("bpy")
+    version = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    lock = addon_wheels.read_lock()
+    wanted = IMPORTED(PACKAGE, "maintenance")
+    folder = tmp_path / "wheels"
+    folder.mkdir()
+    try:
+        here = addon_wheels.select(lock, wanted, build_addon.this_platform(), version)
+        for name in here.values():
+            pack(name, folder)
+    except (metadata.PackageNotFoundError, KeyError) as error:
+        pytest.skip(f"not installed here, or no wheels for this computer: {error}")
+    monkeypatch.setattr(addon_wheels, "fetch", lambda name, _digest, folder: folder / name)
+    built = build_addon.build_for(build_addon.this_platform(), (version,), tmp_path, folder)
+    resources = tmp_path / "resources"
+    resources.mkdir()
+    python = bare_python(tmp_path / "bare")
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("PYTHON") and name != "VIRTUAL_ENV"
+    }
+    installed = Path(bpy.__file__).resolve().parents[1]
+    done = subprocess.run(
+        [python, "-c", BARE, str(built), str(installed), *BLENDERS_OWN],
+        env={**environment, "BLENDER_USER_RESOURCES": str(resources)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    said = done.stdout + done.stderr
+    assert re.search(r"devices are there\n(\d+) modules imported\n$", done.stdout), said
+    assert int(done.stdout.split()[-3]) == len(SHIPPED) - 1, "all but the package itself"
+
+
 # Its wheels
 
 
@@ -419,14 +529,65 @@ def test_an_import_that_nobody_bundles_stops_the_build(tmp_path: Path) -> None:
         addon_wheels.imported(tmp_path)
 
 
-def test_what_the_package_can_do_without_is_not_bundled(tmp_path: Path) -> None:
-    optional = (
-        "try:\n    import trimesh, pandas\nexcept ImportError:\n    pass\nimport scipy.sparse\n"
-    )
-    (tmp_path / "x.py").write_text(optional)
-    assert addon_wheels.imported(tmp_path) == {"scipy"}
-    (tmp_path / "y.py").write_text("try:\n    import trimesh\nexcept ValueError:\n    pass\n")
-    assert addon_wheels.imported(tmp_path) == {"scipy", "trimesh"}
+@pytest.mark.parametrize(
+    "source",
+    [
+        "try:\n    import {}.x\nexcept ImportError:\n    pass",
+        "try:\n    from {} import x\nexcept (ModuleNotFoundError, OSError):\n    x = None",
+        "with suppress(ImportError):\n    import json, {}",
+        "def f():\n    import {} as x",
+        "class C:\n    def f(self):\n        return importlib.import_module('{}.x')",
+        "x = import_module('{}')",
+        "x = __import__('{}')",
+        "if TYPE_CHECKING or find_spec('{}'):\n    pass",
+    ],
+)
+def test_an_import_counts_wherever_it_is(source: str, tmp_path: Path) -> None:
+    (tmp_path / "x.py").write_text(source.format("sounddevice"))
+    assert addon_wheels.imported(tmp_path) == {"sounddevice", "cffi"}
+    (tmp_path / "x.py").write_text(source.format("serial"))
+    assert addon_wheels.imported(tmp_path) == {"pyserial"}
+    for absent in ("pandas", "websockets", "PIL", "distutils"):
+        (tmp_path / "x.py").write_text(source.format(absent))
+        with pytest.raises(addon_wheels.WheelError, match=f"'{absent}', which Blender"):
+            addon_wheels.imported(tmp_path)
+
+
+def test_a_computed_name_of_a_module_stops_the_build(tmp_path: Path) -> None:
+    (tmp_path / "x.py").write_text("def f(name):\n    return import_module(name)\n")
+    with pytest.raises(addon_wheels.WheelError, match="line 2: imports a module by a computed"):
+        addon_wheels.imported(tmp_path)
+    (tmp_path / "x.py").write_text("import_module('.sibling', __package__)\n")
+    assert addon_wheels.imported(tmp_path) == set()
+
+
+@pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
+def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
+    wanted = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
+    assert IMPORTED(PACKAGE, "maintenance") == wanted
+    lock = addon_wheels.read_lock()
+    is_linux, is_arm = platform.startswith("linux"), platform == "windows-arm64"
+    pythons = addon_wheels.PYTHONS if is_linux else addon_wheels.default_pythons(platform)
+    for python in pythons:
+        found = addon_wheels.select(lock, wanted, platform, python)
+        assert wanted - set(found) == ({"fast-simplification"} if is_arm else set())
+        assert f"-cp{python.replace('.', '')}-" in found["cffi"]
+        brings_portaudio = "-any." not in found["sounddevice"]
+        assert brings_portaudio != is_linux, found["sounddevice"]
+
+
+def test_what_a_wheel_requires_is_in_the_zip_or_stops_the_build(
+    wheels: Path, tmp_path: Path
+) -> None:
+    lines = ["cffi", "numpy>=1.26", "pandas; extra == 'x'", "PyCParser; implementation_name != 'y'"]
+    card, other = tmp_path / "sounddevice-1-py3-none-any.whl", tmp_path / "cffi-1-py3-none-any.whl"
+    for path, required in ((card, lines), (other, [])):
+        with zipfile.ZipFile(path, "w") as archive:
+            text = "Metadata-Version: 2.4\n" + "".join(f"Requires-Dist: {r}\n" for r in required)
+            archive.writestr(f"{path.stem[:-12]}.dist-info/METADATA", text + "\nRequires-Dist: no\n")
+    addon_wheels.check_requirements([card, other])
+    with pytest.raises(addon_wheels.WheelError, match=r"sounddevice-1\S+: requires 'cffi'"):
+        addon_wheels.check_requirements([card])
 
 
 def test_a_wheel_with_other_bytes_is_refused(wheels: Path, tmp_path: Path) -> None:

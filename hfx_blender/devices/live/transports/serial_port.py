@@ -60,7 +60,10 @@ class SerialPort:
         try:
             import serial
         except ImportError:
-            raise OutputLostError("pyserial is not installed, so no port can be opened.") from None
+            raise OutputLostError(
+                "Serial ports need the Python package pyserial, which this installation lacks: "
+                "install the extension's zip anew."
+            ) from None
         self.name = name
         self._rest = b""  # of a frame that was begun
         self._next = b""

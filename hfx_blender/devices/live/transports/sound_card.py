@@ -3,12 +3,12 @@
 
 An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values;
 a tone is a sine, or the waveform that the actuator's type names.
-PortAudio comes with the optional package ``sounddevice`` (the extra ``audio``).
+The package ``sounddevice`` speaks to PortAudio: in the extension, or by pip's extra ``audio``. For
+Windows and macOS it brings PortAudio, on Linux it uses the system's.
 """
 
 from __future__ import annotations
 
-import importlib
 import threading
 import time
 from contextlib import suppress
@@ -164,12 +164,18 @@ class SoundCard:
 
 def _library() -> Any:
     try:
-        return importlib.import_module("sounddevice")
-    except (ImportError, OSError) as error:  # OSError: without PortAudio's own library
+        import sounddevice
+    except ImportError as error:
         raise OutputLostError(
-            "Sound cards need the package sounddevice (pip install 'hfx-blender[audio]'), which "
-            f"brings PortAudio ({error})."
+            "Sound cards need the Python package sounddevice: install the extension's zip for your "
+            f"platform, which brings it; with pip, 'hfx-blender[audio]' ({error})."
         ) from None
+    except OSError as error:  # its wheel for Linux brings no PortAudio
+        raise OutputLostError(
+            "Sound cards need the library PortAudio, which this system lacks: install its package, "
+            f"on Debian and Ubuntu libportaudio2, on Fedora and Arch portaudio ({error})."
+        ) from None
+    return sounddevice
 
 
 def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
