@@ -19,6 +19,7 @@ import numpy as np
 from .. import file_limits
 from .ahap_envelopes import RAMPS, envelope, product
 from .ahap_rules import (
+    DOCUMENT,
     INTENSITY,
     INTENSITY_CONTROL,
     MAX_CURVE_POINTS,
@@ -28,7 +29,7 @@ from .ahap_rules import (
     completed,
     findings,
 )
-from .checking import clean, parse
+from .checking import clean, known_members, parse
 from .curves import Curve
 from .leniency import refuse_but
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
@@ -216,6 +217,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
     codes = {f"AHAP-{code}" for code in lenient}
     notes = refuse_but(findings(found), name, lambda each: each.code in codes)
+    found = known_members(DOCUMENT, found)
     if any("[AHAP-MISSING]" in each for each in notes):
         found = completed(found)
         notes += refuse_but(findings(found), name, lambda each: each.code in codes)

@@ -13,6 +13,7 @@ from .checking import (
     Number,
     Record,
     Report,
+    Shape,
     Text,
     check,
     json_validator,
@@ -73,14 +74,14 @@ _PARAMETER_CURVE = Record(
         ),
     }
 )
-_DOCUMENT = Record(
-    {
-        "Pattern": Items(
-            Record(
-                {}, {"Event": _EVENT, "Parameter": _PARAMETER, "ParameterCurve": _PARAMETER_CURVE}
-            )
-        )
-    },
+_ENTRIES: Final = {"Event": _EVENT, "Parameter": _PARAMETER, "ParameterCurve": _PARAMETER_CURVE}
+_MEMBERS: Final[dict[str, Shape]] = {
+    key: member
+    for shape in _ENTRIES.values()
+    for key, member in {**shape.required, **shape.optional}.items()
+}
+DOCUMENT = Record(
+    {"Pattern": Items(Record({}, _ENTRIES))},
     {"Version": Number(0.0, 1e3), "Metadata": Anything()},
 )
 _RANGES: Final = {
@@ -94,7 +95,8 @@ _RANGES: Final = {
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("AHAP")
-    check(_DOCUMENT, found, report)
+    check(DOCUMENT, found, report)
+    _check_misplaced(found, report)
     if report.has_errors:
         return report.findings
     for k, entry in enumerate(found["Pattern"]):
@@ -125,6 +127,19 @@ def findings(found: Any) -> list[Finding]:
         for point in points:
             _check_range({**point, "ParameterID": curve["ParameterID"]}, report, here)
     return report.findings
+
+
+def _check_misplaced(found: Any, report: Report) -> None:
+    """Check members that stand in another kind of entry than theirs against their own shapes."""
+    pattern = found.get("Pattern") if isinstance(found, dict) else None
+    for k, entry in enumerate(pattern if isinstance(pattern, list) else ()):
+        for kind, item in entry.items() if isinstance(entry, dict) else ():
+            shape = _ENTRIES.get(kind)
+            if shape is None or not isinstance(item, dict):
+                continue
+            known = {**shape.required, **shape.optional}
+            for key in (item.keys() - known.keys()) & _MEMBERS.keys():
+                check(_MEMBERS[key], item[key], report, ((((None, "Pattern"), k), kind), key))
 
 
 validate = json_validator(findings)

@@ -174,6 +174,21 @@ def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None
         report.error("TYPE", place, f"expected true or false, found {shown(value)}")
 
 
+def known_members(shape: Shape, value: Any) -> Any:
+    """A document without the members that its shape does not know.
+
+    Readers get this one: a member that is only unknown where it stands was never checked.
+    """
+    if isinstance(shape, Record) and isinstance(value, dict):
+        members = {**shape.required, **shape.optional}
+        return {k: known_members(members[k], item) for k, item in value.items() if k in members}
+    if isinstance(shape, Table) and isinstance(value, dict):
+        return {key: known_members(shape.item, item) for key, item in value.items()}
+    if isinstance(shape, Items) and isinstance(value, list):
+        return [known_members(shape.item, item) for item in value]
+    return value
+
+
 def _check_record(shape: Record, value: Any, report: Report, place: Place) -> None:
     if not isinstance(value, dict):
         report.error("TYPE", place, f"expected an object, found {shown(value)}")
@@ -196,11 +211,11 @@ def _check_record(shape: Record, value: Any, report: Report, place: Place) -> No
 
 def _check_number(shape: Number, value: Any, report: Report, place: Place) -> None:
     if shape.may_be_text and isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
+        number = _number_of(value)
+        if number is None:
             report.error("TYPE", place, f"expected a number, found {shown(value)}")
             return
+        value = number
     # bool is an int in Python, and a true amplitude would be full power.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or (shape.is_whole and not isinstance(value, int)):
@@ -212,6 +227,15 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
             report.warn("RANGE", place, message)
         else:
             report.error("RANGE", place, message)
+
+
+def _number_of(text: str) -> float | None:
+    """Number that a text holds; None for another text, infinities and what is no number."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _range(shape: Number) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..sentences import counted
 from . import losses
-from .checking import clean, encoded, parse
+from .checking import clean, encoded, known_members, parse
 from .curves import Curve, CurveTolerance
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
@@ -29,6 +29,7 @@ from .he_rules import (
     OPENHARMONY_MAX_START_MS,
     TRANSIENT_MS,
     findings,
+    shape_of,
 )
 from .leniency import refuse_but
 from .signals import (
@@ -264,6 +265,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             or each.message in _MISSED_BY_NOBODY
         ),
     )
+    found = known_members(shape_of(found), found)
     metadata = found.get("Metadata", found.get("MetaData", {}))
     title = metadata.get("Description")
     frequencies = _range_of(title if isinstance(title, str) else "")

@@ -59,7 +59,11 @@ def _pattern(event: Shape) -> Items:
     return Items(Record({"Event": event}))
 
 
-_METADATA = Record({"Version": Number(1, 2)}, unknown="ignore")
+_METADATA = Record(
+    {"Version": Number(1, 2)},
+    dict.fromkeys(("Created", "Description"), Anything()),
+    unknown="ignore",
+)
 _V1 = Record(
     {"Metadata": _METADATA, "Pattern": _pattern(_event("RelativeTime", MAX_RELATIVE_MS, False))}
 )
@@ -96,18 +100,24 @@ _OPENHARMONY = Record(
 )
 
 
+def shape_of(found: Any) -> Shape:
+    """Shape that a parsed document is to have, by its members."""
+    keys = found if isinstance(found, dict) else {}
+    if "MetaData" in keys or "Channels" in keys:
+        return _OPENHARMONY
+    return _V1 if "Pattern" in keys else _V2
+
+
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("HE")
-    keys = found if isinstance(found, dict) else {}
-    is_openharmony = "MetaData" in keys or "Channels" in keys
-    is_first = "Pattern" in keys
-    check(_OPENHARMONY if is_openharmony else _V1 if is_first else _V2, found, report)
+    shape = shape_of(found)
+    check(shape, found, report)
     if report.has_errors:
         return report.findings
-    if is_openharmony:
+    if shape is _OPENHARMONY:
         _check_openharmony(found, report)
-    elif is_first:
+    elif shape is _V1:
         if found["Metadata"]["Version"] != 1:
             report.error("VERSION", (None, "Metadata"), "a file with 'Pattern' is version 1")
         _check_pattern(found["Pattern"], (None, "Pattern"), report, is_first=True)

@@ -20,12 +20,12 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
-from .checking import clean, parse
+from .checking import clean, known_members, parse
 from .curves import Curve
 from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
-from .tact_rules import INTERVAL_MS, findings
+from .tact_rules import DOCUMENT, INTERVAL_MS, findings
 from .written import Written, beside, write_json
 
 SUFFIX: Final = ".tact"
@@ -203,6 +203,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     found = without_nulls(parse(content, name))
     # The player takes what has the form, and leaves out what is missing.
     notes = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
+    found = known_members(DOCUMENT, found)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
     project = found.get("project", {})

@@ -98,7 +98,7 @@ _LAYOUT = Record(
     },
     unknown="ignore",
 )
-_DOCUMENT = Record(
+DOCUMENT = Record(
     {
         "intervalMillis": Number(INTERVAL_MS, INTERVAL_MS, is_whole=True),
         "size": Number(MAX_DOTS, MAX_DOTS, is_whole=True),
@@ -120,7 +120,7 @@ _DOCUMENT = Record(
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("TACT")
-    check(_DOCUMENT, found, report)
+    check(DOCUMENT, found, report)
     if report.has_errors:
         return report.findings
     project = found["project"]

@@ -18,8 +18,10 @@ TOKENS = (
 )  # fmt: skip
 VALUES: tuple[object, ...] = (
     None, True, -1, 0, 1, 2, 1.5, 1e308, -1e308, 5e-324, 2**31, 2**64, "", "x", "\ud800", [], {},
-    [[]], {"a": 1}, "Reference", "Composite", 7, 1000, 50_000, 10_000,
+    [[]], {"a": 1}, "Reference", "Composite", 7, 1000, 50_000, 10_000, float("nan"), 10**400,
+    "NaN", "-Infinity", "1e999", "1e300", "0.5", "1_0", "\u0661", ["0"], [None], [[0]], {"": None},
 )  # fmt: skip
+_COUNTS = (b"\xff" * 4, b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0" * 4, b"\1\0\0\0", b"\0\0\1\0")
 _PNG = b"\x89PNG\r\n\x1a\n"
 _GLB_HEAD = struct.Struct("<4sIIII")
 
@@ -49,11 +51,13 @@ def _of_tree(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | 
     if not isinstance(tree, dict | list):
         return None
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        change_tree(tree, rng)
+        (graft if rng.random() < 0.3 else change_tree)(tree, rng)
     try:
         content = json.dumps(tree).encode()
     except (ValueError, RecursionError):  # a part was put into itself
         return None
+    if rng.random() < 0.1:
+        content = _other_text(content, rng)
     if at is None:
         return content
     lines[at] = content
@@ -147,6 +151,42 @@ def change_tree(tree: object, rng: random.Random) -> None:
         _change_list(at, rng)
 
 
+def graft(tree: object, rng: random.Random) -> None:
+    """Put a member of one object into another, as it is or with another value."""
+    objects: list[dict[str, object]] = []
+    waiting = [tree]
+    while waiting and len(objects) < 1000:
+        at = waiting.pop(rng.randrange(len(waiting)))
+        if isinstance(at, dict):
+            objects.append(at)
+        if isinstance(at, dict | list):
+            waiting += at.values() if isinstance(at, dict) else at
+    given, taken = ([each for each in objects if each or k] for k in range(2))
+    if given and taken:
+        key, value = rng.choice(list(rng.choice(given).items()))
+        is_same = rng.random() < 0.4 and not isinstance(value, dict | list)
+        rng.choice(taken)[key] = value if is_same else rng.choice(VALUES)
+
+
+def _other_text(content: bytes, rng: random.Random) -> bytes:
+    """JSON with a key twice, nested deeply, in another encoding, or cut off."""
+    kind = rng.randrange(5)
+    if kind == 0:
+        at = content.find(b'"', rng.randrange(len(content)))
+        key = content[at : content.find(b":", at) + 1]
+        return content.replace(b"{", b"{" + key + b"0,", 1) if key else content
+    if kind == 1:
+        depth = rng.choice((20, 500, 1100, 50_000))
+        inside = rng.choice((b"[", b'{"a":'))
+        at = content.find(b":", rng.randrange(len(content))) + 1
+        return content[:at] + inside * depth + content[at:]
+    if kind == 2:
+        return content.decode().encode(rng.choice(("utf-16", "utf-16-be", "utf-32", "utf-8-sig")))
+    if kind == 3:
+        return content.replace(b"a", rng.choice((b"\xe9", b"\xed\xa0\x80", b"\xff", b"\0")), 1)
+    return content[: rng.randrange(len(content))]
+
+
 def _change_object(at: dict[str, object], rng: random.Random) -> None:
     key = rng.choice(list(at))
     kind = rng.randrange(4)
@@ -180,7 +220,7 @@ def changed_bytes(data: bytes, other: bytes, rng: random.Random) -> bytes:
     result = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 4, 16))):
         at = rng.randrange(len(result) + 1)
-        kind = rng.randrange(7)
+        kind = rng.randrange(9)
         if kind == 0 and result:
             result[at % len(result)] ^= 1 << rng.randrange(8)
         elif kind == 1:
@@ -196,4 +236,8 @@ def changed_bytes(data: bytes, other: bytes, rng: random.Random) -> bytes:
             result[at : at + rng.choice((1, 3, 8))] = rng.choice(TOKENS)
         elif kind == 6 and result:
             result[at:at] = result[at : at + 64] * rng.choice((1, 2, 20))
+        elif kind == 7 and result:
+            result[at : at + 4] = rng.choice(_COUNTS)
+        elif kind == 8 and rng.random() < 0.2:
+            del result[at:]
     return bytes(result)

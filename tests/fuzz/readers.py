@@ -5,22 +5,26 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import tempfile
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
 
-from hfx_blender import file_limits
+from hfx_blender import cli, file_limits
 from hfx_blender.authoring import effect_file, path_file
 from hfx_blender.batch import journal
 from hfx_blender.batch.options import ExportOptions
 from hfx_blender.batch.units import Unit
 from hfx_blender.commands.info_report import facts_of_report
 from hfx_blender.devices import node_map, strict_json, unitouch_layout
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configuration_reader import device_from
+from hfx_blender.devices.live.played_track import PlayedTrack
 from hfx_blender.engine.body import model as body_model
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.track import TrackReader
@@ -28,6 +32,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.formats import csv_raster, files, npz_raster, png, point_cloud, texture_map
 from hfx_blender.formats.clip import rules as clip_rules
 from hfx_blender.formats.clip.container import with_checksum
+from hfx_blender.formats.clip.played_clip import PlayedClip
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.hjif import reader, text, to_signals
 from hfx_blender.generation.picture_prompts import prompt_of
@@ -51,6 +56,28 @@ SUFFIXES = {
     "csv": ".csv",
     "track": ".hfxtrack",
 }
+_COMMAND_SUFFIXES = {
+    **SUFFIXES,
+    "jsonl": ".jsonl",
+    "glb": ".glb",
+    "wav": ".wav",
+    "channels": ".channels.json",
+    "device": ".json",
+    "effect": ".hfxeffect",
+    "path": ".hfxpath",
+    "nodemap": ".json",
+    "unitouch": ".json",
+    "texture": ".texture.json",
+    "png": ".png",
+    "report": ".report.json",
+    "model": ".npz",
+    "cloud": ".ply",
+    "clip": ".hfxclip",
+}
+COMMANDS = tuple(f"{each}-commands" for each in _COMMAND_SUFFIXES)
+"""All commands that read a format; what one converts to is told by its bytes."""
+
+_DOCUMENTED = (0, 2, 3, 4, 5)  # exit codes that are no defect
 CONVERSIONS = tuple(f"{each}-to" for each in SUFFIXES)
 """Conversions of a format; which other one each input goes to is told by its bytes."""
 
@@ -66,6 +93,8 @@ _SHM = Path("/dev/shm")  # memory, where there is such a thing
 def readers(name: str) -> Reader:
     """The reader or the conversion of a name; raises ``InputError`` for a bad file only."""
     folder = Path(tempfile.mkdtemp(prefix="hfx-fuzz-", dir=_SHM if _SHM.is_dir() else None))
+    if name.endswith("-commands"):
+        return _commands(name.removesuffix("-commands"), folder)
     if name.endswith("-to"):
         return _conversion(name.removesuffix("-to"), folder)
     in_files: dict[str, Callable[[Path, bytes], None]] = {
@@ -182,12 +211,7 @@ def _cloud(folder: Path, content: bytes) -> None:
 
 def _conversion(source: str, folder: Path) -> Reader:
     path = folder / f"x{SUFFIXES[source]}"
-    if source == "track":
-        asked = [("hjif", None), ("jsonl", None), *((each, DEVICE) for each in _OF_A_DEVICE)]
-    elif source in ("npz", "csv"):
-        asked = [(each, DEVICE) for each in _OF_A_DEVICE]
-    else:
-        asked = [(each, None) for each in _ENVELOPES] + [(each, DEVICE) for each in _OF_A_DEVICE]
+    asked = _targets(source)
 
     def read(content: bytes) -> None:
         target, device = asked[zlib.crc32(content) % len(asked)]
@@ -204,6 +228,65 @@ def _conversion(source: str, folder: Path) -> Reader:
             assert not left, f"left behind: {left}"
 
     return read
+
+
+def _commands(kind: str, folder: Path) -> Reader:
+    """``hfx`` in this process: a code that is not documented is a fault, and so is a warning."""
+    suffix = _COMMAND_SUFFIXES[kind]
+    warnings.simplefilter("error", RuntimeWarning)
+    cli._defect = _raise  # type: ignore[assignment]
+    parser = cli.build_parser()  # most of the time of a small file
+    cli.build_parser = lambda prog="hfx": parser  # type: ignore[assignment]
+    path = folder / f"x{suffix}"
+
+    def read(content: bytes) -> None:
+        for name, part in (
+            _members(content) if kind == "texture" else {path.name: content}
+        ).items():
+            (folder / ("x" + suffix if name.endswith(".json") else Path(name).name)).write_bytes(
+                part
+            )
+        number = zlib.crc32(content)
+        asked = [["validate", str(path)], ["info", str(path), "--largest", str(SHARE)]]
+        asked[1] = asked[1][:2] if kind in ("device", "model") else asked[1]
+        if kind in SUFFIXES:
+            to, device = _targets(kind)[number % len(_targets(kind))]
+            made = folder / "made"
+            more = ["--device", device] if device else []
+            asked.append(["convert", str(path), str(made / "y"), "--to", to, *more])
+            asked[-1] += ["--largest", str(SHARE)]
+            made.mkdir(exist_ok=True)
+        if kind in ("device", "nodemap", "unitouch"):
+            asked.append(["device", "check", str(path)])
+        if kind in ("png", "cloud", "texture"):
+            asked.append(["texture", "info", str(path)])
+        try:
+            for arguments in asked:
+                with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                    code = cli.run(arguments)
+                assert code in _DOCUMENTED, f"{arguments[0]} ended with {code}"
+            if kind == "clip":
+                PlayedClip(path, {"a": load_device("oculus_touch")})
+            if kind == "track":
+                with PlayedTrack(path):
+                    pass
+        finally:
+            shutil.rmtree(folder / "made", ignore_errors=True)
+
+    return read
+
+
+def _raise(console: object) -> int:
+    raise  # the exception that cli.run() is handling
+
+
+def _targets(source: str) -> list[tuple[str, str | None]]:
+    """Formats that a format is converted to, and for which device."""
+    if source == "track":
+        return [("hjif", None), ("jsonl", None), *((each, DEVICE) for each in _OF_A_DEVICE)]
+    if source in ("npz", "csv"):
+        return [(each, DEVICE) for each in _OF_A_DEVICE]
+    return [(each, None) for each in _ENVELOPES] + [(each, DEVICE) for each in _OF_A_DEVICE]
 
 
 def report_of(folder: Path) -> bytes:

@@ -4,9 +4,10 @@
 ``python tests/fuzz/run.py --inputs 10_000_000 --jobs 2 --folder fuzz`` changes small valid files
 of every format, keeps what reaches new code of the readers, and reports faults: an exception that
 is no ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory. ``--work
-conversions`` does the same for conversions of each format to each other. Each format gets the
-same number of inputs, in slices of a process each; what was kept stays in the folder for the next
-run. Uses libFuzzer where the package atheris is installed. Not part of the test suite.
+conversions`` does the same for conversions of each format to each other, ``--work commands`` for
+every command that reads a file, run in one process: its exit code is a documented one. Each format
+gets the same number of inputs, in slices of a process each; what was kept stays in the folder for
+the next run. Uses libFuzzer where the package atheris is installed. Not part of the test suite.
 """
 
 from __future__ import annotations
@@ -25,7 +26,11 @@ _PARSERS = (
     *_SOURCES, "jsonl", "glb", "wav", "device", "effect", "path", "nodemap", "unitouch",
     "texture", "png", "report", "model", "cloud", "clip",
 )  # fmt: skip
-_WORK = {"parsers": _PARSERS, "conversions": tuple(f"{each}-to" for each in _SOURCES)}
+_WORK = {
+    "parsers": _PARSERS,
+    "conversions": tuple(f"{each}-to" for each in _SOURCES),
+    "commands": tuple(f"{each}-commands" for each in (*_PARSERS, "channels")),
+}
 _MOST_MIB = 1024  # that a process may ever have
 _SMALL_BYTES = 3 << 10  # of an input, in all slices but one in eight
 _LARGE_BYTES = 32 << 10
@@ -143,7 +148,10 @@ def main() -> int:
     parser.add_argument("--inputs", type=int, default=120_000, help="of all formats together")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
     parser.add_argument(
-        "--work", choices=list(_WORK), default="parsers", help="reading, or all conversions"
+        "--work",
+        choices=list(_WORK),
+        default="parsers",
+        help="reading, all conversions, or all commands",
     )
     parser.add_argument("--formats", metavar="F,...", help="only some of them, by their names")
     parser.add_argument("--slice", type=int, default=100_000, help="inputs of one process")

@@ -40,7 +40,7 @@ _LONG_LIST = 2  # items that a list of a shortened document keeps
 
 def seeds(folder: Path, name: str) -> list[bytes]:
     """Seeds of one reader or conversion; ``folder`` is for the writers' output."""
-    kind = name.removesuffix("-to")
+    kind = name.removesuffix("-to").removesuffix("-commands")
     if kind in _OTHERS:
         return _smallest(_OTHERS[kind](folder))
     found: dict[str, list[bytes]] = {each: [] for each in files.FILE_FORMATS}
@@ -170,6 +170,7 @@ _OTHERS: Final[dict[str, Callable[[Path], list[bytes]]]] = {
     "report": lambda folder: [report_of(folder)],
     "model": _models,
     "cloud": _clouds,
+    "channels": lambda folder: [_channels()],
 }
 
 
@@ -240,6 +241,13 @@ def _wav() -> bytes:
         b"RIFF" + struct.pack("<I", 44) + b"WAVEfmt " + struct.pack("<I", 16) + form
         + b"data" + struct.pack("<I", 8) + bytes(8)
     )  # fmt: skip
+
+
+def _channels() -> bytes:
+    channels = [{"channel": k, "actuator": f"a{k}"} for k in range(2)]
+    of = {"format": "hfx-wav-channels", "version": 1, "rate_hz": 48000, "start_s": 0.0}
+    rest = {"device": "d", "body": "b", "full_scale_m_s2": 10.0, "channels": channels}
+    return json.dumps(of | rest).encode()
 
 
 def _smallest(contents: list[bytes]) -> list[bytes]:

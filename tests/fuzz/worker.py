@@ -44,7 +44,7 @@ if atheris:
         import readers
 
 from mutation import changed_bytes, mutated  # noqa: E402
-from readers import CONVERSIONS, PARSERS, Reader, readers  # noqa: E402
+from readers import COMMANDS, CONVERSIONS, PARSERS, Reader, readers  # noqa: E402
 
 from hfx_blender.errors import InputError  # noqa: E402
 from hfx_blender.formats import checking, files  # noqa: E402
@@ -234,7 +234,7 @@ def fuzz_plainly(watched: Watched, options: argparse.Namespace, corpus: Path) ->
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
-    parser.add_argument("format", choices=(*PARSERS, *CONVERSIONS))
+    parser.add_argument("format", choices=(*PARSERS, *CONVERSIONS, *COMMANDS))
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--report", type=Path, required=True)
     parser.add_argument("--inputs", type=int, required=True)
