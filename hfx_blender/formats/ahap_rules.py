@@ -84,6 +84,7 @@ DOCUMENT = Record(
     {"Pattern": Items(Record({}, _ENTRIES))},
     {"Version": Number(0.0, 1e3), "Metadata": Anything()},
 )
+_VERSION: Final = 1.0
 _RANGES: Final = {
     INTENSITY: (0.0, 1.0),
     SHARPNESS: (0.0, 1.0),
@@ -99,6 +100,12 @@ def findings(found: Any) -> list[Finding]:
     _check_misplaced(found, report)
     if report.has_errors:
         return report.findings
+    if "Version" not in found:
+        message = f"'Version' is missing: not every player takes that; it is {_VERSION}"
+        report.warn("VERSION", None, message)
+    elif found["Version"] != _VERSION:
+        message = f"{found['Version']:g}: phones do not play it; they know {_VERSION}"
+        report.warn("VERSION", (None, "Version"), message)
     for k, entry in enumerate(found["Pattern"]):
         place = ((None, "Pattern"), k)
         if len(entry) != 1:

@@ -49,6 +49,7 @@ OPENHARMONY_SUFFIX: Final = ".openharmony.json"
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
 """Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
+_MOST: Final = 1e6  # hundredths of the range: of larger ones nothing is to be told apart
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
 _COARSER: Final = 1.5
 _RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
@@ -346,8 +347,9 @@ def _piece(
     times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
     levels = level * np.array([point["Intensity"] for point in curve], np.float64)
     offsets = np.array([point.get("Frequency", 0) for point in curve], np.float64)
+    hundredths = np.clip(pitch, -_MOST, _MOST) + np.clip(offsets, -_MOST, _MOST)
     return Piece(
-        start, end, Curve(times, levels), Curve(times, frequencies.hertz((pitch + offsets) / 100.0))
+        start, end, Curve(times, levels), Curve(times, frequencies.hertz(hundredths / 100.0))
     )
 
 

@@ -22,7 +22,7 @@ def refuse_but(
     tolerated: Callable[[Finding], bool],
     found: Any = None,
 ) -> ToleratedFaults:
-    """Raise the first error that a reader does not tolerate; tell of the others.
+    """Raise the first error that a reader does not tolerate; tell of the others, and of warnings.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def refuse_but(
     Returns
     -------
     tuple of str
-        A sentence for each code of an error that is tolerated.
+        A sentence for each code of an error that is tolerated, and of a warning.
 
     Raises
     ------
@@ -46,10 +46,16 @@ def refuse_but(
     refuse_errors([each for each in errors if not tolerated(each)], name)
     if errors and found is not None:
         _refuse_huge(found, name)
-    counts = Counter(each.code for each in errors)
-    firsts = {each.code: each for each in reversed(errors)}
+    warnings = [each for each in findings if each.severity == "warning"]
+    return _sentences(errors, "not valid but read: ") + _sentences(warnings, "")
+
+
+def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
+    """A sentence for each code: its first place, and how many more there are."""
+    counts = Counter(each.code for each in findings)
+    firsts = {each.code: each for each in reversed(findings)}
     return tuple(
-        f"not valid but read: {first.place or 'the document'}: {first.message} [{code}]"
+        f"{begin}{first.place or 'the document'}: {first.message} [{code}]"
         + (f", and {counts[code] - 1} more of this kind" if counts[code] > 1 else "")
         for code, first in firsts.items()
     )

@@ -184,10 +184,10 @@ SEMANTIC = {
     "VERSION-AMENDMENT": (("version",), "2023-0"),
     "PROFILE": (("profile",), "main"),
     "LEVEL": (("level",), 3),
-    "DATE": (("date",), "2024-13-01T12:00:00+00:00"),
+    "DATE": (("date",), "yesterday"),
     "TIMESCALE": (("timescale",), 48_001),
     "AVATAR-ID-DUPLICATE": (("avatars", 0, "id"), 2),
-    "AVATAR-URI": (("avatars", 1, "mesh"), "body mesh.glb"),
+    "AVATAR-URI": (("avatars", 1, "mesh"), ""),
     "PERCEPTION-ID-DUPLICATE": (("perceptions",), [sample()["perceptions"][0]] * 2),
     "MODALITY": ((*P, "perception_modality"), "Smell"),
     "AVATAR-ID-UNKNOWN": ((*P, "avatar_id"), 9),
@@ -205,7 +205,7 @@ SEMANTIC = {
     ),
     "DEVICE-ID-UNKNOWN": ((*C, "reference_device_id"), 2),
     "RESOLUTION-NEGATIVE": ((*C, "actuator_resolution", "X"), -2),
-    "ACTUATOR-TARGET": ((*C, "actuator_target", 0, "X"), 2),
+    "ACTUATOR-TARGET": ((*C, "actuator_target", 0, "X"), 3),
     "BAND-COUNT": ((*C, "bands"), [sample()["perceptions"][0]["channels"][0]["bands"][2]] * 8),
     "DIRECTION": ((*C, "direction", "Z"), 120),
     "CURVE-TYPE": ((*C, "bands", 3, "curve_type"), "Linear"),
@@ -241,6 +241,42 @@ def test_each_semantic_rule_has_its_code(code):
     is_warning = code.startswith("REFERENCE")
     severities = {each.severity for each in found if each.code == f"HJIF-{code}"}
     assert severities == {"warning" if is_warning else "error"}
+
+
+# MPEG's reference software (IOJson.cpp) takes them: a date needs four digits in a row, a URI one
+# character, a target may be the resolution itself, channels count for each perception.
+TAKEN = {
+    "HJIF-DATE": (("date",), "2024-13-01 12:00"),
+    "HJIF-AVATAR-URI": (("avatars", 1, "mesh"), "body mesh.glb"),
+    "HJIF-ACTUATOR-TARGET": ((*C, "actuator_target", 0, "X"), 2),
+    "HJIF-UNKNOWN": ((*C, "comment"), "mine"),
+}
+
+
+@pytest.mark.parametrize("code", TAKEN)
+def test_what_the_reference_software_takes_is_valid_with_a_warning(code):
+    place, value = TAKEN[code]
+    document = sample()
+    at(document, place[:-1])[place[-1]] = value
+    found = rules.findings(document)
+    assert [(each.code, each.severity) for each in found] == [(code, "warning")]
+    _, notes = reader.decode_with_notes(encoded(document), "x")
+    assert any(f"[{code}]" in each for each in notes)
+
+
+def test_channels_of_several_perceptions_are_too_many_with_a_warning():
+    document = sample()
+    channels = [{**at(document, C), "id": k} for k in range(100)]
+    first = {**at(document, P), "channels": channels}
+    document["perceptions"] = [first, {**first, "id": 1}]
+    found = [each for each in rules.findings(document) if each.code == "HJIF-CHANNEL-COUNT"]
+    assert [each.severity for each in found] == ["warning"]
+
+
+def test_a_target_without_a_resolution_is_an_error():
+    document = sample()
+    del at(document, C)["actuator_resolution"]
+    assert "HJIF-ACTUATOR-TARGET" in codes(document)
 
 
 def test_the_profile_simple_parametric_has_rules_of_its_own():

@@ -335,9 +335,10 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
     assert found.amplitude.at([0.1, 0.3]) == pytest.approx(plain.amplitude.at([0.1, 0.3]))
     assert found.frequency_hz.at(0.2) == pytest.approx(150.0)
     assert any("HJIF-" in each for each in found.notes)
-    assert facts_of(path)["valid"].startswith("no, ")
+    takes = name in ("date", "keys", "optional")
+    assert facts_of(path)["valid"] == "yes" if takes else facts_of(path)["valid"].startswith("no, ")
     assert any("HJIF-" in each for each in convert(path, tmp_path / "x.haptic").notes)
-    assert any(each.severity == "error" for each in rules.findings(document))
+    assert takes != any(each.severity == "error" for each in rules.findings(document))
 
 
 def test_anything_in_a_composition_is_read_without_it():

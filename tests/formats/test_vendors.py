@@ -102,6 +102,66 @@ def test_ticks_beside_a_pattern_are_read_with_it(tmp_path):
     assert "read with x.transients.ahap beside it" in written.notes
 
 
+# --- members in the wrong place ---------------------------------------------------------------
+
+
+def tact_with(intensity):
+    points = [{"index": 0, "intensity": intensity}]
+    feedback = {"startTime": 0, "endTime": 100, "pointList": points}
+    mode = {"mode": "DOT_MODE", "dotMode": {"feedback": [feedback]}}
+    effect = {"startTime": 0, "offsetTime": 100, "modes": {"VestBack": mode}}
+    return {"project": {"tracks": [{"effects": [effect]}]}}
+
+
+def misplaced(**members):
+    return {"Version": 1.0, "Pattern": [{"Event": members}, event()]}
+
+
+HE = {"Metadata": {"Version": 2}, "PatternList": []}
+INVALID = [
+    *(("tact", tact_with(value)) for value in ("NaN", "-Infinity", "1e999", "loud", "", [0.5], {})),
+    ("ahap", misplaced(Time=0.0, ParameterCurveControlPoints=0.4)),
+    ("ahap", misplaced(ParameterCurveControlPoints=[0.4], EventType="HapticTransient", Time=0)),
+    ("ahap", misplaced(ParameterCurveControlPoints=None)),
+    ("ahap", {"Version": 1.0, "Pattern": [{"Parameter": {"EventParameters": 3}}, event()]}),
+    ("he", {**HE, "PatternList": 3}),
+]
+
+
+@pytest.mark.parametrize(("kind", "document"), INVALID)
+def test_what_stands_in_the_wrong_place_is_bad_input_to_every_command(
+    kind, document, tmp_path, capsys
+):
+    path = tmp_path / f"x.{kind}"
+    path.write_bytes(encoded(document))
+    commands = (["validate"], ["info"], ["convert", str(tmp_path / "y"), "--to", "hjif"])
+    for command, *rest in commands:
+        assert cli.run([command, str(path), *rest]) == 3
+        told = capsys.readouterr().err
+        assert told.count("\n") == (command != "validate") and "Traceback" not in told
+
+
+# Members that a format knows elsewhere, of any kind: no reader may look at them there.
+@pytest.mark.parametrize("value", [None, 3, "x", [], [3], {"Event": 1}])
+def test_unknown_members_are_not_looked_at(value, tmp_path, capsys):
+    strange = dict.fromkeys(
+        ("Metadata", "MetaData", "Description", "tracks", "effects", "pointList", "feedback"), value
+    )
+    whole = {"Type": "transient", "RelativeTime": 0, "Index": 0, **strange}
+    whole["Parameters"] = {"Intensity": 50, "Frequency": 50, **strange}
+    pattern = {"AbsoluteTime": 0, "Pattern": [{"Event": whole, **strange}], **strange}
+    he_document = {"PatternList": [pattern], "Metadata": {"Version": 2, **strange}}
+    tick = event("HapticTransient", time=0.0)
+    for kind, document in (
+        ("he", he_document),
+        ("ahap", {"Pattern": [{**tick, **strange}], "Version": 1.0, "pointList": value}),
+        ("haptic", {**clip([(0.0, 0.5), (1.0, 0.5)]), **strange}),
+    ):
+        path = tmp_path / f"x.{kind}"
+        path.write_bytes(encoded(document))
+        assert cli.run(["info", str(path)]) == 0, kind
+
+
 # --- .haptic, .he, .tact ------------------------------------------------------------------------
 
 
@@ -115,14 +175,52 @@ def clip(amplitude, frequency=((0.0, 0.5),), metadata=None):
     return {"version": version, "metadata": metadata or {}, "signals": signals}
 
 
-@pytest.mark.parametrize(
-    ("late_s", "expected"), [(0.0, []), (0.014, []), (0.5, ["HAPTIC-FREQUENCY-TIME"])]
-)
-def test_a_last_frequency_a_little_late_is_a_warning(late_s, expected):
+@pytest.mark.parametrize("late_s", [0.0, 0.014, 0.5])
+def test_a_late_last_frequency_is_a_warning(late_s):
+    """Lofelt's reader has no such rule, Meta's not for older files (ValidationMode)."""
     data = encoded(clip([(0.0, 0.5), (1.0, 0.5)], [(0.0, 0.5), (1.0 + late_s, 0.5)]))
     found = haptic.validate(data, "x")
-    assert errors(found) == expected and bool(found) == (late_s > 0.0)
+    assert errors(found) == [] and bool(found) == (late_s > 0.0)
     assert haptic.decode(data, "x")[0][0].duration_s == 1.0
+
+
+@pytest.mark.parametrize("points", [[(0.0, 0.5)], [(0.0, 0.5), (0.0, 0.2)]])
+def test_an_envelope_without_duration_is_a_warning(points, tmp_path):
+    """Lofelt's reader wants one breakpoint, Meta's two and time between them."""
+    data = encoded(clip(points))
+    found = haptic.validate(data, "x")
+    assert [(each.code, each.severity) for each in found] == [("HAPTIC-DURATION", "warning")]
+    path = tmp_path / "x.haptic"
+    path.write_bytes(data)
+    for name in ("y.ahap", "y.he", "y.hjif", "y.openxr.json", "y.haptic"):
+        written = convert(path, tmp_path / name)
+        assert written.files or name in ("y.ahap", "y.he")  # which hold no vibration of no time
+
+
+def test_strengths_and_times_are_compared_with_32_bits():
+    """As both vendors' readers have them: 0.6 and the number of 32 bits next to it are equal."""
+    document = clip([(0.0, 0.0), (0.3, 0.6000000238418579), (1.0, 0.0)])
+    points = document["signals"]["continuous"]["envelopes"]["amplitude"]
+    points[1]["emphasis"] = {"amplitude": 0.6, "frequency": 0.5}
+    points.insert(1, {"time": 0.30000001192092896, "amplitude": 0.1})
+    assert haptic.validate(encoded(document), "x") == []
+    points[2]["emphasis"]["amplitude"] = 0.5999
+    assert errors(haptic.validate(encoded(document), "x")) == ["HAPTIC-EMPHASIS"]
+
+
+@pytest.mark.parametrize(
+    ("version", "text"),
+    [(0.0, "phones do not play it"), (2, "phones do not play it"), (None, "is missing")],
+)
+def test_versions_of_ahap_that_phones_do_not_play_are_warnings(version, text):
+    document = {"Version": version, "Pattern": [event()]}
+    if version is None:
+        del document["Version"]
+    (found,) = ahap_rules.findings(document)
+    assert (found.code, found.severity) == ("AHAP-VERSION", "warning") and text in found.message
+    notes = ahap.decode(encoded(document), "x")[0][0].notes
+    assert any("AHAP-VERSION" in each for each in notes)
+    assert ahap_rules.findings({"Version": 1, "Pattern": [event()]}) == []
 
 
 @pytest.mark.parametrize("metadata", [{"tags": "a"}, {"tags": [1]}, {"author": 3}, []])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import random
@@ -151,11 +152,17 @@ def change_tree(tree: object, rng: random.Random) -> None:
         _change_list(at, rng)
 
 
+def _value(rng: random.Random) -> object:
+    return copy.deepcopy(rng.choice(VALUES))
+
+
 def graft(tree: object, rng: random.Random) -> None:
     """Put a member of one object into another, as it is or with another value."""
     objects: list[dict[str, object]] = []
     waiting = [tree]
-    while waiting and len(objects) < 1000:
+    for _ in range(2000):  # a part may be within itself
+        if not waiting:
+            break
         at = waiting.pop(rng.randrange(len(waiting)))
         if isinstance(at, dict):
             objects.append(at)
@@ -165,7 +172,7 @@ def graft(tree: object, rng: random.Random) -> None:
     if given and taken:
         key, value = rng.choice(list(rng.choice(given).items()))
         is_same = rng.random() < 0.4 and not isinstance(value, dict | list)
-        rng.choice(taken)[key] = value if is_same else rng.choice(VALUES)
+        rng.choice(taken)[key] = value if is_same else _value(rng)
 
 
 def _other_text(content: bytes, rng: random.Random) -> bytes:
@@ -192,7 +199,7 @@ def _change_object(at: dict[str, object], rng: random.Random) -> None:
     kind = rng.randrange(4)
     old = at[key]
     if kind == 0:
-        at[key] = rng.choice(VALUES)
+        at[key] = _value(rng)
     elif kind == 1:
         del at[key]
     elif kind == 2:
@@ -205,7 +212,7 @@ def _change_list(at: list[object], rng: random.Random) -> None:
     k = rng.randrange(len(at))
     kind = rng.randrange(4)
     if kind == 0:
-        at[k] = rng.choice(VALUES)
+        at[k] = _value(rng)
     elif kind == 1:
         del at[k]
     elif kind == 2:

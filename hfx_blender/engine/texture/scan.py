@@ -13,6 +13,7 @@ from ..arrays import F64
 from .height_field import HeightField, sample_grid
 
 MAX_TEXELS: Final = 1 << 24
+_MAX_M: Final = 1e7  # positions on Earth, metres
 _MIN_SPAN: Final = 1e-9  # metres
 _ROUNDS: Final = 4
 _STEEP: Final = np.cos(np.radians(30.0))
@@ -29,11 +30,17 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
     Raises
     ------
     InputError
-        Fewer than three points, points on a line, or no sheet at all.
+        Fewer than three points, points on a line, points too far away, or no sheet at all.
     """
     found = np.asarray(points, np.float64)
     if len(found) < 3:
         raise InputError(f"Scan: {len(found)} points; a surface needs three or more.")
+    farthest_m = float(np.abs(found).max())
+    if not farthest_m <= _MAX_M:
+        raise InputError(
+            f"Scan: a coordinate is {farthest_m:g} m, allowed is up to {_MAX_M:g} m: is its unit "
+            "the right one?"
+        )
     centred = found - found.mean(axis=0)
     spread, axes = np.linalg.eigh(centred.T @ centred / len(found))
     if not spread[1] > _LINE**2 * spread[2]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of HJIF files: the schemas of ISO/IEC 23090-31, and no unknown keys.
+"""Rules of HJIF files: the schemas of ISO/IEC 23090-31; unknown keys are warnings.
 
 The rules that look at several members at once are in :mod:`.semantics`.
 """
@@ -43,7 +43,7 @@ _POSITIVE = Number(1, is_whole=True)
 _HERTZ = Number(0.0, 10_000.0)
 _NOT_NEGATIVE = Number(0.0)
 _VECTOR = Record(
-    {axis: Number(-127, 127, is_whole=True) for axis in ("X", "Y", "Z")}, unknown="error"
+    {axis: Number(-127, 127, is_whole=True) for axis in ("X", "Y", "Z")}, unknown="warning"
 )
 _KEYFRAME = Record(
     {},
@@ -52,7 +52,7 @@ _KEYFRAME = Record(
         "amplitude_modulation": Number(-1.0, 1.0),
         "frequency_modulation": _HERTZ,
     },
-    unknown="error",
+    unknown="warning",
 )
 _EFFECT_MEMBERS: dict[str, Shape] = {
     "id": _COUNT,
@@ -64,7 +64,7 @@ _EFFECT_MEMBERS: dict[str, Shape] = {
     "wavelet_stream": Text(),
 }
 _EFFECT = Record(
-    {"effect_type": Text(("Basis", "Composite", "Reference"))}, _EFFECT_MEMBERS, unknown="error"
+    {"effect_type": Text(("Basis", "Composite", "Reference"))}, _EFFECT_MEMBERS, unknown="warning"
 )
 _EFFECT_MEMBERS["composition"] = Items(_EFFECT)  # effects within effects
 _BAND = Record(
@@ -79,7 +79,7 @@ _BAND = Record(
         "curve_type": Text(("Linear", "Cubic", "Akima", "Bezier", "BSpline", "Unknown")),
         "block_length": Number(16, is_whole=True),
     },
-    unknown="error",
+    unknown="warning",
 )
 _CHANNEL = Record(
     {
@@ -101,7 +101,7 @@ _CHANNEL = Record(
         "vertices": Items(Number(is_whole=True)),
         "direction": _VECTOR,
     },
-    unknown="error",
+    unknown="warning",
 )
 _DEVICE = Record(
     {"id": _POSITIVE, "name": Text()},
@@ -125,7 +125,7 @@ _DEVICE = Record(
         "custom": Number(),
         "type": Text(("LRA", "VCA", "ERM", "Piezo", "Unknown")),
     },
-    unknown="error",
+    unknown="warning",
 )
 _PERCEPTION = Record(
     {
@@ -144,7 +144,7 @@ _PERCEPTION = Record(
         "unit_exponent": Number(is_whole=True),
         "perception_unit_exponent": Number(is_whole=True),
     },
-    unknown="error",
+    unknown="warning",
 )
 _AVATAR = Record(
     {
@@ -153,9 +153,9 @@ _AVATAR = Record(
         "type": Text(("Vibration", "Pressure", "Temperature", "Custom")),
     },
     {"mesh": Text()},
-    unknown="error",
+    unknown="warning",
 )
-_SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE}, unknown="error")
+_SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE}, unknown="warning")
 DOCUMENT = Record(
     {
         "version": Text(pattern=r"[0-9]{4}(-[0-9])?", code="VERSION"),
@@ -167,7 +167,7 @@ DOCUMENT = Record(
         "perceptions": Items(_PERCEPTION, least=1),
     },
     {"timescale": _POSITIVE, "syncs": Items(_SYNC)},
-    unknown="error",
+    unknown="warning",
 )
 
 

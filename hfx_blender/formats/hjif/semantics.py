@@ -41,6 +41,7 @@ SEMANTICS: Final = frozenset(
 _CRASHING: Final = ("Humidity", "User-defined Temporal", "User-defined Spatial")
 # RFC 3986: characters that a URI may have, and a percent sign only before two digits.
 _URI: Final = re.compile(r"(?:[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+")
+_YEAR: Final = re.compile(r"[0-9]{4}")
 _DATE: Final = re.compile(
     r"\d{4}-\d{2}-\d{2}[Tt]\d{2}:\d{2}:\d{2}(?:\.\d+)?(?:[Zz]|[+-]\d{2}:\d{2})"
 )
@@ -59,7 +60,9 @@ def check_semantics(found: dict[str, Any], report: Report) -> None:
     if found["level"] not in MAX_CHANNELS:
         report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
     if not _is_date(found["date"]):
-        report.error("DATE", (None, "date"), "is no ISO 8601 date and time with an offset")
+        has_year = _YEAR.search(found["date"]) is not None  # the reference software wants no more
+        message = "is no ISO 8601 date and time with an offset"
+        (report.warn if has_year else report.error)("DATE", (None, "date"), message)
     timescale = found.get("timescale", 1000)
     if timescale > MAX_TIMESCALE or (is_simple and timescale != 1000):
         allowed = "1000" if is_simple else f"1 to {MAX_TIMESCALE}"
@@ -72,13 +75,16 @@ def check_semantics(found: dict[str, Any], report: Report) -> None:
         mesh = avatar.get("mesh")
         if mesh is not None and not _URI.fullmatch(mesh):
             where = (((None, "avatars"), k), "mesh")
-            report.error("AVATAR-URI", where, "is no URI (RFC 3986): encode other characters")
+            message = "is no URI (RFC 3986): encode other characters"
+            (report.warn if mesh else report.error)("AVATAR-URI", where, message)
     _ids(found["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
     level = min(max(found["level"], 1), 2)
-    count = sum(len(perception["channels"]) for perception in found["perceptions"])
-    if count > MAX_CHANNELS[level]:
-        message = f"{count} channels, level {level} allows {MAX_CHANNELS[level]}"
-        report.error("CHANNEL-COUNT", (None, "perceptions"), message)
+    counts = [len(perception["channels"]) for perception in found["perceptions"]]
+    if sum(counts) > MAX_CHANNELS[level]:
+        message = f"{sum(counts)} channels, level {level} allows {MAX_CHANNELS[level]}"
+        # The reference software counts each perception by itself.
+        tell = report.error if max(counts) > MAX_CHANNELS[level] else report.warn
+        tell("CHANNEL-COUNT", (None, "perceptions"), message)
     for k, perception in enumerate(found["perceptions"]):
         place = ((None, "perceptions"), k)
         if perception["avatar_id"] and perception["avatar_id"] not in avatars:
@@ -111,8 +117,8 @@ def _check_perception(
 ) -> None:
     modality = perception["perception_modality"]
     here: Place = (place, "perception_modality")
-    if is_simple and modality not in SIMPLE_MODALITIES:
-        message = f"{modality} is not of the profile Simple Parametric"
+    if is_simple and level == 1 and modality not in SIMPLE_MODALITIES:
+        message = f"{modality} is not of level 1 of the profile Simple Parametric"
         report.error("MODALITY-PROFILE", here, message)
     if modality in _CRASHING:
         report.warn("REFERENCE-CRASH", here, f"the reference software cannot read {modality}")
@@ -174,7 +180,13 @@ def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> Non
         for k, target in enumerate(channel.get("actuator_target", [])):
             if any(not 0 <= target[axis] < max(resolution[axis], 1) for axis in "XYZ"):
                 here = ((place, "actuator_target"), k)
-                report.error("ACTUATOR-TARGET", here, "is outside of the resolution")
+                # The reference software takes the resolution itself for the last actuator.
+                is_taken = all(0 <= target[axis] <= resolution[axis] for axis in "XYZ")
+                tell = report.warn if is_taken else report.error
+                tell("ACTUATOR-TARGET", here, "is outside of the resolution")
+    elif "actuator_target" in channel:
+        message = "there is no actuator_resolution that it could be in"
+        report.error("ACTUATOR-TARGET", (place, "actuator_target"), message)
     direction = channel.get("direction")
     if direction is not None:
         length = math.sqrt(sum(direction[axis] ** 2 for axis in "XYZ")) / 127.0

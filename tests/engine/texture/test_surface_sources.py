@@ -92,6 +92,7 @@ def test_a_sheet_that_stands_is_laid_down(axis: int, degrees: float) -> None:
         (np.zeros((5, 3)), "one place"),
         (np.outer(np.arange(9.0), (1.0, 2.0, 3.0)), "on a line"),
         (np.random.default_rng(0).normal(size=(500, 3)), "no sheet"),
+        (np.eye(3) * 1e200, r"1e\+200 m, allowed is up to 1e\+07 m"),
     ],
 )
 def test_what_is_no_sheet_is_refused(points: np.ndarray, message: str) -> None:
