@@ -353,6 +353,8 @@ class Instances:
     def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
         if index not in self._last:
             stepper.set_frame(self._time.frame(index))
+            for failure in stepper.failures:
+                soundness.add_fault(self._faults, failure, index)
             frame = np.array([float(self._time.frame(index))])
 
             def phase(source: bpy.types.Object, controls: F64) -> F64:

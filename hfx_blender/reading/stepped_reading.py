@@ -82,6 +82,8 @@ class SteppedReading:
     ) -> Row:
         """Set a sample's time, and read some effects and bodies."""
         stepper.set_frame(self._scene.time.frame(index))
+        for failure in stepper.failures:
+            soundness.add_fault(self.faults, failure, index)
         self.counters.times_stepped += 1
         row = Row(index)
         row.effects = {k: self._read_effect(k, stepper, index) for k in effects}

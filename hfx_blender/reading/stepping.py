@@ -21,6 +21,7 @@ from ..avatars import avatar_meshes
 from ..background_scenes import scene_objects
 from . import simulation as simulations
 from . import visibility
+from .drivers import RetriedDrivers, drivers_of
 from .reached import data_reached_from, data_reaching, is_instancer, reached_from
 
 if TYPE_CHECKING:
@@ -39,15 +40,13 @@ _RENDER_SETTINGS = (
 _TRACKING = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER"}
 """Constraints that take the camera or the movie clip of the scene."""
 
-_LOOKS = (bpy.types.Material, bpy.types.ShaderNodeTree)
-"""Data that changes no place and no shape."""
-
 
 class Stepper:
     """Scene that is set to times and read through its dependency graph.
 
     Rigs that are ``presampled`` are in it as their copies. ``is_own`` is the user's scene, not a
-    scratch scene; ``has_code`` tells of code in it that may show and hide objects.
+    scratch scene; ``has_code`` tells of code in it that may show and hide objects. Drivers of
+    ``driven`` data that failed at one time are evaluated again at the next.
     """
 
     def __init__(
@@ -59,6 +58,7 @@ class Stepper:
         is_own: bool = True,
         has_code: bool = False,
         simulation: Simulation | None = None,
+        driven: Iterable[bpy.types.ID] = (),
     ) -> None:
         self._scene = scene
         self._layer = layer
@@ -67,6 +67,7 @@ class Stepper:
         self._simulation = simulation
         self._presampled = presampled
         self._copies = {rig.obj: rig.copy for rig in presampled}
+        self._drivers = RetriedDrivers(driven, tags=simulation is None)
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
@@ -75,10 +76,22 @@ class Stepper:
             self._simulation.go_to(frame)
         for rig in self._presampled:
             rig.set_frame(frame)
-        camera = self._scene.camera
-        self._scene.frame_set(whole, subframe=rest / frame.denominator)
-        if self._scene.camera != camera:  # by a marker, after all that depends on it was evaluated
-            self._scene.frame_set(whole, subframe=rest / frame.denominator)
+        self._set_frame(whole, rest / frame.denominator)
+
+    def _set_frame(self, whole: int, subframe: float) -> None:
+        scene, camera = self._scene, self._scene.camera
+        self._drivers.evaluate(lambda: scene.frame_set(whole, subframe=subframe))
+        if scene.camera != camera:  # by a marker, after all that depends on it was evaluated
+            scene.frame_set(whole, subframe=subframe)
+
+    def show(self, frame: tuple[int, float]) -> None:
+        """Evaluate the scene at the user's frame, as a whole number and the rest of it."""
+        self._set_frame(*frame)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Drivers that could not be evaluated at this time, as sentences."""
+        return self._drivers.failures
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """Evaluated object at this time."""
@@ -109,12 +122,21 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     with _marked_as_stepping():
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
         has_code = foreign_handler() is not None or runs_code(scene_objects(scene))
+        instanced = (o for o in bpy.data.objects if o.hfx.role == "EFFECT")
+        felt = [*found.read, *(o for o in instanced if o not in found.dormant)]
         idle = [] if has_code else [obj for obj in _idle(found) if not obj.hide_viewport]
+        stepper = Stepper(
+            scene,
+            found.layer,
+            has_code=has_code,
+            simulation=simulation,
+            driven=data_reached_from(felt),
+        )
 
         def restore() -> None:
             for obj in idle:
                 obj.hide_viewport = False
-            scene.frame_set(before[0], subframe=before[1])
+            stepper.show(before)
             if scene.camera != camera:
                 scene.camera = camera
 
@@ -123,7 +145,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
                 obj.hide_viewport = True
             if simulation is not None:
                 simulation.play()
-            yield Stepper(scene, found.layer, has_code=has_code, simulation=simulation)
+            yield stepper
         finally:
             try:
                 restore()
@@ -203,6 +225,7 @@ def _scratch(
 
     scratch = bpy.data.scenes.new(".HFX Export")
     made: list[bpy.types.ID] = [scratch]
+    stepper = None
     try:
         for name in _RENDER_SETTINGS:
             setattr(scratch.render, name, getattr(scene.render, name))
@@ -218,11 +241,14 @@ def _scratch(
         for rig in presampled:
             if rig.obj in there:
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
-        yield Stepper(scratch, layer, presampled=presampled, is_own=False)
+        driven = [each.original for each in layer.depsgraph.ids]
+        stepper = Stepper(scratch, layer, presampled=presampled, is_own=False, driven=driven)
+        yield stepper
     finally:
         try:
             # What animation set in the objects themselves is as it was in the user's scene.
-            scratch.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+            if stepper is not None:
+                stepper.show((scene.frame_current, scene.frame_subframe))
         finally:
             # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
             bpy.data.batch_remove(made)
@@ -268,8 +294,8 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
     for owner in reached:
         if _takes_camera(owner):
             return f"'{owner.name}' depends on the scene's camera"
-    for owner, driver in _drivers(reached):
-        for variable in driver.variables:
+    for owner, curve in drivers_of(reached):
+        for variable in curve.driver.variables:
             if variable.type == "CONTEXT_PROP" or any(
                 target.id_type == "SCENE" for target in variable.targets
             ):
@@ -283,10 +309,11 @@ def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
     They have code, or a path through a list of objects: Blender's dependency graph does not follow
     either.
     """
+    drivers = (curve.driver for _, curve in drivers_of(data_reached_from(objects)))
     return any(
         (driver.type == "SCRIPTED" and not driver.is_simple_expression)
         or any("objects" in t.data_path for v in driver.variables for t in v.targets)
-        for _, driver in _drivers(data_reached_from(objects))
+        for driver in drivers
     )
 
 
@@ -298,13 +325,3 @@ def _takes_camera(data: bpy.types.ID) -> bool:
         return False
     owners = [data, *(data.pose.bones if data.pose is not None else ())]
     return any(each.type in _TRACKING for owner in owners for each in owner.constraints)
-
-
-def _drivers(
-    reached: Iterable[bpy.types.ID],
-) -> Iterator[tuple[bpy.types.ID, bpy.types.Driver]]:
-    """Drivers that may move or shape something, and their owners."""
-    for owner in reached:
-        data = getattr(owner, "animation_data", None)
-        if data is not None and not isinstance(owner, _LOOKS):
-            yield from ((owner, curve.driver) for curve in data.drivers)
