@@ -14,6 +14,7 @@ import secrets
 import stat
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +26,12 @@ from .errors import OutputError
 
 _passing: set[Path] = set()
 """Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
+
+_unfinished: dict[Path, Callable[[Path], object]] = {}
+"""Files and folders that a signal would leave behind, each with the function that removes it."""
+
+placing = threading.Lock()
+"""Held while finished files get their names: who ends the process at once waits for it."""
 
 PATIENCE_S: Final = 5.0
 """Longest wait for a lock, seconds."""
@@ -44,6 +51,28 @@ _inputs: dict[tuple[int, int], int] = {}
 """Device and inode of files that are being read, with the number of :func:`inputs_kept` blocks."""
 
 _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
+
+
+def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
+    """Have a file or folder that this process makes removed by ``remove`` when it is ended."""
+    _unfinished[path] = remove
+
+
+@contextmanager
+def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
+    """Context with a file or folder that is removed where the process is ended within it."""
+    remove_at_end(path, remove)
+    try:
+        yield
+    finally:
+        _unfinished.pop(path, None)
+
+
+def remove_unfinished() -> None:
+    """Remove what is not finished, the newest first: the process ends now."""
+    for path, remove in reversed(list(_unfinished.items())):
+        with suppress(OSError):
+            remove(path)
 
 
 @contextmanager
@@ -96,6 +125,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], stays: bool) -> Non
     """
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
+    placing.acquire()
     try:
         for file, target in zip(files, targets, strict=True):
             second_name = file.with_name(temporary_name(target.name))
@@ -117,6 +147,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], stays: bool) -> Non
     finally:
         for second_name in earlier.values():
             _remove(second_name)
+        placing.release()
 
 
 def _sync_file(path: Path) -> None:
@@ -176,6 +207,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
         raw = _WatchedFile(temporary, "xb+")
+        remove_at_end(temporary, Path.unlink)
         if stays:
             with suppress(OSError):  # no locks: then it is never removed
                 take_lock(raw.fileno(), LOCKED_BYTE)
@@ -196,6 +228,8 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         if fault is None:
             raise
         raise _unwritable(path, fault) from error
+    finally:
+        _unfinished.pop(temporary, None)
 
 
 def temporary_name(name: str) -> str:

@@ -5,18 +5,20 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FrameType
-from typing import Any, Final
+from typing import Any
 
+from . import own_processes
+from .atomic_files import remove_at_end
 from .errors import HfxError, InputError, OutputError
 from .json_kinds import title_of
+from .process_end import end_on_signals as end_on_signals
+from .process_end import leave as leave
+from .stage_folders import remove_tree
 
 _SYSTEM_PACKAGES = (
     "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
@@ -35,8 +37,10 @@ def start() -> Any:
     HfxError
         Blender cannot be loaded on this machine; says what is missing.
     """
+    if own_processes.is_child():
+        end_on_signals(at_once=True)
     try:
-        with interrupts_held(), _temporary_folder():
+        with _temporary_folder():
             import bpy
     except ModuleNotFoundError as error:
         if error.name != "bpy":
@@ -69,6 +73,7 @@ def _temporary_folder() -> Iterator[None]:
     if "bpy" not in sys.modules:
         with suppress(OSError):  # no folder, or a full one: Blender finds what it can use
             _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
+            remove_at_end(_temporary, remove_tree)
     if _temporary is None:
         yield
         return
@@ -99,59 +104,6 @@ def new_temporary_folder(prefix: str) -> Path:
         raise OutputError(
             f"{folder}: Blender's temporary folder cannot be written to ({error.strerror})."
         ) from error
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Delay Ctrl-C, and signals that end the process, until the end of the block.
-
-    While it starts, and in operators, Blender swallows or wraps what Python raises.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    ours = (signal.default_int_handler, _terminated)
-    held = {each: signal.getsignal(each) for each in (signal.SIGINT, *_ENDING)}
-    held = {each: handler for each, handler in held.items() if handler in ours}
-    noted: list[int] = []
-    for each in held:
-        signal.signal(each, lambda number, _frame: noted.append(number))
-    try:
-        yield
-    finally:
-        for each, handler in held.items():
-            signal.signal(each, handler)
-    if signal.SIGINT in noted:
-        raise KeyboardInterrupt
-    if noted:
-        _terminated(noted[0], None)
-
-
-_ENDING: Final = tuple(
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
-
-
-class TerminatedError(KeyboardInterrupt):
-    """Raised after a signal to end the process; it ends as after Ctrl-C."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.exit_code = 128 + number
-
-
-def _terminated(number: int, _frame: FrameType | None) -> None:
-    for each in _ENDING:  # a second one does not disturb the tidying up
-        signal.signal(each, signal.SIG_IGN)
-    raise TerminatedError(number)
-
-
-def end_on_signals() -> None:
-    """Make SIGTERM and SIGHUP end the work as Ctrl-C does, unless they have other handlers."""
-    if threading.current_thread() is threading.main_thread():
-        for each in _ENDING:
-            if signal.getsignal(each) is signal.SIG_DFL:
-                signal.signal(each, _terminated)
 
 
 def inside_blender() -> bool:
@@ -197,19 +149,6 @@ def open_blend(path: Path) -> None:
         reason = str(error).strip().splitlines()[0].rpartition(": ")[2]
         reason = reason.replace(f' in file "{full}"', "")
         raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
-
-
-def leave(code: int) -> None:
-    """End the process at once, whatever its threads are waiting for.
-
-    Blender's module sometimes hangs while Python takes it down, after all work is done; what it
-    would have cleared away then is cleared away here.
-    """
-    remove_temporary_files()
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):
-            stream.flush()
-    os._exit(code)
 
 
 def remove_temporary_files() -> None:

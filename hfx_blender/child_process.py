@@ -9,6 +9,7 @@ packages that Python does not know by itself come after all others.
 
 from __future__ import annotations
 
+import _signal
 import os
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -29,6 +30,9 @@ def _load_package() -> None:
 
 def main() -> None:
     """Run a module or program from the command line, as Python would."""
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        # Ctrl-C ends the parent, which tells of it: no traceback of each child.
+        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     packages, what, *arguments = sys.argv[1:]
     sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]
     _load_package()

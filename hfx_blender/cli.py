@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
-from . import __version__, blender_session, file_limits
+from . import __version__, blender_session, file_limits, process_end
 from .commands import left_out
 from .console import Console, is_unread
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
@@ -64,22 +64,24 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     console = Console(as_json="--json" in arguments)
     try:
         left_out.refuse(arguments)
-        with blender_session.interrupts_held():  # numpy's C code makes ImportErrors of Ctrl-C
-            parser = build_parser(prog)
+        parser = build_parser(prog)
+        process_end.check()
         options = parser.parse_args(_joined_ranges(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             with file_limits.raised(getattr(options, "largest", 1.0)):
                 code = int(options.run(options, console))
+        process_end.check()
         return code or _exit_code_of(console)
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
         return error.exit_code
-    except blender_session.TerminatedError as ended:
-        console.warn(f"hfx: ended by {ended}; nothing half written was left behind")
+    except process_end.TerminatedError as ended:
+        process_end.answered()
+        console.warn(f"hfx: {ended}")
         return ended.exit_code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # in the process of another program
         console.warn("hfx: interrupted; nothing half written was left behind")
         return 130
     except OSError as error:

@@ -12,6 +12,7 @@ import time
 from contextlib import suppress
 from typing import Any, TextIO
 
+from . import process_end
 from .printable import printable, printable_lines
 
 
@@ -94,7 +95,10 @@ def _write_nowhere(stream: TextIO) -> None:
 
 
 class Progress:
-    """Progress of one piece of work; call it with the share that is done, 0..1."""
+    """Progress of one piece of work; call it with the share that is done, 0..1.
+
+    There a signal to end the process ends the work, by a TerminatedError.
+    """
 
     _WIDTH = 24
     _INTERVAL_S = 0.1
@@ -107,6 +111,7 @@ class Progress:
         self._next = self._start
 
     def __call__(self, share: float, text: str = "") -> None:
+        process_end.check()
         now = time.monotonic()
         if now < self._next and share < 1.0:
             return

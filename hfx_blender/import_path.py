@@ -5,9 +5,11 @@ A stranger's folder may hold a ``numpy.py`` beside a .blend. ``PYTHONPATH=:`` or
 would have Python run it. This file uses only what every Python has loaded before it looks at
 ``sys.path``; the build hook also installs it as ``_hfx_import_path.pth``, which Python runs before
 the script ``hfx`` imports anything. Importing it changes ``sys.path`` in the process of ``hfx``
-only; a program that uses this package keeps its own.
+only; a program that uses this package keeps its own. For the time of the imports, signals end that
+process at once.
 """
 
+import _signal
 import os
 import sys
 
@@ -53,6 +55,25 @@ def protect() -> None:
         os.environ["PYTHONPATH"] = os.pathsep.join(absolute(_PYTHONPATH))
 
 
+def end_early(number: int, _frame: object) -> None:
+    """End the process of ``hfx`` by a signal, as long as it has made nothing yet."""
+    how = {_signal.SIGINT: "interrupted", _signal.SIGTERM: "ended by SIGTERM"}
+    text = f"hfx: {how.get(number, 'ended by SIGHUP')}; nothing half written was left behind\n"
+    try:
+        os.write(2, text.encode())
+    finally:
+        os._exit(128 + number)
+
+
+def handle_early_signals() -> None:
+    """Have :func:`end_early` called instead of Python's own ends, until the command begins."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(_signal, name, None)
+        own_ends = (_signal.SIG_DFL, _signal.default_int_handler)
+        if number is not None and _signal.getsignal(number) in own_ends:
+            _signal.signal(number, end_early)
+
+
 def is_own_command(arguments: list[str]) -> bool:
     """Test a Python command line for ``hfx``: its script, or its module."""
     if arguments[1:3] == ["-m", "hfx_blender.cli"]:
@@ -93,3 +114,4 @@ _RELATIVE = {
 
 if is_own_command(sys.orig_argv):
     protect()
+    handle_early_signals()

@@ -6,13 +6,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
+import weakref
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final
 
 from . import import_path, resources
 
 _START: Final = Path(__file__).resolve().with_name("child_process.py")
+_started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
+_LOOK_S: Final = 0.01
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
@@ -54,7 +59,31 @@ def start(
         It cannot be started.
     """
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
-    return subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
+    process = subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
+    _started[process.pid] = weakref.ref(process)
+    return process
+
+
+def end_all(limit_s: float) -> None:
+    """End all processes that were started here; those that do not end within a time are killed."""
+    known = [reference() for reference in list(_started.values())]
+    running = [process for process in known if process is not None and process.poll() is None]
+    if os.name == "nt":  # there it would be a kill; they end with their input
+        running = [process for process in running if process.stdin is None]
+    for process in running:
+        with suppress(OSError):
+            process.terminate()
+    until = time.monotonic() + limit_s
+    while time.monotonic() < until and any(process.poll() is None for process in running):
+        time.sleep(_LOOK_S)
+    for process in running:
+        with suppress(OSError):
+            process.kill()
+
+
+def is_child() -> bool:
+    """Test that this process was started by :func:`start`."""
+    return str(_START) in sys.orig_argv
 
 
 def environment() -> dict[str, str]:

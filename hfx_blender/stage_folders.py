@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,10 +25,13 @@ from .atomic_files import (
     take_lock,
     temporary_name,
     temporary_pattern,
+    unfinished,
 )
 
 _OWNER: Final = "owner"
 _LOCKED: Final = b"locked\n"
+_TRIES: Final = 20
+_PAUSE_S: Final = 0.01
 
 
 def with_final_names(text: str, stage: Path, folder: Path) -> str:
@@ -58,17 +62,37 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     stage = parent / temporary_name(name)
     stage.mkdir(0o700)
     owner: int | None = None
-    try:
-        owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        with suppress(OSError):  # some network file systems have no locks: then it is not removed
-            take_lock(owner, LOCKED_BYTE)
-            os.write(owner, _LOCKED)  # last; a full disk cannot take it
-        yield stage
-    finally:
-        if owner is not None:
-            with suppress(OSError):
-                os.close(owner)
-        shutil.rmtree(stage, ignore_errors=True)
+    with unfinished(stage, remove_tree):
+        try:
+            owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            with suppress(OSError):  # some network file systems have no locks: it is not removed
+                take_lock(owner, LOCKED_BYTE)
+                os.write(owner, _LOCKED)  # last; a full disk cannot take it
+            yield stage
+        finally:
+            if owner is not None:
+                with suppress(OSError):
+                    os.close(owner)
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+@contextmanager
+def temporary_folder(prefix: str = "hfx-") -> Iterator[Path]:
+    """Context with a folder of the system's temporary folder; removed as well where a signal ends
+    the process.
+    """
+    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
+        with unfinished(Path(name), remove_tree):
+            yield Path(name)
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder of this process into which other threads may still be writing."""
+    for _ in range(_TRIES):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(_PAUSE_S)
 
 
 def remove_abandoned(parent: Path) -> None:

@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from .atomic_files import move, passing, refuse_taken
+from .atomic_files import move, passing, refuse_taken, unfinished
 from .errors import OutputError
 from .stage_folders import stage_folder, with_final_names
-
-placing = threading.Lock()
-"""Held while finished files get their names: who ends the process at once waits for it."""
 
 
 def make_folder(folder: Path) -> None:
@@ -46,6 +42,8 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     try:
         is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
+        if is_new:
+            made.enter_context(unfinished(folder, Path.rmdir))
         stage = made.enter_context(stage_folder(within or folder, name))
     except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
         reason = getattr(error, "strerror", None) or error
@@ -78,5 +76,4 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
         refuse_taken(target)
     for below in dict.fromkeys(target.parent for target in targets):
         make_folder(below)
-    with placing:
-        return move(files, folder, base)
+    return move(files, folder, base)

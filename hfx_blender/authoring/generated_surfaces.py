@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 import bpy
@@ -14,6 +13,7 @@ from ..errors import OutputError
 from ..generation import generated
 from ..generation.generated import GeneratedFiles
 from ..scene_units import metres_of
+from ..stage_folders import temporary_folder
 from . import image_values, surface_sources, surfaces
 
 _TITLE = 60  # bytes of a data-block's name
@@ -128,7 +128,7 @@ def write_blend(record: Path) -> Path:
     bpy.context.view_layer.update()
     apply(swatch, record).asset_mark()
     path = record.with_name(record.name.removesuffix(generated.RECORD) + ".blend")
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         kept = os.path.join(folder, path.name)
         try:
             bpy.ops.wm.save_as_mainfile(filepath=kept, compress=True, copy=True)

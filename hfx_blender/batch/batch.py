@@ -7,11 +7,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
+from .. import process_end
 from . import journal, pieces
 from .local_workers import Workers
 from .units import Outcome, Unit
+
+_LOOK_S: Final = 0.2  # Windows tells a waiting thread nothing of Ctrl-C
 
 Progress = Callable[[float], None]
 Tell = Callable[[Unit, Outcome], None]
@@ -91,7 +94,8 @@ class _Batch:
     def run(self) -> list[Outcome]:
         self._fill()
         while self._running:
-            finished, _ = wait(self._running, timeout=1.0, return_when=FIRST_COMPLETED)
+            finished, _ = wait(self._running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+            process_end.check()
             for future in finished:
                 scene, number, unit = self._running.pop(future)
                 self._take(scene, number, unit, future.result())

@@ -20,7 +20,6 @@ from typing import Any, TextIO
 
 from .. import blender_session
 from ..errors import HfxError
-from ..staging import placing
 from .units import Unit
 from .work import run_safely
 
@@ -39,8 +38,7 @@ def main() -> None:
 def _listen(units: queue.SimpleQueue[str]) -> None:
     for line in sys.stdin:
         units.put(line)
-    with placing:  # not between two files of one result
-        blender_session.leave(0)
+    blender_session.leave(0)
 
 
 def _serve(units: queue.SimpleQueue[str]) -> int:

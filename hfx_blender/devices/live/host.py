@@ -261,7 +261,7 @@ class Host:
     def watch(self) -> None:
         """Wait for the end, and stop whatever does not answer in time."""
         self._last_turn_s = self._clock.now()
-        while True:
+        while not _signals:
             with self._wake:
                 if self._end:
                     return
@@ -317,8 +317,12 @@ def _offset_s(request: dict[str, Any]) -> float:
     return min(max(float(found) / 1000.0, 0.0), MAX_OFFSET_S)
 
 
-def _terminated(_signal: int, _frame: FrameType | None) -> None:
-    raise SystemExit("terminated")
+_signals: list[int] = []
+"""Signals to end this process; their handler raises nothing, as locks may be held."""
+
+
+def _note_signal(number: int, _frame: FrameType | None) -> None:
+    _signals.append(number)
 
 
 def main() -> None:
@@ -326,7 +330,7 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _terminated)
+            signal.signal(getattr(signal, name), _note_signal)
     # Whatever prints must not garble the events.
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
@@ -340,10 +344,9 @@ def main() -> None:
         reader.start()
         host._report("ready", text=str(os.getpid()))
         host.watch()
-    except SystemExit:
-        reason = "the output process was ended"
+        if _signals:
+            reason = "the output process was ended"
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         host.silence(reason)
         time.sleep(0.02)  # for the last events
         os._exit(0)  # a port that hangs must not keep the process

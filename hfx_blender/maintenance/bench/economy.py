@@ -8,7 +8,6 @@ case is timed in turn with the plain one.
 from __future__ import annotations
 
 import statistics
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,6 +35,7 @@ from ...engine.scene import (
 from ...engine.tolerance import STANDARD, Tolerance
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Falloff
+from ...stage_folders import temporary_folder
 
 _MODEL: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times
@@ -203,7 +203,7 @@ def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
     from ...reading.scene_reader import SceneReader
     from . import scenes
 
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         blender_session.open_blend(scenes.build("demo", Path(folder) / "demo.blend"))
     reader = SceneReader(bpy.context.scene, tolerance=tolerance)
     engine = Engine(reader.description, tolerance=tolerance)

@@ -18,13 +18,13 @@ import json
 import os
 import statistics
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ... import blender_session
+from ...stage_folders import temporary_folder
 from .. import processes
 
 _STEP = """
@@ -139,7 +139,7 @@ def measure(
     from ..demo import garage
 
     bpy = blender_session.start()
-    with tempfile.TemporaryDirectory() as name:
+    with temporary_folder() as name:
         folder = Path(name)
         for kind in KINDS:
             garage.build()

@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 import socket
 import struct
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -33,6 +32,7 @@ from ...engine.samples import SampleRun, Stream
 from ...engine.scene import TimeBase
 from ...engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from ...errors import InputError
+from ...stage_folders import temporary_folder
 
 if TYPE_CHECKING:
     import bpy
@@ -147,7 +147,7 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
     client = LiveClient()
     found = []
     try:
-        with tempfile.TemporaryDirectory() as folder:
+        with temporary_folder() as folder:
             _write_device(Path(folder), interval_ms)
             output = {"kind": "udp", "port": receiver.port}
             client.connect("one", "one", output, folder=Path(folder))
@@ -264,7 +264,7 @@ def _in_blender(
     from ..demo import garage
     from . import scenes
 
-    with tempfile.TemporaryDirectory() as folder, blender_session.interrupts_held():
+    with temporary_folder() as folder:
         blender_session.open_blend(scenes.build("demo", Path(folder) / "demo.blend"))
     scene = bpy.context.scene
     evaluated: list[float] = []

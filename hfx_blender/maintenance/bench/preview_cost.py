@@ -11,7 +11,6 @@ Blender itself draws is left out, as it would be this processor's work, too.
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ... import blender_session
+from ...stage_folders import temporary_folder
 
 if TYPE_CHECKING:
     import bpy
@@ -58,7 +58,7 @@ def measure(
     """Rows of figures by name; plain data."""
     bpy = blender_session.start()
 
-    with tempfile.TemporaryDirectory() as folder, blender_session.interrupts_held():
+    with temporary_folder() as folder:
         blender_session.open_blend(build(Path(folder) / "preview.blend"))
     from ...playback import preview
 

@@ -8,7 +8,6 @@ that gives it the true mean level.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from ...engine.texture.height_field import HeightField
 from ...engine.texture.linear_light import height_from_colour
 from ...engine.texture.mcha import MapSettings, blurred_slope, make_map
 from ...engine.texture.relief_estimate import estimate
+from ...stage_folders import temporary_folder
 from ..relief import pictures
 from ..relief.families import Relief
 from . import relief_families
@@ -105,7 +105,7 @@ def measure(
 
     result = {"texels": TEXELS, "ours": figures(counted(cases(each, prints)), weights)}
     if rendered:
-        with tempfile.TemporaryDirectory() as folder:
+        with temporary_folder() as folder:
             result["cycles"] = figures(counted(rendered_cases(Path(folder))), weights)
     return result
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import signal
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ import numpy as np
 
 from ... import own_processes, resources
 from ...errors import InputError
+from ...stage_folders import temporary_folder
 from .. import processes
 from . import safety_borders, safety_silences, safety_stops, safety_values
 
@@ -92,7 +92,7 @@ def measure(
         for k, name in enumerate(names):
             share = lambda part, k=k: progress((k + part) / len(names))  # noqa: E731
             began_s = time.monotonic()
-            with tempfile.TemporaryDirectory() as folder:
+            with temporary_folder() as folder:
                 row = _measured(name, Path(folder), rounds, gap_s, share)
             seconds = round(time.monotonic() - began_s, 1)
             load = round(os.getloadavg()[0], 2)
@@ -197,7 +197,7 @@ def as_markdown(records: Sequence[dict[str, Any]]) -> str:
 def _own_data() -> Iterator[None]:
     """User data of the bench's own: its scripts are approved and its devices are on there."""
     before = os.environ.get(resources.USER_DATA_VARIABLE)
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         os.environ[resources.USER_DATA_VARIABLE] = folder
         try:
             yield

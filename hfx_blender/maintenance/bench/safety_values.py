@@ -97,7 +97,7 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
     """
     bpy = blender_session.start()
     mark, path = folder / "was_run", folder / "evil.blend"
-    with blender_session.interrupts_held(), _without_driver_messages():
+    with _without_driver_messages():
         _make_evil(bpy, path, mark)
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=True)
         bpy.context.scene.frame_set(3)

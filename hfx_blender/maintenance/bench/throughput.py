@@ -14,7 +14,6 @@ import json
 import os
 import shutil
 import statistics
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +24,7 @@ from ...batch import batch
 from ...batch.local_workers import LocalWorkers
 from ...batch.options import ExportOptions
 from ...batch.units import Outcome, Unit
+from ...stage_folders import temporary_folder
 from .. import processes
 
 SCENES = 10
@@ -129,10 +129,9 @@ def measure(
     blender_session.start()
     from . import scenes
 
-    with tempfile.TemporaryDirectory() as name:
+    with temporary_folder() as name:
         folder = Path(name)
-        with blender_session.interrupts_held():
-            first = scenes.build("demo", folder / "scene0.blend")
+        first = scenes.build("demo", folder / "scene0.blend")
         blends = [first, *(folder / f"scene{k}.blend" for k in range(1, SCENES))]
         for path in blends[1:]:
             shutil.copyfile(first, path)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from ... import blender_session
 from ...console import Console
 from ...errors import UsageError
+from ...stage_folders import temporary_folder
 from ...staging import make_folder
 
 NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "relief", "words")
@@ -138,10 +138,9 @@ def measure_trade(
 
     from ..bench import scenes, trade
 
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         if scene in scenes.names():
-            with blender_session.interrupts_held():
-                path = scenes.build(scene, Path(folder) / f"{scene}.blend")
+            path = scenes.build(scene, Path(folder) / f"{scene}.blend")
         else:
             path = Path(scene)
         blender_session.open_blend(path)

@@ -9,7 +9,6 @@ square, so that it can be played and exported as it is.
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 import bpy
@@ -29,6 +28,7 @@ from ...engine.texture.stroke_rendering import render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...errors import OutputError
 from ...formats import stroke_files
+from ...stage_folders import temporary_folder
 
 SQUARES = 4
 SQUARE_M = 0.05
@@ -59,7 +59,7 @@ def save(path: Path) -> list[str]:
     """
     bpy.ops.wm.read_homefile(use_empty=True)
     made = build(bpy.context)
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         kept = os.path.join(folder, "board.blend")
         try:
             bpy.ops.wm.save_as_mainfile(filepath=kept, compress=True, copy=True)
@@ -147,7 +147,7 @@ def _friction(name: str) -> bpy.types.Sound:
     felt = render_stroke(texture, way, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
     peak = float(np.abs(felt.waveform_m_s2).max()) / STANDARD_GRAVITY
     loud = DeviceRange(amplitude_g=(0.0, max(2.0 * peak, 1e-9)))
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         path = Path(folder) / f"{name}.wav"
         stroke_files.write(felt, way, loud, path)
         sound = bpy.data.sounds.load(str(path))

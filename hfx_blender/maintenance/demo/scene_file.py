@@ -20,10 +20,9 @@ def build_and_open(build: Callable[[], object], path: Path) -> None:
     """
     import bpy
 
-    with blender_session.interrupts_held():
-        build()
-        try:
-            bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
-        except RuntimeError as error:
-            raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
+    build()
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
+    except RuntimeError as error:
+        raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
     blender_session.open_blend(path)

@@ -9,7 +9,6 @@ the avatar, coloured by the strongest that it ever feels.
 from __future__ import annotations
 
 import sys
-import tempfile
 import uuid
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,6 +27,7 @@ from ...engine.body.model import load_avatar, load_model
 from ...engine.colouring import COLD, COLOURS, Spread
 from ...playback.preview_layers import spread_between
 from ...playback.timeline_record import record
+from ...stage_folders import temporary_folder
 from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"
@@ -67,7 +67,7 @@ def make(folder: Path) -> Path:
         file.write(("\n".join(lines) + "\n").encode())
     target = folder / LIBRARY_FILE
     bpy.context.preferences.filepaths.save_version = 0
-    with tempfile.TemporaryDirectory() as neutral:  # a .blend remembers where it was saved
+    with temporary_folder() as neutral:  # a .blend remembers where it was saved
         made = Path(neutral, LIBRARY_FILE)
         bpy.ops.wm.save_as_mainfile(filepath=str(made), compress=True, check_existing=False)
         with atomic_file(target) as file:
