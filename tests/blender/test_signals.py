@@ -34,8 +34,15 @@ main()
 """
 
 WHILE_BLENDER_CALLS = """
-import bpy
-bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(lambda *_: strike()))
+from hfx_blender import blender_session
+start = blender_session.start
+def started():
+    bpy = start()
+    handlers = bpy.app.handlers
+    if not handlers.load_post:
+        handlers.load_post.append(handlers.persistent(lambda *_: strike()))
+    return bpy
+blender_session.start = started
 """
 
 WITHIN_A_LOCK = """
