@@ -39,8 +39,8 @@ start = blender_session.start
 def started():
     bpy = start()
     handlers = bpy.app.handlers
-    if not handlers.load_post:
-        handlers.load_post.append(handlers.persistent(lambda *_: strike()))
+    handlers.load_post.append(handlers.persistent(lambda *_: strike()))
+    blender_session.start = start
     return bpy
 blender_session.start = started
 """
