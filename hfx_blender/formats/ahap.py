@@ -30,7 +30,7 @@ from .ahap_rules import (
     findings,
 )
 from .checking import clean, known_members, parse
-from .curves import Curve
+from .curves import Curve, clipped
 from .leniency import refuse_but
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
 from .written import Written, beside, silent_note, write_json
@@ -82,16 +82,32 @@ def write(
 def with_intensities(signal: Signal, *, is_back: bool = False) -> Signal:
     """A signal whose amplitudes are intensities after the square-root law, or back.
 
-    Straight lines bend: each is cut into 16.
+    Straight lines bend: each is cut into 16, with even steps of intensity, so that amplitudes
+    are within a thousandth of the line.
     """
     power = 2.0 if is_back else 0.5
     times, values = signal.amplitude.times_s, signal.amplitude.values
-    places = np.linspace(0.0, len(times) - 1.0, _CUTS * (len(times) - 1) + 1)
-    rows = np.arange(len(times))
-    cut_times, cut_values = np.interp(places, rows, times), np.interp(places, rows, values)
+    intensities = values if is_back else np.sqrt(values)
+    share = np.arange(_CUTS) / _CUTS
+    rise = np.diff(intensities)
+    cuts = (intensities[:-1, None] + rise[:, None] * share).ravel()
+    if is_back:
+        shares = np.tile(share, len(rise))
+    else:  # where the line of amplitudes has the square of a cut's intensity
+        width = np.repeat(np.diff(values), _CUTS)
+        along = cuts**2 - np.repeat(values[:-1], _CUTS)
+        is_flat = width == 0.0
+        shares = np.where(is_flat, np.tile(share, len(rise)), along / np.where(is_flat, 1.0, width))
+    cut_times = np.repeat(times[:-1], _CUTS) + np.clip(shares, 0.0, 1.0) * np.repeat(
+        np.diff(times), _CUTS
+    )
+    levels = cuts**2 if is_back else cuts
     return replace(
         signal,
-        amplitude=Curve(cut_times, cut_values**power),
+        amplitude=Curve(
+            np.maximum.accumulate(np.append(cut_times, times[-1])),
+            np.append(levels, values[-1] ** power),
+        ),
         transients=tuple(
             replace(each, amplitude=each.amplitude**power) for each in signal.transients
         ),
@@ -197,7 +213,10 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
                 "ParameterID": name,
                 "Time": start,
                 "ParameterCurveControlPoints": [
-                    {"Time": _rounded(time - start), "ParameterValue": round(value, 6)}
+                    {
+                        "Time": _rounded(max(time - start, 0.0)),
+                        "ParameterValue": round(value, 6),
+                    }
                     for time, value in chunk
                 ],
             }
@@ -260,8 +279,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
                     strengths[level,] = Curve(intensity.times_s, level * intensity.values)
                 strength = strengths[level,]
             if pitch not in pitches:
-                hertz = frequencies.hertz(pitch + sharpness.values)
-                pitches[pitch] = Curve(sharpness.times_s, hertz)
+                shares = clipped(Curve(sharpness.times_s, pitch + sharpness.values), 0.0, 1.0)
+                pitches[pitch] = Curve(shares.times_s, frequencies.hertz(shares.values))
             held = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
             file_limits.OVERLAP.check(held, name, "its events and curves together have")
             pieces.append(Piece(start, end, strength, pitches[pitch]))

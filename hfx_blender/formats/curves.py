@@ -154,24 +154,27 @@ def simplified(
 
 def with_zeros(curve: Curve) -> Curve:
     """The same curve, with keyframes where it passes 0 between two others."""
-    times, values = curve.times_s, curve.values
-    passes = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    return _with_crossings(curve, 0.0)
+
+
+def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
+    """Curve cut to a range at every time: between keyframes, too, it goes along the limits."""
+    if curve.values.min() >= lowest and curve.values.max() <= highest:
+        return curve
+    crossed = _with_crossings(_with_crossings(curve, lowest), highest)
+    return Curve(crossed.times_s, np.clip(crossed.values, lowest, highest))
+
+
+def _with_crossings(curve: Curve, level: float) -> Curve:
+    """The same curve, with keyframes where it passes a level between two others."""
+    times, values = curve.times_s, curve.values - level
+    signs = np.sign(values)
+    passes = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
     share = values[passes] / (values[passes] - values[passes + 1])
-    zeros = times[passes] + share * (times[passes + 1] - times[passes])
-    return Curve(np.insert(times, passes + 1, zeros), np.insert(values, passes + 1, 0.0))
-
-
-def with_steps_of_a_microsecond(curve: Curve) -> Curve:
-    """The same curve where a step takes a microsecond, as in a simplified one."""
-    return Curve(_strictly_ascending(curve.times_s), curve.values)
-
-
-def deviation(original: Curve, other: Curve) -> float:
-    """Largest difference of two curves at any time (both are straight between keyframes)."""
-    times = np.union1d(original.times_s, other.times_s)
-    after = np.abs(original.at(times) - other.at(times))
-    before = np.abs(original.before(times) - other.before(times))
-    return float(max(after.max(), before.max()))
+    crossings = times[passes] + share * (times[passes + 1] - times[passes])
+    return Curve(
+        np.insert(times, passes + 1, crossings), np.insert(curve.values, passes + 1, level)
+    )
 
 
 def _strictly_ascending(times: F64) -> F64:

@@ -40,8 +40,7 @@ from .clip import rules as clip_rules
 from .clip.container import SUFFIX as CLIP_SUFFIX
 from .hjif import rules, to_signals
 from .signals import FrequencyRange, Signal
-
-Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
+from .simplified_writer import Decoder
 
 _MOST_BYTES: Final = 1 << 30
 _HEAD: Final = 1 << 16  # bytes of a .json that tell what it is

@@ -3,8 +3,8 @@
 
 Conversions, of files of strangers, check whatever they wrote. Exports check what has rules of its
 own on how many points, how long and how fast, which takes 1 % of their time; their tables, sound
-and samples are made of numbers that were checked before. They do not read envelopes again, which
-takes up to 5 % and finds only what asks for more than ``file_limits`` allows.
+and samples are made of numbers that were checked before. They do not read envelopes here: writers
+of keyframes have done so for the error that their notes tell.
 """
 
 from __future__ import annotations

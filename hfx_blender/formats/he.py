@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..sentences import counted
 from . import losses
 from .checking import clean, encoded, known_members, parse
-from .curves import Curve, CurveTolerance
+from .curves import Curve, CurveTolerance, clipped
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
     MAX_PATTERN_EVENTS,
@@ -49,7 +49,7 @@ OPENHARMONY_SUFFIX: Final = ".openharmony.json"
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
 """Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
-_MOST: Final = 1e6  # hundredths of the range: of larger ones nothing is to be told apart
+_MOST: Final = 1e6  # of strengths and frequencies of files, which are 0 to 100
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
 _COARSER: Final = 1.5
 _RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
@@ -198,7 +198,7 @@ def _write_fitting(
             continue  # told by _write
         value, found = tolerance.value, None
         while found is None and value <= max(_COARSEST, tolerance.value):
-            (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s)).signals
+            (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s))
             found = build(few)
             if found is not None and value > tolerance.value:
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
@@ -279,7 +279,10 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         curve = parameters.get("Curve") or ()
         hundredths = [parameters["Frequency"] + each.get("Frequency", 0) for each in curve]
         beyond += sum(not 0 <= each <= 100 for each in hundredths)
-        level, pitch = parameters["Intensity"] / 100.0, float(parameters["Frequency"])
+        level, pitch = (
+            min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
+        )
+        level /= 100.0
         start = start_ms / 1000.0
         if event["Type"] == "transient":
             hertz = float(frequencies.hertz(pitch / 100.0))
@@ -345,12 +348,12 @@ def _piece(
         )
     curve = sorted(curve, key=lambda point: point["Time"])
     times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
-    levels = level * np.array([point["Intensity"] for point in curve], np.float64)
-    offsets = np.array([point.get("Frequency", 0) for point in curve], np.float64)
-    hundredths = np.clip(pitch, -_MOST, _MOST) + np.clip(offsets, -_MOST, _MOST)
-    return Piece(
-        start, end, Curve(times, levels), Curve(times, frequencies.hertz(hundredths / 100.0))
-    )
+    levels = level * np.clip([float(point["Intensity"]) for point in curve], -_MOST, _MOST)
+    offsets = np.clip([float(point.get("Frequency", 0)) for point in curve], -_MOST, _MOST)
+    hundredths = pitch + offsets
+    shares = clipped(Curve(times, hundredths / 100.0), 0.0, 1.0)
+    hertz = Curve(shares.times_s, frequencies.hertz(shares.values))
+    return Piece(start, end, Curve(times, levels), hertz)
 
 
 def _range_of(description: str) -> FrequencyRange:

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..sentences import counted
-from .signals import MAX_HZ, FrequencyRange, Signal, bursts
+from .curves import Curve
+from .signals import MAX_HZ, FrequencyRange, Signal, bursts, joined_times
 
 _ALIKE_HZ = 1.0
 """Frequencies closer than this count as one, as where vibrations are mixed."""
@@ -63,6 +65,63 @@ def _is_off(signal: Signal, held: FrequencyRange) -> bool:
     ]
     every = np.concatenate([np.asarray(each, np.float64) for each in hertz])
     return bool(((every < held.lowest_hz - 1e-6) | (every > held.highest_hz + 1e-6)).any())
+
+
+def errors_of(wanted: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
+    """Largest error of a signal as it was written and read again.
+
+    Parameters
+    ----------
+    wanted, written : Signal
+    grid_s : float
+        What times may be off, seconds: a value counts if the other signal has it that near.
+
+    Returns
+    -------
+    amplitude : float
+        Share of full scale.
+    frequency : float
+        Hertz, while something sounds.
+    """
+    curves = (wanted.amplitude, wanted.frequency_hz, written.amplitude, written.frequency_hz)
+    end_s = float(wanted.amplitude.times_s[-1])
+    knots = joined_times(curves, 0.0, end_s)
+    inside = np.diff(knots) * 1e-3  # near a step, or silence, each side counts by itself
+    times = np.concatenate([knots[1:-1], knots[:-1] + inside, knots[1:] - inside])
+    sounds = times[(wanted.amplitude.at(times) > 0.0) & (wanted.amplitude.before(times) > 0.0)]
+    return (
+        _apart(wanted.amplitude, written.amplitude, times, grid_s),
+        _apart(wanted.frequency_hz, written.frequency_hz, sounds, grid_s),
+    )
+
+
+def _apart(one: Curve, other: Curve, times: F64, grid_s: float) -> float:
+    """Largest distance of one curve's values from those that the other has near, both ways."""
+    most = 0.0
+    for curve, near in ((one, other), (other, one)):
+        low, high = _range_near(near, times, grid_s)
+        for values in (curve.at(times), curve.before(times)):
+            most = max(most, float(np.maximum(low - values, values - high).max(initial=0.0)))
+    return most
+
+
+def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
+    """Lowest and highest value of a curve within ``grid_s`` of each time, (n,) each."""
+    ends = [side(times + off) for off in (-grid_s, grid_s) for side in (curve.at, curve.before)]
+    first = np.searchsorted(curve.times_s, times - grid_s)
+    stop = np.searchsorted(curve.times_s, times + grid_s, side="right")
+    spans = np.column_stack([first, np.maximum(stop, first + 1)]).ravel()
+    values = np.append(curve.values, curve.values[-1:].repeat(2))
+    has_keyframes = stop > first
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    if not len(times):
+        return low, high
+    low_inside = np.minimum.reduceat(values, spans)[::2]
+    high_inside = np.maximum.reduceat(values, spans)[::2]
+    return (
+        np.where(has_keyframes, np.minimum(low, low_inside), low),
+        np.where(has_keyframes, np.maximum(high, high_inside), high),
+    )
 
 
 def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from .clip import writing as clip_writing
 from .clip.baked import Played
 from .clip.container import SUFFIX as CLIP_SUFFIX
 from .clip.spatial_recorder import SpatialRecorder
-from .curves import CurveTolerance
+from .curves import CurveTolerance, clipped
 from .hjif import from_track
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .signals import (
@@ -30,14 +30,12 @@ from .signals import (
     FrequencyRange,
     Signal,
     signals_of,
-    simplified_signals,
 )
+from .simplified_writer import SignalWriter, simplified_writer
 from .tact_layouts import motors_of
 from .written import Written
 
 ALL_MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
-
-SignalWriter = Callable[[list[Signal], FrequencyRange, Path, CurveTolerance], Written]
 
 
 @dataclass(frozen=True)
@@ -124,42 +122,9 @@ def write(
     return written
 
 
-def _simplified(
-    write_few: Callable[[tuple[Signal, ...], FrequencyRange, Path], Written], grid: str = ""
-) -> SignalWriter:
-    """Make a writer that is given signals of few keyframes."""
-
-    def write_signals(
-        signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
-    ) -> Written:
-        few = simplified_signals(signals, tolerance, frequency_hz=pitch_tolerance(frequencies))
-        written = write_few(few.signals, frequencies, stem)
-        note = (
-            f"keyframes are within {few.amplitude_error:.2%} of full scale and "
-            f"{few.frequency_error_hz:.1f} Hz{grid}"
-        )
-        return written + Written(notes=(note, *losses.silenced(signals, few.signals)))
-
-    return write_signals
-
-
 def _within(documented: FrequencyRange) -> Callable[[FrequencyRange], FrequencyRange]:
     """Range in a format with a documented one, see :meth:`FrequencyRange.or_default`."""
     return lambda frequencies: frequencies.or_default(documented)
-
-
-def _write_ahap_sqrt(
-    signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
-) -> Written:
-    rooted = [ahap.with_intensities(each) for each in signals]
-    half = replace(tolerance, value=tolerance.value / 2.0)  # a square is off by twice its root
-    write_roots = partial(ahap.write, law=ahap.SQUARE_ROOT)
-    return _simplified(write_roots, ", amplitudes twice that")(rooted, frequencies, stem, half)
-
-
-def pitch_tolerance(frequencies: FrequencyRange) -> float:
-    """Hertz that a simplified frequency may be off: a hundredth of the range, 1 Hz at least."""
-    return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)
 
 
 def _signal_format(
@@ -175,7 +140,11 @@ def _signal_format(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
         frequencies = held(frequencies)
-        written = write_signals(signals, frequencies, stem, tolerance)
+        low, high = frequencies.lowest_hz, frequencies.highest_hz
+        cut = [
+            replace(each, frequency_hz=clipped(each.frequency_hz, low, high)) for each in signals
+        ]
+        written = write_signals(cut, frequencies, stem, tolerance)
         return written + Written((), losses.off_range(signals, frequencies))
 
     def write_raster(
@@ -246,27 +215,36 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
         _wav_format("wav24", "24-bit WAV", f".24bit{wav.SUFFIX}", "int24"),
         _wav_format("wavfloat", "float WAV", f".float{wav.SUFFIX}", "float32"),
         _signal_format(
-            "ahap", "Apple AHAP", ahap.SUFFIX, _simplified(ahap.write), _within(ahap.DEFAULT_RANGE)
+            "ahap",
+            "Apple AHAP",
+            ahap.SUFFIX,
+            simplified_writer(ahap.write, ahap.SUFFIX, ahap.decode),
+            _within(ahap.DEFAULT_RANGE),
         ),
         _signal_format(
             "ahap-sqrt",
             "Apple AHAP with square roots",
             ahap.SQRT_SUFFIX,
-            _write_ahap_sqrt,
+            simplified_writer(
+                partial(ahap.write, law=ahap.SQUARE_ROOT),
+                ahap.SQRT_SUFFIX,
+                ahap.decode,
+                law=ahap.with_intensities,
+            ),
             _within(ahap.DEFAULT_RANGE),
         ),
         _signal_format(
             "haptic",
             "Meta .haptic",
             haptic.SUFFIX,
-            _simplified(haptic.write),
+            simplified_writer(haptic.write, haptic.SUFFIX, haptic.decode),
             _within(haptic.DEFAULT_RANGE),
         ),
         _signal_format(
             "he",
             "RichTap .he",
             he.SUFFIX,
-            _simplified(he.write, ", their times whole milliseconds"),
+            simplified_writer(he.write, he.SUFFIX, he.decode, grid_s=1e-3),
             _within(he.DEFAULT_RANGE),
         ),
         _signal_format(
@@ -287,7 +265,7 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
             "openxr",
             "OpenXR parametric vibration",
             openxr.SUFFIX,
-            _simplified(openxr.write),
+            simplified_writer(openxr.write, openxr.SUFFIX, openxr.decode),
             openxr.held,
         ),
         DeviceFormat(

@@ -23,9 +23,8 @@ from ..errors import InputError
 from .curves import (
     Curve,
     CurveTolerance,
-    deviation,
+    clipped,
     simplified,
-    with_steps_of_a_microsecond,
 )
 
 DEFAULT_TOLERANCE: Final = CurveTolerance(0.01)
@@ -168,21 +167,12 @@ def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
     return np.asarray(frequency[sounds[np.maximum(before, 0)]])
 
 
-@dataclass(frozen=True)
-class Simplified:
-    """Signals of few keyframes, with their errors."""
-
-    signals: tuple[Signal, ...]
-    amplitude_error: float  # largest, share of full scale
-    frequency_error_hz: float
-
-
 def simplified_signals(
     signals: Iterable[Signal],
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
     *,
     frequency_hz: float = 1.0,
-) -> Simplified:
+) -> tuple[Signal, ...]:
     """Signals of the fewest keyframes within a tolerance; silence stays exactly silent.
 
     Parameters
@@ -194,7 +184,6 @@ def simplified_signals(
         Of the frequency while something sounds.
     """
     found = []
-    amplitude_error = frequency_error = 0.0
     for each in signals:
         amplitude = simplified(
             each.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
@@ -211,13 +200,7 @@ def simplified_signals(
             is_free=~near if near.any() and not near.all() else None,
         )
         found.append(replace(each, amplitude=amplitude, frequency_hz=frequency))
-        wanted = with_steps_of_a_microsecond(each.amplitude)
-        amplitude_error = max(amplitude_error, deviation(wanted, amplitude))
-        if near.any():
-            times = with_steps_of_a_microsecond(each.frequency_hz).times_s[near]
-            off = np.abs(frequency.at(times) - each.frequency_hz.values[near])
-            frequency_error = max(frequency_error, float(off.max()))
-    return Simplified(tuple(found), amplitude_error, frequency_error)
+    return tuple(found)
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:
@@ -280,9 +263,9 @@ def mixed(
     left_out: tuple[str, ...] = ()
     if sums.max(initial=0.0) > 1.0 + 1e-9:
         left_out = (f"'{name}': what sounds together adds up to more than full scale: cut to it",)
-    sums = np.clip(sums, 0.0, 1.0)
+    amplitude = clipped(_stepped(times, sums), 0.0, 1.0)
     pitch = _carried(pitch)
-    return Signal(name, _stepped(times, sums), _stepped(times, pitch), tuple(transients), left_out)
+    return Signal(name, amplitude, _stepped(times, pitch), tuple(transients), left_out)
 
 
 def _times_inside(pieces: Sequence[Piece]) -> list[F64]:

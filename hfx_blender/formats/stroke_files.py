@@ -17,14 +17,15 @@ from ..engine.texture.signal import Signal as FeltStroke
 from ..engine.texture.stroke import Stroke
 from ..errors import InputError, UsageError
 from . import ahap, haptic, he
-from .curves import Curve
-from .registry import pitch_tolerance
+from .checking import read_bytes
+from .curves import Curve, clipped
 from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, simplified_signals
+from .simplified_writer import error_note, pitch_tolerance
 from .written import Written, write_json
 
 WAV_RATE_HZ: Final = 48_000
 
-_DOCUMENTS: Final = {".ahap": ahap.document, ".he": he.document, ".haptic": haptic.document}
+_KINDS: Final = {ahap.SUFFIX: ahap, he.SUFFIX: he, haptic.SUFFIX: haptic}
 SUFFIXES: Final = file_suffixes.STROKES
 
 
@@ -60,32 +61,29 @@ def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> 
         return _wav(felt, device, path)
     if suffix == ".csv":
         return _csv(felt, stroke, path)
-    signal, notes = _envelope(felt, device)
-    if signal.is_silent:
+    frequencies, kind = FrequencyRange(*device.frequency_hz), _KINDS[suffix]
+    signal = _envelope(felt, device)
+    (few,) = simplified_signals(
+        [signal], DEFAULT_TOLERANCE, frequency_hz=pitch_tolerance(frequencies)
+    )
+    if few.is_silent:
         raise InputError(f"{path}: nothing of this stroke would be felt; nothing was written.")
-    write_json(_DOCUMENTS[suffix](signal, FrequencyRange(*device.frequency_hz)), path)
-    return Written((path,), notes=notes)
+    write_json(kind.document(few, frequencies), path)
+    (read,), _ = kind.decode(read_bytes(path), path.name)
+    note = error_note([(signal, read)], 1e-3 if kind is he else 0.0)
+    return Written((path,), notes=(note,))
 
 
-def _envelope(felt: FeltStroke, device: DeviceRange) -> tuple[Signal, tuple[str, ...]]:
-    """Amplitude and frequency as curves of steps, with few keyframes."""
+def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
+    """Amplitude and frequency as curves of steps."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     begins = felt.times_s - felt.times_s[0]
     times = np.stack([begins, begins + felt.step_s], axis=1).ravel()
     times[1:-1:2] = times[2::2]  # one end is the next begin, to the last bit
     amplitude = np.repeat(np.clip(felt.amplitude_m_s2 / full, 0.0, 1.0), 2)
     frequency = np.repeat(np.clip(felt.frequency_hz, 0.1, 1000.0), 2)
-    signal = Signal("stroke", Curve(times, amplitude), Curve(times, frequency))
-    few = simplified_signals(
-        [signal],
-        DEFAULT_TOLERANCE,
-        frequency_hz=pitch_tolerance(FrequencyRange(*device.frequency_hz)),
-    )
-    note = (
-        f"keyframes are within {few.amplitude_error:.2%} of full scale and "
-        f"{few.frequency_error_hz:.1f} Hz"
-    )
-    return few.signals[0], (note,)
+    pitch = clipped(Curve(times, frequency), *device.frequency_hz)
+    return Signal("stroke", Curve(times, amplitude), pitch)
 
 
 def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:

@@ -14,7 +14,7 @@ from test_hjif import BEAT, track_of
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
-from hfx_blender.formats import ahap, files, haptic, npz_raster, registry, wav
+from hfx_blender.formats import ahap, files, haptic, losses, npz_raster, registry, wav
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.curves import Curve, CurveTolerance
 from hfx_blender.formats.hjif import from_actuators, to_signals
@@ -426,6 +426,7 @@ def test_square_roots_are_written_and_read_back(tmp_path):
 def test_a_step_is_no_error_of_the_keyframes(tmp_path):
     hertz = Curve.of([0, 1, 1, 2], [100.0, 100.0, 180.0, 180.0])
     step = Signal("a", Curve.of([0, 1, 1, 2], [0.2, 0.2, 0.9, 0.9]), hertz)
-    few = simplified_signals([step])
-    assert few.amplitude_error <= 0.01 and few.frequency_error_hz <= 1.0 + 1e-9
-    np.testing.assert_allclose(few.signals[0].amplitude.at([0.5, 1.5]), [0.2, 0.9], atol=0.01)
+    (few,) = simplified_signals([step])
+    amplitude, hertz = losses.errors_of(step, few, 2e-6)
+    assert amplitude <= 0.01 and hertz <= 1.0 + 1e-9
+    np.testing.assert_allclose(few.amplitude.at([0.5, 1.5]), [0.2, 0.9], atol=0.01)

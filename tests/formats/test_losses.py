@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,19 @@ from format_cases import RANGE, raster_for, signal
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.frequency import Partial
 from hfx_blender.errors import InputError
-from hfx_blender.formats import ahap, conversion, haptic, he, registry, signal_raster, tact
+from hfx_blender.formats import (
+    ahap,
+    conversion,
+    haptic,
+    he,
+    losses,
+    registry,
+    signal_raster,
+    signals,
+    tact,
+)
+from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.curves import Curve, CurveTolerance
 from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.registry import DEVICE_FORMATS
@@ -176,3 +189,92 @@ def test_strict_refuses_what_is_left_out(tmp_path):
     with pytest.raises(InputError, match="above 1000 Hz"):
         conversion.convert(made, tmp_path / "b.wav", device=DEVICE.id, strict=True)
     assert not (tmp_path / "b.wav").exists()
+
+
+# --- what is cut, and what notes claim ------------------------------------------------------------
+
+
+def keyframes_of(path):
+    """Amplitude and frequency of a file as JSON has them: times and values, shares of the range."""
+    found = json.loads(path.read_bytes())
+    if path.name.endswith(".haptic"):
+        envelopes = found["signals"]["continuous"]["envelopes"]
+        return [
+            np.array([(point["time"], point[name]) for point in envelopes[name]]).T
+            for name in ("amplitude", "frequency")
+        ]
+    return [
+        np.array(
+            [
+                (each["Time"] + point["Time"], point["ParameterValue"])
+                for each in (entry.get("ParameterCurve", {}) for entry in found["Pattern"])
+                if each.get("ParameterID") == control
+                for point in each["ParameterCurveControlPoints"]
+            ]
+        ).T
+        for control in ("HapticIntensityControl", "HapticSharpnessControl")
+    ]
+
+
+# Ramps of frequency that pass the limits of what a file holds: it goes along them from there on.
+@pytest.mark.parametrize("kind", ["ahap", "ahap-sqrt", "haptic"])
+@pytest.mark.parametrize("hertz", [(20.0, 500.0), (500.0, 20.0), (150.0, 1000.0)])
+def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
+    wanted = signals.Signal(
+        "a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0.0, 2.0], list(hertz))
+    )
+    written = registry.DEVICE_FORMATS[kind].write_signals(
+        [wanted], signals.FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    )
+    (claim,) = (each for each in written.notes if "keyframes are within" in each)
+    percent, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
+    amplitude, frequency = keyframes_of(written.files[0])
+    times = np.linspace(0.0, 2.0, 2001)
+    levels = np.interp(times, *amplitude) ** (2.0 if kind == "ahap-sqrt" else 1.0)
+    off = np.abs(levels - np.interp(times, [0.0, 2.0], [0.1, 1.0])).max()
+    assert off <= percent / 100.0 + 5e-5 and percent <= 1.0
+    wanted_hz = np.clip(np.interp(times, [0.0, 2.0], hertz), 80.0, 230.0)
+    off_hz = np.abs(80.0 + 150.0 * np.interp(times, *frequency) - wanted_hz).max()
+    assert off_hz <= claimed_hz + 0.05 and claimed_hz <= 1.6
+    assert any("it holds 80 to 230 Hz" in each for each in written.left_out)
+
+
+@pytest.mark.parametrize("kind", ["he", "openxr"])
+def test_claims_hold_of_other_formats_when_they_are_read_again(kind, tmp_path):
+    wanted = signals.Signal("a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0, 2], [20.0, 500.0]))
+    written = registry.DEVICE_FORMATS[kind].write_signals(
+        [wanted], signals.FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    )
+    claim = next(each for each in written.notes if "keyframes are within" in each)
+    _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
+    (read,), _ = read_signals(written.files[0])
+    times = np.linspace(0.01, 1.99, 199)
+    low, high = (np.clip(20.0 + 240.0 * (times + off), 80.0, 230.0) for off in (-1e-3, 1e-3))
+    found = read.frequency_hz.at(times)
+    assert (found >= low - claimed_hz - 0.05).all() and (found <= high + claimed_hz + 0.05).all()
+
+
+def test_what_sounds_together_is_cut_at_every_time():
+    ramp, tone = Curve.of([0.0, 1.0], [0.0, 1.0]), Curve.of([0.0], [100.0])
+    found = signals.mixed("a", [signals.Piece(0.0, 1.0, ramp, tone)] * 2)
+    assert found.amplitude.at([0.25, 0.5, 0.75]) == pytest.approx([0.5, 1.0, 1.0])
+
+
+def test_sharpness_above_its_range_stays_at_its_limit():
+    control = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 1.0, "ParameterValue": 1.0}]
+    curve = {"ParameterID": "HapticSharpnessControl", "Time": 0.0}
+    curve["ParameterCurveControlPoints"] = control
+    event = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}
+    event["EventParameters"] = [{"ParameterID": "HapticSharpness", "ParameterValue": 0.5}]
+    document = {"Version": 1.0, "Pattern": [{"Event": event}, {"ParameterCurve": curve}]}
+    (found,), _ = ahap.decode(encoded(document), "x")
+    assert found.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
+
+
+def test_errors_count_what_the_other_signal_has_near_in_time():
+    one = signals.Signal("a", Curve.of([0, 1, 1, 2], [0.2, 0.2, 0.9, 0.9]), Curve.of([0], [100.0]))
+    late = signals.Signal(
+        "a", Curve.of([0, 1.001, 1.001, 2], [0.2, 0.2, 0.95, 0.95]), Curve.of([0], [103.0])
+    )
+    assert losses.errors_of(one, late, 2e-3) == pytest.approx((0.05, 3.0))
+    assert losses.errors_of(one, late, 1e-6)[0] == pytest.approx(0.7)

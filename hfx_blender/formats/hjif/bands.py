@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ... import file_limits
-from ..curves import Curve, with_zeros
+from ..curves import Curve, clipped, with_zeros
 from ..signals import Piece, Transient
 from ..waveforms import BYTES, Waveform
 from .document import Band, Effect, Keyframe
@@ -34,7 +34,7 @@ def tone(band: Band, placed: Placed, timescale: int) -> Piece:
     low, high = float(band.lower_frequency_limit), float(band.upper_frequency_limit)
     pitch = _curve_of(hertz, (begin, (low + high) / 2.0 or DEFAULT_HZ))
     if low < high:
-        pitch = Curve(pitch.times_s, np.clip(pitch.values, low, high))
+        pitch = clipped(pitch, low, high)
     amplitude = with_zeros(_curve_of(levels, (begin, 1.0)))
     amplitude = Curve(amplitude.times_s, np.abs(amplitude.values))
     end = max(float(amplitude.times_s[-1]), float(pitch.times_s[-1]))

@@ -17,7 +17,7 @@ from ...engine.rendering.raster import Raster
 from ...sentences import counted
 from .. import losses
 from ..checking import clean
-from ..curves import CurveTolerance
+from ..curves import CurveTolerance, clipped
 from ..signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
@@ -129,13 +129,14 @@ def _lasting(perception: Perception, duration_s: float) -> Perception:
 def _dense(signal: Signal) -> Dense:
     """A signal's own keyframes as rows; a step takes a tick."""
     end = float(signal.amplitude.times_s[-1])
-    times = joined_times([signal.amplitude, signal.frequency_hz], 0.0, end)
+    frequency = clipped(signal.frequency_hz, 0.0, MAX_HZ)
+    times = joined_times([signal.amplitude, frequency], 0.0, end)
     is_step = np.diff(signal.amplitude.times_s) <= 0.0
     before = signal.amplitude.times_s[1:][is_step] - 1e-4
     times = np.unique(np.concatenate([times, before[before > 0.0]]))
     levels = signal.amplitude.at(times)
     levels[-1] = signal.amplitude.before(times[-1])
-    return Dense(times, levels, np.clip(signal.frequency_hz.at(times), 0.0, MAX_HZ))
+    return Dense(times, levels, frequency.at(times))
 
 
 def _write(document: Hjif, stem: Path, tolerance: CurveTolerance) -> Written:

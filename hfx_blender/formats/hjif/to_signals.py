@@ -8,10 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from ... import file_limits
-from ..curves import Curve
+from ..curves import Curve, clipped
 from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
 from ..waveforms import Waveform, added, piece_of
 from . import bands, wavelets
@@ -56,11 +54,10 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         if each.frequency_hz is None or each.modality not in VIBRATIONS:
             lost[f"modality {each.modality}"] += 1
             continue
-        values = np.clip(each.strength.values, 0.0, 1.0)
         lost_here = each.left_out
         if (each.strength.values > 1.0).any():
             lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
-        strength = Curve(each.strength.times_s, values)
+        strength = clipped(each.strength, 0.0, 1.0)
         signals.append(
             Signal(each.channel, strength, each.frequency_hz, each.transients, lost_here)
         )
