@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.active_rows import posed_rows
 from ..engine.arrays import F32, F64, I64
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.kinematics.motion import longest_axis
@@ -58,8 +59,8 @@ class BodyRecorder:
     def add(self, block: AnimationBlock) -> None:
         """Take the next block, in the order of time."""
         for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
-            rows = np.arange(len(block.indices))[block.own]
-            rows = rows[pose.valid[rows]]
+            rows = posed_rows(pose)
+            rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
             if not len(rows):
                 continue
             if pose.surface is not None:

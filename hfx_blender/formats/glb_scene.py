@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic_files import atomic_file
+from ..engine.active_rows import FARTHEST
 from ..engine.arrays import F64, I64
 from ..engine.body.model import PerceptualModel
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, SceneDescription
@@ -73,7 +74,8 @@ class VolumeRecorder:
             effect = block.effects[k]
             if effect.matrices is None or not effect.shapes:
                 continue
-            finite = np.isfinite(effect.matrices[rows]).all(axis=(1, 2))
+            finite = (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
+            finite &= np.isfinite(effect.parameters[rows]).all(axis=1)
             finite &= effect.levels[rows] > 0.0  # other rows may hold anything
             if not finite.any():
                 continue

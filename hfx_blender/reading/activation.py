@@ -111,7 +111,8 @@ def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"
-    if not keys or not plain or len(curve.modifiers):
+    values = [v for key in keys for v in (*key.co, *key.handle_left, *key.handle_right)]
+    if not keys or not plain or len(curve.modifiers) or not np.isfinite(values).all():
         return ((-np.inf, np.inf),)
     spans = [(-np.inf, keys[0].co[0])] if keys[0].co[1] > 0.0 else []
     for key, following in pairwise(keys):

@@ -66,6 +66,9 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
         points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
         keys.foreach_get("co", points)
         keys.foreach_get("interpolation", kinds)
+        if not _are_finite(keys, points):
+            found.other.append((curve, column))
+            continue
         alike = points[::2].tobytes(), kinds.tobytes()
         groups.setdefault(alike, []).append((column, curve, points[1::2]))
     for (frame_bytes, kind_bytes), members in groups.items():
@@ -87,6 +90,15 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
             )
         )
     return found
+
+
+def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
+    """Test that keyframes, which are at ``points``, and their handles are numbers."""
+    handles = np.empty((2, len(points)), np.float32)
+    keys.foreach_get("handle_left", handles[0])
+    keys.foreach_get("handle_right", handles[1])
+    largest = np.finfo(np.float32).max  # infinity, as Blender stores it in a key
+    return bool((np.abs(points) < largest).all() and (np.abs(handles) < largest).all())
 
 
 def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:

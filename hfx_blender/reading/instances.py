@@ -123,6 +123,8 @@ class Sources:
         Those that are neither muted nor faulty, by their full names.
     warnings : tuple of str
         What is read otherwise than it stands in the file, and what was left out.
+    notes : tuple of str
+        Keyframes that are no numbers.
     asleep : dict
         Those that cannot be felt at any time of ``time``, and why.
     """
@@ -138,10 +140,7 @@ class Sources:
         self._shapes = shapes
         self._faults = {} if faults is None else faults
         every = sources_of(found.scene)
-        finite: set[bpy.types.ID] = set()
-        sound, bad = soundness.without_faulty(
-            every.values(), lambda source: soundness.warnings_of(source, finite)
-        )
+        sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
         warned = (text for each in sound.values() for text in each)
         every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
@@ -156,6 +155,7 @@ class Sources:
             if source in silenced
         )
         self.warnings = (*warned, *soundness.left_out(bad), *muted)
+        self.notes = soundness.non_finite_keyframes(every.values())
         frames = None if time is None else dormant.frames_read(found.scene, time)
         self.asleep: dict[bpy.types.Object, str] = {}
         for name, state in states.items():
@@ -264,7 +264,7 @@ class Instances:
     ----------
     descriptions : tuple of EffectDescription
         One for each instance.
-    warnings : tuple of str
+    warnings, notes : tuple of str
     asleep : dict
         See :class:`Sources`.
 
@@ -284,7 +284,7 @@ class Instances:
         self._time = time
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
-        self.warnings = self._sources.warnings
+        self.warnings, self.notes = self._sources.warnings, self._sources.notes
         self.asleep = self._sources.asleep
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()

@@ -244,6 +244,7 @@ class Pass:
         poses = self._reading.read(index, self._whole, (), self._bodies).poses
         return {k: pose for k, pose in poses.items() if pose is not None}
 
+    @np.errstate(invalid="ignore", over="ignore")  # what is no number is told by the engine
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
         """Poses and places at samples without a gap between them."""
         frames = self._frames(indices)

@@ -60,9 +60,8 @@ def highest_of(curve: bpy.types.FCurve) -> float:
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
         return float("inf")
     # A Bezier curve stays within the hull of its keys and handles.
-    return max(
-        value for key in keys for value in (key.co[1], key.handle_left[1], key.handle_right[1])
-    )
+    values = [v for key in keys for v in (key.co[1], key.handle_left[1], key.handle_right[1])]
+    return max(values) if np.isfinite(values).all() else float("inf")
 
 
 def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:

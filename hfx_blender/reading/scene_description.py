@@ -66,6 +66,7 @@ class HapticObjects:
     warnings: tuple[str, ...]
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
+    notes: tuple[str, ...] = ()  # keyframes that are no numbers
     # Effects that are not felt at any time that is read, also such as only instances could show,
     # and why; nothing else of them is read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
@@ -104,15 +105,12 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)
-    finite: set[bpy.types.ID] = set()
-    bodies, warned, left_out = _find_bodies(scene, layer, enabled, finite)
+    bodies, warned, left_out = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
     warnings = (*_of_unknown_role(scene), *warned, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
-    sound, faults = soundness.without_faulty(
-        kept, lambda effect: soundness.warnings_of(effect, finite)
-    )
+    sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
     if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
@@ -123,7 +121,16 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
-    return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out=left_out)
+    return HapticObjects(
+        scene,
+        layer,
+        bodies,
+        kept,
+        activations,
+        warnings,
+        left_out=left_out,
+        notes=soundness.non_finite_keyframes([*bodies, *kept]),
+    )
 
 
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
@@ -145,7 +152,6 @@ def _find_bodies(
     scene: bpy.types.Scene,
     layer: bpy.types.ViewLayer,
     enabled: set[bpy.types.Object],
-    finite: set[bpy.types.ID],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
     """Find the bodies that can be posed, warnings about them, and the names of the others."""
     bodies = effects.bodies_of(scene)
@@ -163,7 +169,7 @@ def _find_bodies(
         )
 
     def check(body: bpy.types.Object) -> list[str]:
-        warned = soundness.warnings_of(body, finite)
+        warned = soundness.warnings_of(body)
         if body.type != "ARMATURE":
             raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):
@@ -393,6 +399,9 @@ def _painted_area(
 ) -> PaintedArea:
     hfx, body = effect.hfx, _body_of(effect, found)
     vertices, weights = effects.area(effect)
+    if len(vertices) == len(weights):  # what is no weight is told by soundness
+        sound = [k for k, weight in enumerate(weights) if 0.0 <= weight <= 1.0]
+        vertices, weights = [vertices[k] for k in sound], [weights[k] for k in sound]
     wanted = effects.model_id_for(hfx.modality)
     if hfx.model_id != wanted:
         raise InputError(

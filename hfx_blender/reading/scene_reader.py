@@ -206,7 +206,8 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return tuple(dict.fromkeys((*self._shapes.notes, *warned, *unfelt)))
+        keys = (*self._found.notes, *self._instances.notes)
+        return tuple(dict.fromkeys((*keys, *self._shapes.notes, *warned, *unfelt)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""

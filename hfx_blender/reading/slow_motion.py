@@ -118,7 +118,7 @@ def _is_slow(curve: bpy.types.FCurve, apart: float, swinging: Iterable[int]) -> 
     points.foreach_get("co", places)
     frames, values = places.reshape(-1, 2).T
     gaps = np.diff(frames)
-    if gaps.min() < apart - _ROUNDING:
+    if not np.isfinite(places).all() or gaps.min() < apart - _ROUNDING:
         return False
     kinds = np.zeros(len(points), np.int32)
     points.foreach_get("interpolation", kinds)

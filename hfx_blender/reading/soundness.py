@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from .. import compat, stored_values
+from ..authoring import effects
 from ..authoring.effect_values import PARAMETER_PROPERTIES
 from ..errors import InputError
 from ..stored_values import BadValue
@@ -45,17 +46,14 @@ _STEADY = re.compile(
 """Animated paths that are read once."""
 
 
-def warnings_of(obj: bpy.types.Object, finite: set[bpy.types.ID]) -> list[str]:
+def warnings_of(obj: bpy.types.Object) -> list[str]:
     """Warnings about values of an effect or a body that are not read as they are stored.
-
-    ``finite`` holds what is known to have finite keys; what is found so is added.
 
     Raises
     ------
     InputError
         It cannot be read at all.
     """
-    _reject_non_finite_keyframes(obj, finite)
     animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
     warned = []
     for bad in stored_values.bad_values(obj):
@@ -72,7 +70,7 @@ def warnings_of(obj: bpy.types.Object, finite: set[bpy.types.ID]) -> list[str]:
             f"{titled(obj)}: its contact response has {len(obj.hfx.response)} filters, at most "
             f"{MOST_FILTERS} are allowed."
         )
-    return warned + list(_of_animation(obj))
+    return warned + list(_of_weights(obj)) + list(_of_animation(obj))
 
 
 def without_faulty(
@@ -99,28 +97,34 @@ def titled(obj: bpy.types.Object) -> str:
     return f"{kind} '{obj.name}'"
 
 
-def _reject_non_finite_keyframes(obj: bpy.types.Object, finite: set[bpy.types.ID]) -> None:
-    """Reject keyframes that are not finite, of an object or its parents: they may do anything."""
-    for mover in _with_parents(obj):
-        for owner in filter(None, (mover, mover.data)):
-            if owner not in finite:
-                _reject_non_finite(mover.name, list(_curves_of(owner)))
-                finite.add(owner)
+def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:
+    """Notes on the keyframes of objects and their parents that are no finite numbers.
+
+    They are evaluated as Blender does; where that gives no number, nothing is felt.
+    """
+    owners: dict[bpy.types.ID, str] = {}
+    for mover in dict.fromkeys(each for obj in objects for each in _with_parents(obj)):
+        for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):
+            owners.setdefault(owner, mover.name)
+    return tuple(
+        note for owner, name in owners.items() for note in _non_finite(name, [*_curves_of(owner)])
+    )
 
 
-def _reject_non_finite(name: str, curves: list[bpy.types.FCurve]) -> None:
-    """Reject keyframes of the F-curves of an object of this name."""
+def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
+    """Notes on the F-curves of an object of this name: the first such keyframe of each."""
     every = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
     for curve, keys in zip(curves, every, strict=True):
         curve.keyframe_points.foreach_get("co", keys)
     counts = np.cumsum([0, *map(len, every)])
     endless = np.flatnonzero(~(np.abs(np.concatenate([np.zeros(0, "f4"), *every])) < _LARGEST))
-    if len(endless):
-        which = int(np.searchsorted(counts, endless[0], "right")) - 1
-        number = (int(endless[0]) - int(counts[which])) // 2 + 1
-        raise InputError(
+    places = np.searchsorted(counts, endless, "right") - 1
+    for which in np.unique(places).tolist():
+        first = int(endless[np.searchsorted(places, which)])
+        number = (first - int(counts[which])) // 2 + 1
+        yield (
             f"'{name}': key {number} of the F-curve '{curves[which].data_path}' "
-            f"[{curves[which].array_index}] is not a finite number; correct or delete it."
+            f"[{curves[which].array_index}] is not a finite number; correct or delete it"
         )
 
 
@@ -176,6 +180,17 @@ def animated_paths(obj: bpy.types.ID) -> list[str]:
     return list(dict.fromkeys(curve.data_path for curve in every if not curve.mute))
 
 
+def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
+    """Warning about painted weights that are none."""
+    if obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED":
+        bad = sum(not 0.0 <= weight <= 1.0 for weight in effects.area(obj)[1])
+        if bad:
+            yield (
+                f"{titled(obj)}: {bad} painted weights are no numbers from 0 to 1; these vertices "
+                "are not felt"
+            )
+
+
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
     """Warnings about animated properties whose animation has no effect."""
     paths = animated_paths(obj)
@@ -193,6 +208,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
         if limits is None:
             continue
         keys = [p.co[1] for c in curves if c.data_path == path for p in c.keyframe_points]
+        keys = [key for key in keys if key == key]  # NaN is told where it is read
         if not keys:
             continue
         for value, limit in ((min(keys), limits[0]), (max(keys), limits[1])):

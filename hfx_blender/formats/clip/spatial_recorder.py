@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.active_rows import FARTHEST
 from ...engine.arrays import F64
 from ...engine.response_filters.controls import WIDTH
 from ...engine.response_filters.filters import within_limits
@@ -61,6 +62,9 @@ class SpatialRecorder:
             animated = block.effects[k]
             rows = np.arange(len(block.indices))[block.own]
             rows = rows[animated.levels[rows] > 0.0]
+            rows = rows[np.isfinite(animated.parameters[rows]).all(axis=1)]
+            if animated.matrices is not None:
+                rows = rows[(np.abs(animated.matrices[rows]) <= FARTHEST).all(axis=(1, 2))]
             if not len(rows):
                 continue
             if _is_spatial(effect, animated):
