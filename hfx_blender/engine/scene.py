@@ -18,7 +18,7 @@ import numpy as np
 
 from .arrays import F32, F64, I32, I64, Bool
 from .body.model import PerceptualModel, SkinWeights
-from .response_filters.controls import Filter
+from .response_filters.controls import Filter, FilterKind
 from .texture.surface_texture import SurfaceTexture
 from .volume.shape import Falloff, Shape
 
@@ -147,6 +147,11 @@ class HapticVolume:
 
     falloff: Falloff
     response: tuple[Filter, ...] = ()  # how it answers a touch
+
+    @property
+    def has_impacts(self) -> bool:
+        """Test for a filter whose impacts ring."""
+        return any(each.kind is FilterKind.IMPACT for each in self.response)
 
 
 @dataclass(frozen=True, eq=False)

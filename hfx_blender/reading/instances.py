@@ -23,6 +23,7 @@ import numpy as np
 from ..authoring import effect_values, effects, volumes
 from ..background_scenes import scene_objects
 from ..engine.arrays import F64, Bool
+from ..engine.response.paths import OVERLAP
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
@@ -288,7 +289,7 @@ class Instances:
         self.asleep = self._sources.asleep
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
-        self._last: dict[int, dict[Key, EffectRow]] = {}  # of two samples
+        self._last: dict[int, dict[Key, EffectRow]] = {}  # of the last samples
         self.descriptions: tuple[EffectDescription, ...] = ()
         if self._sources.objects:
             self._find()
@@ -366,7 +367,7 @@ class Instances:
             for name, _, _ in rows.keys() - set(self._keys):
                 text = f"an instance of '{name}' that is there between two frames only is not felt"
                 self._faults.setdefault(text, set()).add(index)
-            self._last = {k: self._last[k] for k in [*self._last][-1:]} | {index: rows}
+            self._last = {k: self._last[k] for k in [*self._last][1 - OVERLAP :]} | {index: rows}
         return self._last[index]
 
 

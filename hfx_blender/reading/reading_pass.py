@@ -19,6 +19,7 @@ from ..authoring import responses
 from ..avatars import avatar_meshes
 from ..engine.arrays import F64, I64, Bool
 from ..engine.body.model import load_model
+from ..engine.response.paths import OVERLAP
 from ..engine.scene import (
     AnimationBlock,
     EffectBlock,
@@ -275,7 +276,7 @@ class Pass:
         rows = [
             self._row(int(i), w, is_stepped) for i, w in zip(indices, wanted.tolist(), strict=True)
         ]
-        self._last = {row.index: row for row in rows[-2:]} if is_stepped else {}
+        self._last = {row.index: row for row in rows[-OVERLAP:]} if is_stepped else {}
         for k in self._full:
             effects[k] = self._block_of(k, rows)
             if k in self._volumes:

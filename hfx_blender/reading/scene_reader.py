@@ -23,7 +23,8 @@ from ..authoring.effect_values import Shapes
 from ..background_scenes import scene_objects
 from ..engine.arrays import I64
 from ..engine.rendering.room import SETTING, PlaySpace
-from ..engine.scene import AnimationBlock, TimeBase
+from ..engine.response.paths import NEIGHBOURS
+from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
 from ..reading_counters import ReadingCounters
@@ -169,6 +170,10 @@ class SceneReader:
             keeps_settings=stepping.foreign_handler() is None,
             faults=faults,
         )
+        self._has_impacts = any(
+            isinstance(each.area, HapticVolume) and each.area.has_impacts
+            for each in self.description.effects
+        )
         self.stepping_note = ""
         self._plan: Plan | None = None
 
@@ -256,7 +261,8 @@ class SceneReader:
         """Read blocks of :attr:`sample_indices`; scenes are left unchanged.
 
         Where volumes can be felt, a block begins with the sample before its own if that is of
-        the same stretch of time, so that what moves between two samples can be followed.
+        the same stretch of time, so that what moves between two samples can be followed; with
+        more on both sides where impacts between two samples are to be found.
 
         Parameters
         ----------
@@ -275,10 +281,9 @@ class SceneReader:
                 own = stack.enter_context(self._instances.stepper())
             size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
             for indices in _contiguous_blocks(wanted, size):
-                first = int(indices[0])
-                history = int(self._has_history(first))
-                future = int(self._with_velocities and self._is_in_scene(int(indices[-1]) + 1))
-                indices = np.arange(first - history, int(indices[-1]) + future + 1)
+                first, last = int(indices[0]), int(indices[-1])
+                history, future = self._beside(first, last)
+                indices = np.arange(first - history, last + future + 1)
                 block = self._without_hidden(reading.block(indices, history, future))
                 if own is not None:
                     block = self._instances.extended(block, own)
@@ -319,6 +324,20 @@ class SceneReader:
             spots=spots,
             with_far=self._with_far,
         )
+
+    def _beside(self, first: int, last: int) -> tuple[int, int]:
+        """Numbers of samples before and after those of a block that are read with it."""
+        impacts = NEIGHBOURS if self._has_impacts else 0
+        history = future = 0
+        while history <= impacts and self._has_history(first - history):
+            history += 1
+        while future < impacts and self._has_history(last + future + 1):
+            if not self._is_in_scene(last + future + 1):
+                break
+            future += 1
+        if self._with_velocities and not future:
+            future = int(self._is_in_scene(last + 1))
+        return history, future
 
     def _has_history(self, index: int) -> bool:
         if not self._is_in_scene(index - 1):

@@ -39,31 +39,46 @@ static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint
   return sum;
 }
 
+/* Number of weights that impacts of an effect hold; 0 without a filter for impacts. */
+static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model,
+                                   const unsigned char *effect) {
+  uint32_t i;
+  for (i = 0; i < hfx_u32(effect + 64); i++)
+    if (hfx_u32(hfx_record(clip, HFX_FLTR, hfx_u32(effect + 60) + i)) == HFX_IMPACT)
+      return HFX_IMPACTS * HFX_CHUNK * hfx_chunks_of(clip, model);
+  return 0;
+}
+
 /* Parts of a body's memory, in bytes; their sum. */
-static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[7]) {
+static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[8]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
-  uint64_t chunks = 0, weights = 0, largest = 0, sum = 0;
+  uint64_t chunks = 0, weights = 0, held = 0, largest = 0, sum = 0;
   uint32_t k;
   for (k = 0; k < hfx_u32(at + 16); k++) {
     const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
     chunks += count;
     if (count > largest) largest = count;
   }
-  for (k = 0; k < hfx_clip_effects(clip); k++)
-    weights += hfx_chunks_of(clip, hfx_model_of(clip, body, hfx_record(clip, HFX_EFCT, k)));
+  for (k = 0; k < hfx_clip_effects(clip); k++) {
+    const unsigned char *effect = hfx_record(clip, HFX_EFCT, k);
+    const uint32_t model = hfx_model_of(clip, body, effect);
+    weights += hfx_chunks_of(clip, model);
+    held += hfx_held_of(clip, model, effect);
+  }
   parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
   parts[1] = parts[2] = sizeof(hfx_chunk) * chunks;
   parts[3] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
   parts[4] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
   parts[5] = 4 * HFX_CHUNK * weights;
-  parts[6] = 4 * (HFX_CHUNK * largest + 2 * (uint64_t)hfx_clip_effects(clip) +
+  parts[6] = 4 * held;
+  parts[7] = 4 * (HFX_CHUNK * largest + 2 * (uint64_t)hfx_clip_effects(clip) +
                   2 * (uint64_t)clip->parts[HFX_REAC].count);
-  for (k = 0; k < 7; k++) sum += parts[k];
+  for (k = 0; k < 8; k++) sum += parts[k];
   return sum;
 }
 
 HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
-  uint64_t parts[7], sum;
+  uint64_t parts[8], sum;
   if (body >= hfx_clip_bodies(clip)) return 0;
   sum = hfx_parts_of(clip, body, parts) + 1;
   return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
@@ -72,8 +87,8 @@ HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
 HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
                           size_t size) {
   unsigned char *at = (unsigned char *)memory;
-  uint64_t parts[7], i;
-  uint32_t k, first = 0, painted;
+  uint64_t parts[8], i;
+  uint32_t k, first = 0, held = 0, painted;
   self->clip = clip;
   self->body = HFX_NONE;
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
@@ -86,7 +101,8 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   self->boxes = (hfx_boxes *)(void *)(at += parts[2]);
   self->bones = (hfx_bone_pose *)(void *)(at += parts[3]);
   self->weights = (float *)(void *)(at += parts[4]);
-  self->scratch = (float *)(void *)(at += parts[5]);
+  self->held = (float *)(void *)(at += parts[5]);
+  self->scratch = (float *)(void *)(at += parts[6]);
   self->body = body;
   self->frame = 0;
   self->chunks = (uint32_t)(parts[1] / sizeof(hfx_chunk));
@@ -98,6 +114,7 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
     hfx_felt *felt = &self->felt[k];
     felt->model = hfx_model_of(clip, body, effect);
     felt->first_weight = first;
+    felt->first_held = held;
     felt->first_chunk = hfx_first_chunk(clip, body, felt->model);
     felt->level = hfx_u32(effect + 4) ? 0.0 : hfx_f32(effect + 36);
     hfx_floats(effect + 40, 4, felt->parameters);
@@ -109,6 +126,7 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
     }
     felt->to = painted ? hfx_chunks_of(clip, felt->model) : 0;
     first += HFX_CHUNK * hfx_chunks_of(clip, felt->model);
+    held += hfx_held_of(clip, felt->model, effect);
   }
   return 0;
 }
@@ -170,7 +188,7 @@ static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
       felt->response = hfx_respond(self, &touch, self->weights + felt->first_weight, seconds);
     for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
   }
-  if (!is_on) felt->was_touched = felt->impact_count = 0;
+  if (!is_on) felt->was_touched = 0;
   felt->was_on = is_on;
 }
 

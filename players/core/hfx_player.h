@@ -167,8 +167,8 @@ HFX_API double hfx_player_position(const hfx_player *player);
 #define HFX_IMPACTS 4 /* that ring at once, of an effect */
 
 typedef struct hfx_impact {
-  double time_s, strength, attack_s, decay_s, ends_s;
-  uint32_t filter;
+  double time_s, strength, attack_s, decay_s, peaks_s, ends_s;
+  uint32_t filter, place; /* place: of what it holds */
 } hfx_impact;
 
 typedef struct hfx_felt { /* an effect on a body */
@@ -176,6 +176,7 @@ typedef struct hfx_felt { /* an effect on a body */
   float matrix[12], before[12], parameters[4];
   uint32_t model, first_chunk, first_weight; /* HFX_NONE: not felt by this body */
   uint32_t from, to;                         /* chunks outside of these have no weight */
+  uint32_t first_held, held_from, held_to;   /* the same of what impacts hold */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
@@ -206,7 +207,7 @@ typedef struct hfx_body { /* what is behind these pointers lies in the memory th
   hfx_bone_pose *bones;
   hfx_chunk *places, *before;
   hfx_boxes *boxes;
-  float *weights, *scratch;
+  float *weights, *held, *scratch;
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */

@@ -119,55 +119,134 @@ static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *fi
   return is_left;
 }
 
-/* The envelope of an impact, 1 at its peak; without a time: how long it lasts. */
-static inline double hfx_envelope(const hfx_impact *impact, double since_s, int lasts) {
+enum { HFX_VALUE, HFX_DURATION, HFX_PEAK };
+
+/* The envelope of an impact: its value at a time since it began, 1 at its peak; or how long it
+ * lasts, or when it is at its peak. */
+static inline double hfx_envelope(const hfx_impact *impact, double since_s, int what) {
   const double a = impact->attack_s, d = impact->decay_s;
   const double slow = a > d ? a : d, fast = a > d ? d : a;
   double at, peak;
-  if (fast <= 1e-6 * slow) return lasts ? -slow * log(HFX_FADED) : exp(-since_s / slow);
-  if (slow - fast <= 1e-6 * slow)
-    return lasts ? 12.0 * slow : since_s / slow * exp(1.0 - since_s / slow);
+  if (fast <= 1e-6 * slow) {
+    if (what == HFX_PEAK) return 0.0;
+    return what == HFX_DURATION ? -slow * log(HFX_FADED) : exp(-since_s / slow);
+  }
+  if (slow - fast <= 1e-6 * slow) {
+    if (what == HFX_PEAK) return slow;
+    return what == HFX_DURATION ? 12.0 * slow : since_s / slow * exp(1.0 - since_s / slow);
+  }
   at = log(slow / fast) * slow * fast / (slow - fast);
+  if (what == HFX_PEAK) return at;
   peak = exp(-at / slow) - exp(-at / fast);
-  if (!lasts) return (exp(-since_s / slow) - exp(-since_s / fast)) / peak;
+  if (what == HFX_VALUE) return (exp(-since_s / slow) - exp(-since_s / fast)) / peak;
   at = -slow * log(HFX_FADED * peak);
   return at < 12.0 * slow ? at : 12.0 * slow;
 }
 
+/* Largest weights of an impact's touches since it began; each of those that ring has a place. */
+static inline float *hfx_held(const hfx_touch *touch, const hfx_impact *impact) {
+  const size_t first = touch->felt->first_held;
+  return touch->body->held + first + HFX_CHUNK * (size_t)touch->count * impact->place;
+}
+
 /* A new impact, in the place of the one that ends first where there are too many. */
-static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint32_t index,
+static inline void hfx_strike(hfx_touch *touch, const unsigned char *filter, uint32_t index,
                               double time_s, double speed) {
   const double full = hfx_control(filter, 3);
+  hfx_felt *felt = touch->felt;
   int k, chosen = 0;
+  uint32_t i, place = 0;
   hfx_impact *made;
+  float *held;
   for (k = 1; k < felt->impact_count; k++)
     if (felt->impacts[k].ends_s < felt->impacts[chosen].ends_s) chosen = k;
-  if (felt->impact_count < HFX_IMPACTS) chosen = felt->impact_count++;
+  if (felt->impact_count < HFX_IMPACTS) {
+    chosen = felt->impact_count++;
+    for (k = 0; k < chosen; k++) /* the first place that is free */
+      if (felt->impacts[k].place == place) place++, k = -1;
+  } else {
+    place = felt->impacts[chosen].place;
+  }
   made = &felt->impacts[chosen];
   made->time_s = time_s;
   made->strength = hfx_clamped(speed / (full > 1e-3 ? full : 1e-3), 0.0, 1.0);
   made->attack_s = hfx_clamped(hfx_control(filter, 1), 0.0, 10.0);
   made->decay_s = hfx_clamped(hfx_control(filter, 2), 1e-3, 10.0);
   made->filter = index;
-  made->ends_s = time_s + hfx_envelope(made, 0.0, 1);
+  made->place = place;
+  made->ends_s = time_s + hfx_envelope(made, 0.0, HFX_DURATION);
+  made->peaks_s = time_s + hfx_envelope(made, 0.0, HFX_PEAK);
+  held = hfx_held(touch, made);
+  for (i = 0; i < HFX_CHUNK * touch->count; i++) held[i] = 0.0f;
 }
 
-static inline double hfx_ringing(hfx_felt *felt, uint32_t index, double time_s) {
+/* Value of an impact; that of its peak in the first frame after it. */
+static inline double hfx_ring(const hfx_impact *impact, double time_s, double seconds) {
+  const int is_peak = impact->peaks_s <= time_s && impact->peaks_s > time_s - seconds;
+  if (is_peak) return impact->strength;
+  if (impact->ends_s <= time_s) return 0.0;
+  return impact->strength * hfx_envelope(impact, time_s - impact->time_s, HFX_VALUE);
+}
+
+static inline double hfx_ringing(const hfx_felt *felt, uint32_t index, double time_s,
+                                 double seconds) {
   double sum = 0.0;
   int k;
-  for (k = 0; k < felt->impact_count; k++) {
-    const hfx_impact *each = &felt->impacts[k];
-    if (each->filter == index) sum += each->strength * hfx_envelope(each, time_s - each->time_s, 0);
-  }
+  for (k = 0; k < felt->impact_count; k++)
+    if (felt->impacts[k].filter == index) sum += hfx_ring(&felt->impacts[k], time_s, seconds);
   return sum;
 }
 
-static inline void hfx_forget_ended(hfx_felt *felt, double time_s) {
+static inline void hfx_forget_ended(hfx_felt *felt, double time_s, double seconds) {
   int k = 0;
   while (k < felt->impact_count) {
-    if (felt->impacts[k].ends_s > time_s) k++;
+    const hfx_impact *each = &felt->impacts[k];
+    if (each->ends_s > time_s || each->peaks_s > time_s - seconds) k++;
     else felt->impacts[k] = felt->impacts[--felt->impact_count];
   }
+}
+
+/* All impacts that ring keep the weights of a touch where these are larger than theirs. */
+static inline void hfx_hold(hfx_touch *touch) {
+  hfx_felt *felt = touch->felt;
+  int k;
+  for (k = 0; k < felt->impact_count; k++) {
+    float *held = hfx_held(touch, &felt->impacts[k]);
+    uint32_t i;
+    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
+      if (touch->weights[i] > held[i]) held[i] = touch->weights[i];
+  }
+  if (touch->from < felt->held_from) felt->held_from = touch->from;
+  if (touch->to > felt->held_to) felt->held_to = touch->to;
+}
+
+/* Weights of what is touched or near now, and of what rings, `share` as strongly: the mean of what
+ * impacts hold, by their envelopes. */
+static inline void hfx_add_held(hfx_touch *touch, float *weights, double share, double seconds) {
+  hfx_felt *felt = touch->felt;
+  const double time_s = touch->body->time_s;
+  double values[HFX_IMPACTS], sum = 0.0;
+  uint32_t i, from = touch->from, to = touch->to;
+  int k, newest = 0;
+  for (k = 0; k < felt->impact_count; k++) {
+    sum += values[k] = hfx_ring(&felt->impacts[k], time_s, seconds);
+    if (felt->impacts[k].time_s > felt->impacts[newest].time_s) newest = k;
+  }
+  for (k = 0; k < felt->impact_count; k++)
+    values[k] = share * (sum > 0.0 ? values[k] / sum : k == newest ? 1.0 : 0.0);
+  if (felt->held_from < from) from = felt->held_from;
+  if (felt->held_to > to) to = felt->held_to;
+  for (i = HFX_CHUNK * from; i < HFX_CHUNK * to; i++) weights[i] = 0.0f;
+  for (k = 0; k < felt->impact_count; k++) {
+    const float *held = hfx_held(touch, &felt->impacts[k]), value = (float)values[k];
+    for (i = HFX_CHUNK * felt->held_from; i < HFX_CHUNK * felt->held_to; i++)
+      weights[i] += value * held[i];
+  }
+  for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
+    if (touch->weights[i] > weights[i]) weights[i] = touch->weights[i];
+  for (i = HFX_CHUNK * from; i < HFX_CHUNK * to; i++)
+    if (weights[i] > 1.0f) weights[i] = 1.0f; /* rounding */
+  felt->from = from, felt->to = to;
 }
 
 static inline void hfx_clear(hfx_felt *felt, float *weights) {
@@ -177,7 +256,8 @@ static inline void hfx_clear(hfx_felt *felt, float *weights) {
 }
 
 /* Tells whether no skin is near enough for a volume to be felt; then its weights are 0. */
-static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights) {
+static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights,
+                             double seconds) {
   float reach = 0.0f;
   uint32_t i;
   for (i = 0; i < hfx_u32(touch->effect + 64); i++) {
@@ -185,83 +265,98 @@ static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weig
     const double range_m = hfx_u32(filter) == HFX_PROXIMITY ? hfx_control(filter, 1) : 0.0;
     if (range_m > reach) reach = (float)range_m;
   }
-  hfx_forget_ended(touch->felt, self->time_s);
+  hfx_forget_ended(touch->felt, self->time_s, seconds);
   if (touch->felt->impact_count || hfx_next_near(touch, 0, reach) < touch->count) return 0;
   hfx_clear(touch->felt, weights);
   touch->felt->was_touched = 0;
   return 1;
 }
 
-/* The response of a volume to its touch, 0 to 1; its weights are those of the last touch while
- * impacts ring. `seconds` since the moment before. */
+/* Folds the stack of filters, without the limits of 0 and 1. `is_left`: of what is neither touched
+ * nor near any more. */
+static inline double hfx_fold(const hfx_body *self, const hfx_touch *touch, const double *values,
+                              double start, int is_left) {
+  double result = start;
+  uint32_t f;
+  for (f = 0; f < hfx_u32(touch->effect + 64); f++) {
+    const unsigned char *filter = hfx_filter(self, touch, f);
+    const double influence = hfx_control(filter, 0);
+    const double value = is_left && hfx_u32(filter) == HFX_PROXIMITY ? 0.0 : values[f];
+    if (hfx_is_in_space(filter)) continue;
+    if (hfx_u32(filter + 4) == 0) result *= 1.0 + influence * (value - 1.0);
+    else if (hfx_u32(filter + 4) == 1) result += influence * value;
+    else if (influence * value > result) result = influence * value;
+  }
+  return result;
+}
+
+/* The response of a volume to its touch, 0 to 1. While impacts ring, its weights are the largest
+ * since they began. `seconds` since the moment before. */
 static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weights, double seconds) {
   hfx_felt *felt = touch->felt;
   const uint32_t count = hfx_u32(touch->effect + 64);
-  double nearness[16], speed, result;
-  int is_touched, is_any, is_new, multiplies = 0, rings;
+  double values[16], speed, onset_s = self->time_s, result, left;
+  int is_touched, is_any, is_new, multiplies = 0, has_impacts = 0, rings;
   uint32_t i, f;
-  if (hfx_is_far(self, touch, weights)) return 0.0;
+  if (hfx_is_far(self, touch, weights, seconds)) return 0.0;
   touch->from = touch->count;
   touch->to = 0;
-  if (felt->impact_count) { /* what rings is felt where it was touched last */
+  if (felt->impact_count) {
     for (i = 0; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
   } else {
     hfx_clear(felt, weights);
     touch->weights = weights;
+    felt->held_from = touch->count, felt->held_to = 0;
   }
   is_touched = is_any = hfx_contact_weights(touch);
   speed = count && is_touched ? hfx_mean_speed(touch, seconds) : 0.0;
+  is_new = is_touched && !felt->was_touched && felt->was_on && speed > 0.0;
+  for (f = 0; f < count; f++) has_impacts |= hfx_u32(hfx_filter(self, touch, f)) == HFX_IMPACT;
+  if (is_new && has_impacts) onset_s -= (1.0 - hfx_onset(touch)) * seconds;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
     if (hfx_u32(filter) == HFX_IMPACT) multiplies |= hfx_u32(filter + 4) == 0;
     if (hfx_u32(filter) != HFX_PROXIMITY) continue;
-    nearness[f] = hfx_add_proximity(touch, filter, is_touched);
-    is_any |= nearness[f] > 0.0;
+    values[f] = hfx_add_proximity(touch, filter, is_touched);
+    is_any |= values[f] > 0.0;
   }
   for (f = 0; f < count && is_any; f++)
     if (hfx_is_in_space(hfx_filter(self, touch, f))) {
       is_any = hfx_scale_over_space(touch, hfx_filter(self, touch, f));
       is_touched &= is_any;
     }
-  is_new = is_touched && !felt->was_touched && felt->was_on;
-  for (f = 0; f < count; f++) {
+  for (f = 0; f < count && is_new && is_touched; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
-    if (hfx_u32(filter) == HFX_IMPACT && is_new && speed > 0.0)
-      hfx_strike(felt, filter, f, self->time_s, speed);
+    if (hfx_u32(filter) == HFX_IMPACT) hfx_strike(touch, filter, f, onset_s, speed);
   }
   rings = felt->impact_count > 0;
-  if (is_any && touch->weights != weights) {
-    hfx_clear(felt, weights);
-    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
-      weights[i] = touch->weights[i];
-  }
-  if (is_any || touch->weights == weights) felt->from = touch->from, felt->to = touch->to;
-  result = is_touched || (rings && multiplies) ? 1.0 : 0.0;
+  if (rings && is_touched) hfx_hold(touch);
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
-    const double influence = hfx_control(filter, 0), still = hfx_control(filter, 1);
-    const uint32_t kind = hfx_u32(filter), operation = hfx_u32(filter + 4);
-    double value = 1.0;
-    if (hfx_is_in_space(filter)) continue;
+    const double still = hfx_control(filter, 1), full = hfx_control(filter, 2) - still;
+    const uint32_t kind = hfx_u32(filter);
     if (kind == HFX_SPEED) {
-      const double full = hfx_control(filter, 2) - still;
-      const double share = (speed - still) / (full > 1e-9 ? full : 1e-9);
-      if (is_touched) felt->speeds[f] = hfx_clamped(share, 0.0, 1.0);
+      if (is_touched)
+        felt->speeds[f] = hfx_clamped((speed - still) / (full > 1e-9 ? full : 1e-9), 0.0, 1.0);
       else if (!rings) felt->speeds[f] = 0.0;
-      value = felt->speeds[f];
+      values[f] = felt->speeds[f];
     } else if (kind == HFX_IMPACT) {
-      value = hfx_ringing(felt, f, self->time_s);
-    } else if (kind == HFX_PROXIMITY) {
-      value = nearness[f];
-    } else {
-      value = hfx_wave(self->time_s * still, hfx_control(filter, 2), hfx_control(filter, 3));
+      values[f] = hfx_ringing(felt, f, self->time_s, seconds);
+    } else if (kind == HFX_SINE) {
+      values[f] = hfx_wave(self->time_s * still, hfx_control(filter, 2), hfx_control(filter, 3));
     }
-    if (operation == 0) result *= 1.0 + influence * (value - 1.0);
-    else if (operation == 1) result += influence * value;
-    else if (influence * value > result) result = influence * value;
+  }
+  left = rings && multiplies ? 1.0 : 0.0;
+  result = hfx_fold(self, touch, values, is_touched ? 1.0 : left, 0);
+  result = hfx_clamped(result, 0.0, 1.0);
+  left = hfx_clamped(hfx_fold(self, touch, values, left, 1), 0.0, 1.0);
+  if (touch->weights != weights) {
+    hfx_clear(felt, weights);
+    hfx_add_held(touch, weights, left < result ? left / result : 1.0, seconds);
+  } else {
+    felt->from = touch->from, felt->to = touch->to;
   }
   felt->was_touched = is_touched;
-  result = hfx_clamped(result, 0.0, 1.0);
   return result >= HFX_WEAKEST && (is_any || rings) ? result : 0.0;
 }
 

@@ -139,6 +139,42 @@ static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
   return weights > 0.0 ? sum / weights / seconds : 0.0;
 }
 
+#define HFX_HALVINGS 12 /* of the time between two frames */
+
+/* Share of the time since the moment before at which the first of what is touched was inside.
+ * Skin moves straight in shape space, where shapes are convex: halving finds when. */
+static inline double hfx_onset(hfx_touch *touch) {
+  float then[12], first = 1.0f;
+  uint32_t k;
+  if (!hfx_inverse(touch->felt->before, then)) return 1.0;
+  for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
+    const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
+    float gauge[HFX_CHUNK], low[HFX_CHUNK], high[HFX_CHUNK];
+    hfx_chunk p, q, at;
+    int i, step;
+    hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
+    hfx_transform(then, hfx_posed_before(touch, k), &q);
+    for (i = 0; i < HFX_CHUNK; i++) low[i] = 0.0f, high[i] = 1.0f;
+    for (step = 0; step < HFX_HALVINGS; step++) {
+      for (i = 0; i < HFX_CHUNK; i++) {
+        const float share = 0.5f * (low[i] + high[i]);
+        at.x[i] = q.x[i] + share * (p.x[i] - q.x[i]);
+        at.y[i] = q.y[i] + share * (p.y[i] - q.y[i]);
+        at.z[i] = q.z[i] + share * (p.z[i] - q.z[i]);
+      }
+      hfx_gauge(&touch->volume, &at, gauge);
+      for (i = 0; i < HFX_CHUNK; i++) {
+        const float share = 0.5f * (low[i] + high[i]);
+        if (gauge[i] <= 1.0f) high[i] = share;
+        else low[i] = share;
+      }
+    }
+    for (i = 0; i < HFX_CHUNK; i++)
+      if (weight[i] > 0.0f && high[i] < first) first = high[i];
+  }
+  return first;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -41,7 +41,7 @@ def ball(scene: Any) -> Any:
 
 def _runs(**settings: Any) -> tuple[list[SampleRun], SceneReader]:
     reader = SceneReader(bpy.context.scene, **settings)
-    engine = Engine(reader.description)
+    engine = Engine(reader.description, tolerance=reader.tolerance)
     return [run for block in reader.blocks() for run in engine.evaluate(block)], reader
 
 
@@ -86,7 +86,10 @@ def test_an_impact_rings_on_after_the_ball_has_left(ball: Any) -> None:
     # 0.48 m in 12 frames.
     assert levels[first] == pytest.approx(0.48 / (12 / FPS) / 2.0, rel=0.02)
     after = levels[first : first + 10]
-    np.testing.assert_allclose(after, levels[first] * np.exp(-np.arange(10) * 0.01 / DECAY_S))
+    # The peak is felt at the sample after it. The impact began since the sample before.
+    a_sample = np.exp(-0.01 / DECAY_S)
+    np.testing.assert_allclose(after[2:] / after[1:-1], a_sample)
+    assert a_sample**2 < after[1] / after[0] <= a_sample
 
 
 def test_keyed_controls_are_read_alike_from_curves_and_by_stepping(ball: Any) -> None:

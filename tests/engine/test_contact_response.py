@@ -98,9 +98,9 @@ def _block(
 
 
 def _part(block: AnimationBlock, first: int, stop: int) -> AnimationBlock:
-    """Some rows of a block, with the row before them as history."""
-    history = int(first > 0)
-    rows = slice(first - history, stop)
+    """Some rows of a block, with the rows beside them that a reader gives."""
+    history, future = min(first, 3), min(COUNT - stop, 2)
+    rows = slice(first - history, stop + future)
     effect, pose = block.effects[0], block.poses[0]
     assert effect.matrices is not None and effect.response is not None and pose.bones is not None
     return AnimationBlock(
@@ -116,6 +116,7 @@ def _part(block: AnimationBlock, first: int, stop: int) -> AnimationBlock:
         ),
         (PoseBlock(pose.valid[rows], pose.to_world[rows], pose.bones[rows]),),
         history,
+        future=future,
     )
 
 
@@ -153,18 +154,25 @@ def test_without_filters_a_ball_is_felt_while_it_touches() -> None:
     assert [index for index, _ in _each(_felt([]))] == list(CONTACT)
 
 
+# It touches where |0.15 - 2 t| = 0.02 first: between samples 6 and 7.
+ONSET_S = 0.065
+
+
 def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
     decay, full = 0.1, 4.0
     stack = [_filter(FilterKind.IMPACT, decay_s=decay, full_m_s=full)]
     levels = _levels(_felt(stack))
-    expected = 0.0
-    for k in range(COUNT):  # y[n] = a y[n-1] + x[n]
-        expected = np.exp(-1.0 / (RATE * decay)) * expected
-        expected += SPEED_M_S / full if k == CONTACT[0] else 0.0
+    for k in range(COUNT):
+        since = k / RATE - ONSET_S
+        expected = SPEED_M_S / full * np.exp(-since / decay)
         # Its duration is known: after ln(1000) time constants nothing is left.
-        ended = (k - CONTACT[0]) / RATE >= decay * np.log(1000.0)
-        assert levels[k] == pytest.approx(0.0 if ended else expected, abs=2e-12)
-    assert levels[CONTACT[0]] == pytest.approx(0.5)
+        if since < 0.0 or since >= decay * np.log(1000.0):
+            expected = 0.0
+        elif k == CONTACT[0]:
+            expected = SPEED_M_S / full  # the peak is felt at the sample after it
+        assert levels[k] == pytest.approx(expected, abs=1e-9)
+    # The recursion of a leaky integrator, y[n] = a y[n-1], from the sample after on.
+    np.testing.assert_allclose(levels[9:30] / levels[8:29], np.exp(-1.0 / (RATE * decay)))
     assert np.count_nonzero(levels) > 40
 
 
@@ -178,10 +186,11 @@ def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> No
     stiff = _levels(_felt([_filter(FilterKind.IMPACT, decay_s=0.05)]))
     assert (stiff[8:] <= soft[8:]).all() and stiff[12] < 0.6 * soft[12]
     slow = _levels(_felt([_filter(FilterKind.IMPACT, attack_s=0.05, decay_s=0.2)]))
-    assert slow[CONTACT[0]] == 0.0
+    assert slow[CONTACT[0] - 1] == 0.0 and slow[CONTACT[0]] < 0.2
     peak = np.log(0.2 / 0.05) * 0.2 * 0.05 / 0.15  # of exp(-t / 0.2) - exp(-t / 0.05)
-    assert abs(np.argmax(slow) - CONTACT[0] - peak * RATE) <= 0.5
-    assert slow.max() == pytest.approx(1.0, abs=2e-3)
+    # It is felt, whole, at the sample after it.
+    assert np.argmax(slow) == np.ceil((ONSET_S + peak) * RATE)
+    assert slow.max() == pytest.approx(1.0, abs=1e-9)
 
 
 def test_impacts_add_up_and_stay_within_full_strength() -> None:

@@ -66,7 +66,9 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
     coarse = {
         id: replace(at_level(model, _least(model, level))[0], id=id) for id, model in whole.items()
     }
-    runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(made.block)
+    # A player knows no later frame: it is compared with what the engine gives live.
+    live = replace(made.block, live_s=made.scene.time.times_s(made.block.indices))
+    runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(live)
     path, bones, given = _written(made, folder, level, runs if level == 0 else [])
     sections = rules.read(path.read_bytes(), str(path))
     felt = {run.stream.effect_id: run for run in runs}

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..active_rows import followed, of_read, with_pose
-from ..arrays import I64
+from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
 from ..contact.contact_query import ContactQuery
 from ..contact.reachable_bounds import ReachableBounds
+from ..counters import Counters
 from ..response.answering import Answering, depths_of, with_own_sets
-from ..samples import SampleRun
+from ..response.touches import Moments
+from ..samples import SampleRun, Stream
 from ..scene import (
     AnimationBlock,
     BodyDescription,
@@ -30,6 +32,7 @@ from ..surface.surface_effects import SurfaceEffects
 from ..volume.fewer_faces import SHARE, of_fewer_faces
 from ..volume.mesh import MeshVolume
 from ..volume.placing_matrix import world_bounds
+from ..volume.shape import Falloff
 from . import on_demand
 from .sample_run_builder import SampleRunBuilder
 
@@ -64,6 +67,8 @@ class AllocentricAreas:
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = with_pose(of_read(rows, pose), posed, body, self._builder.counters)
+        if volume.has_impacts and len(rows):
+            rows = _with_beside(rows, posed, animated, block)
         if not len(rows):
             return _nothing
         if reach.is_clear(animated, body, effect.model_id):
@@ -148,6 +153,36 @@ class AllocentricAreas:
             impact=impact,
         )
 
+    def _between(
+        self,
+        effect: EffectDescription,
+        falloff: Falloff,
+        moments: Moments,
+        follows: Bool,
+        reported: Bool,
+    ) -> SampleRun | None:
+        """Contacts between samples, without the response; see :mod:`..response.between_samples`."""
+        query = ContactQuery(
+            *(moments.effect, falloff, moments.skin, moments.pose, moments.bounds, Counters()),
+            *(moments.rows, follows, reported),
+            title=f"effect '{effect.name}'",
+        )
+        hits = contacts.begin(query)()
+        self._builder.counters.vertices_posed += query.counters.vertices_posed
+        if not len(hits.rows):
+            return None
+        return SampleRun(
+            stream=Stream(effect.id, "", effect.modality, effect.model_id),
+            indices=moments.indices[hits.rows],
+            times_s=moments.times_s[hits.rows],
+            levels=moments.effect.levels[hits.rows],
+            parameters=moments.effect.parameters[hits.rows],
+            offsets=hits.offsets,
+            vertices=hits.vertices,
+            weights=hits.weights.astype(np.float32),
+            sets=hits.sets,
+        )
+
     def surface(
         self,
         effect: EffectDescription,
@@ -200,12 +235,21 @@ class AllocentricAreas:
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = rows[np.isin(rows, posed)]
+        assert isinstance(effect.area, HapticVolume)
+        if effect.area.has_impacts and len(rows):
+            rows = _with_beside(rows, posed, animated, block)
         if not len(rows):
             return None
         skin = self._builder.skins.of(body, effect.model_id)
         near = reach.bounds(body, effect.model_id)
+        falloff = effect.area.falloff
+
+        def between(moments: Moments, follows: Bool, reported: Bool) -> SampleRun | None:
+            return self._between(effect, falloff, moments, follows, reported)
+
         felt = self._responses.answer(
-            effect, body, animated, block, rows, posed, skin, pose, near, run
+            *(effect, body, animated, block, rows, posed, skin, pose, near, run, between),
+            is_clear=run is None and reach.is_clear(animated, body, effect.model_id, is_bent=True),
         )
         if felt is None or not self._builder.record:
             return felt
@@ -221,6 +265,16 @@ class AllocentricAreas:
         if "depth" in self._builder.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt
+
+
+def _with_beside(rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock) -> I64:
+    """Rows with those of the blocks before and after at which the effect is on, too."""
+    count = len(block.indices)
+    beside = np.concatenate([np.arange(block.own.start), np.arange(block.own.stop, count)])
+    values = np.concatenate([animated.levels[beside, None], animated.parameters[beside]], axis=1)
+    is_on = np.isfinite(values).all(axis=1) & (animated.levels[beside] > 0.0)
+    beside = beside[is_on & np.isin(beside, posed)]
+    return np.union1d(rows, beside) if len(beside) else rows
 
 
 def _coarse(animated: EffectBlock, rows: I64, skin: BodySkin, near: ReachableBounds) -> EffectBlock:

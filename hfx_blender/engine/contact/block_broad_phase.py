@@ -26,6 +26,9 @@ _FEWEST: Final = 32
 
 _ROUNDING: Final = 1e-12
 
+_BEND_M: Final = 0.05
+"""Largest distance of skin from the box of all rows on a bent way between two, metres."""
+
 
 class BlockBroadPhase:
     """Broad-phase data of a block's volumes and bodies, each computed once.
@@ -47,7 +50,7 @@ class BlockBroadPhase:
         self._posed: dict[str, I64] = {}
         self._turns: dict[str, float] = {}
         self._bounds: dict[tuple[str, str], ReachableBounds] = {}
-        self._near: dict[tuple[str, str], list[bool]] = {}
+        self._near: dict[tuple[str, str, bool], list[bool]] = {}
         self._boxes: _VolumeBoxes | None = None
 
     def posed(self, body: BodyDescription) -> I64:
@@ -64,11 +67,19 @@ class BlockBroadPhase:
             self._bounds[key] = bounds_of(self._skins.of(body, model_id), pose, self.posed(body))
         return self._bounds[key]
 
-    def is_clear(self, animated: EffectBlock, body: BodyDescription, model_id: str) -> bool:
+    def is_clear(
+        self,
+        animated: EffectBlock,
+        body: BodyDescription,
+        model_id: str,
+        *,
+        is_bent: bool = False,
+    ) -> bool:
         """Test that a volume surely touches no skin of a model on a body, at any time of the block.
 
         A volume that is flattened or not a number is never clear: it is to be told of. Without the
-        compiled library nothing is.
+        compiled library nothing is. ``is_bent``: nor on a way between two rows that is bent, where
+        it leaves the box of all rows by no more than that is long.
         """
         if not library.is_there():
             return False
@@ -78,9 +89,9 @@ class BlockBroadPhase:
         number = boxes.number.get(animated)
         if number is None or boxes.size < _FEWEST:
             return False
-        key = (body.id, model_id)
+        key = (body.id, model_id, is_bent)
         if key not in self._near:
-            self._near[key] = boxes.meet(*self._body_box(body, model_id))
+            self._near[key] = boxes.meet(*self._body_box(body, model_id), is_bent=is_bent)
         return not self._near[key][number]
 
     def _largest_turn(self, body: BodyDescription) -> float:
@@ -126,9 +137,10 @@ class _VolumeBoxes:
             matrices.reshape(*shape, 4, 4), levels.reshape(shape), _bounds(volumes)
         )
 
-    def meet(self, low: F64, high: F64) -> list[bool]:
+    def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
         """Volumes that may meet a box, (number of volumes,) bool."""
-        meets = ((self._low <= high) & (self._high >= low)).all(axis=1)
+        spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
+        meets = ((self._low - spare <= high) & (self._high + spare >= low)).all(axis=1)
         found: list[bool] = (meets | ~self._sure).tolist()
         return found
 

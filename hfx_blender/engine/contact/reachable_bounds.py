@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ..arrays import F64, I64
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import largest_stretch
 from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
@@ -32,6 +33,13 @@ class ReachableBounds:
         """Boxes without the rows."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
+    @cached_property
+    def bends_m(self) -> F64:
+        """Bound of each cluster's distance from the straight way before each row, (n, C) metres."""
+        boxes = np.stack([self.low, self.high], axis=2)
+        follows = np.diff(self.rows, prepend=-2) == 1
+        return bends_m(boxes, follows)
+
     @classmethod
     def around(
         cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
@@ -43,6 +51,20 @@ class ReachableBounds:
         highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
         of_clusters = np.stack([lowest, highest], axis=1)
         return cls(rows, low, high, np.stack(of_rows, axis=1), of_clusters, places, own)
+
+
+def bends_m(boxes: F64, follows: Bool) -> F64:
+    """Bound of the distance of boxes (n, ..., 2, 3) from the straight way before each row, metres.
+
+    A way that turns is at most half of its second difference beside it. ``follows`` (n,) tells
+    that the row before is the sample before. The bound has shape (n, ...); it is 0 where not known.
+    """
+    bends = np.zeros(boxes.shape[:-2])
+    known = (follows[1:-1] & follows[2:]).reshape(-1, *[1] * (bends.ndim - 1))
+    ways = np.abs(boxes[2:] - 2.0 * boxes[1:-1] + boxes[:-2]).max(axis=(-2, -1))
+    bends[1:-1] = np.where(known, np.nan_to_num(ways), 0.0)
+    before = np.concatenate([np.zeros_like(bends[:1]), bends[:-1]])
+    return np.asarray(0.5 * np.maximum(bends, before))
 
 
 def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:

@@ -25,6 +25,7 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..volume.placing_matrix import world_bounds
+from .between_samples import Contacts, may_graze, refined
 from .settling import Settling
 from .touches import BodyPlaces, Moments
 
@@ -63,12 +64,24 @@ class Answering:
         pose: PoseBlock,
         bounds: ReachableBounds,
         run: SampleRun | None,
+        contacts: Contacts,
+        *,
+        is_clear: bool,
     ) -> SampleRun | None:
-        """Apply the response of a volume to its contacts with a body."""
+        """Apply the response of a volume to its contacts with a body.
+
+        ``rows`` may be of the blocks beside, too: only the block's own are answered. ``is_clear``
+        tells that nothing can have been touched between them.
+        """
         assert isinstance(effect.area, HapticVolume)
         stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
-        if run is None and self._is_far(stream, animated, rows, bounds, effect):
-            self.settling.pass_over(stream, int(block.indices[rows[-1]]))
+        own = np.searchsorted(rows, [block.own.start, block.own.stop]).tolist()
+        if own[0] == own[1]:
+            return None
+        has_impacts = effect.area.has_impacts
+        is_far = run is None and self._is_far(stream, animated, rows, bounds, effect)
+        if is_far and (is_clear or not has_impacts):
+            self.settling.pass_over(stream, int(block.indices[rows[own[1] - 1]]))
             return None
         times = block.live_s
         if times is None:
@@ -89,9 +102,16 @@ class Answering:
             bounds,
             self._places_of(bounds, skin, pose),
         )
+        if is_far and not may_graze(moments).any():
+            self.settling.pass_over(stream, int(block.indices[rows[own[1] - 1]]))
+            return None
         touches = moments.touches(stream, parameters, run)
         if touches is None:
             return None
+        if has_impacts:
+            live = block.live_s is not None
+            touches = refined(moments, touches, parameters, contacts, is_live=live)
+            touches = touches.part(slice(*own))
         felt = self.settling.settle(touches)
         if felt is None or block.live_s is None:
             return felt

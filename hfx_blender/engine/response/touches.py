@@ -6,7 +6,8 @@ Nothing here remembers anything, so blocks of times may be worked out anywhere, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -50,9 +51,25 @@ class Touches:
     offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
     vertices: I32  # (total,) ascending within a set
     weights: F32  # (total,) in (0, 1]
+    onsets_s: F64 | None = None  # (n,) when a touch began since the sample before, else NaN
+    peak_of: I64 | None = None  # (n,) set of the largest weights since then; -1: not looked for
 
     def __len__(self) -> int:
         return len(self.indices)
+
+    def part(self, rows: slice) -> Touches:
+        """Touches at some of the times, with all sets."""
+        columns = {
+            name: getattr(self, name)[rows] for name in _COLUMNS if getattr(self, name) is not None
+        }
+        return replace(self, **columns)
+
+
+_COLUMNS: Final = (
+    *("indices", "times_s", "levels", "parameters", "controls", "values", "is_touched"),
+    *("speeds_m_s", "set_of", "onsets_s", "peak_of"),
+)
+"""Fields of :class:`Touches` with a row for each time."""
 
 
 class BodyPlaces:
@@ -183,7 +200,7 @@ class Moments:
         assert self.effect.matrices is not None
         nearness = is_touched.astype(np.float64)
         matrices = self.effect.matrices[self.rows]
-        boxes = self._boxes(matrices)
+        boxes = boxes_at(self.effect, self.rows)
         reach = controls[:, 1, None]
         at = np.searchsorted(self.bounds.rows, self.rows)
         low, high = (boxes[:, 0] - reach)[:, None], (boxes[:, 1] + reach)[:, None]
@@ -209,7 +226,7 @@ class Moments:
             order = np.argsort(vertices, kind="stable")
             peak = 1.0 if is_touched[k] else float(near.max())
             nearness[k] = max(nearness[k], peak)
-            sets[k] = _strongest(sets.get(k), vertices[order], near[order] / peak)
+            sets[k] = strongest(sets.get(k), vertices[order], near[order] / peak)
         return nearness
 
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
@@ -223,16 +240,6 @@ class Moments:
                 self.effect.shapes[shape], local[:, rows], matrices[mine[rows]]
             )
         return distances
-
-    def _boxes(self, matrices: F64) -> F64:
-        """World boxes of the volume at its rows, (n, 2, 3)."""
-        index = self.effect.shape_index
-        which = np.zeros(len(self.rows), np.int64) if index is None else index[self.rows]
-        boxes = np.zeros((len(self.rows), 2, 3))
-        for shape in np.unique(which).tolist():
-            mine = which == shape
-            boxes[mine] = world_bounds(self.effect.shapes[shape], matrices[mine])
-        return boxes
 
     def _in_space(self, k: int, vertices: I32, weights: F64, controls: F64) -> tuple[I32, F64]:
         """Weights times the filters that have a value for each vertex."""
@@ -254,6 +261,17 @@ class Moments:
         return vertices[felt], weights[felt]
 
 
+def boxes_at(effect: EffectBlock, rows: I64) -> F64:
+    """World boxes of a volume at some rows, (n, 2, 3)."""
+    assert effect.matrices is not None
+    which, matrices = effect.shapes_at(rows), effect.matrices[rows]
+    boxes = np.zeros((len(rows), 2, 3))
+    for shape in np.unique(which).tolist():
+        mine = which == shape
+        boxes[mine] = world_bounds(effect.shapes[shape], matrices[mine])
+    return boxes
+
+
 def _distances(offsets: F64, axis: F64 | None) -> F64:
     """Distances from the origin, or from an axis through it, (n,)."""
     if axis is not None:
@@ -264,16 +282,16 @@ def _distances(offsets: F64, axis: F64 | None) -> F64:
     return np.asarray(np.sqrt(np.einsum("in,in->n", offsets, offsets)))
 
 
-def _strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tuple[I32, F64]:
-    """The union of two weighted sets of vertices."""
+def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tuple[I32, F64]:
+    """Union of two weighted sets of vertices, with the larger weight of each."""
     if known is None:
         return vertices, weights
     together = np.union1d(known[0], vertices).astype(np.int32)
-    strongest = np.zeros(len(together))
+    largest = np.zeros(len(together))
     for ids, values in (known, (vertices, weights)):
         at = np.searchsorted(together, ids)
-        strongest[at] = np.maximum(strongest[at], values)
-    return together, strongest
+        largest[at] = np.maximum(largest[at], values)
+    return together, largest
 
 
 def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:

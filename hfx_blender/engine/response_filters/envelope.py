@@ -11,13 +11,12 @@ split, and ends after a known time.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from ..arrays import F64
+from ..arrays import F64, Bool
 
 SILENCE: Final = 1e-3
 """An impact's envelope has ended when it has fallen to this share of its peak."""
@@ -39,6 +38,30 @@ class Impact:
     def ends_s(self) -> float:
         """End of the impact's decay, seconds."""
         return self.time_s + duration_s(self.attack_s, self.decay_s)
+
+    @property
+    def peaks_s(self) -> float:
+        """Time of the envelope's peak, seconds."""
+        return self.time_s + peak_s(self.attack_s, self.decay_s)
+
+    def rings(self, times_s: F64, before_s: F64) -> Bool:
+        """Test for times (n,) at which the impact is felt, until it has peaked and decayed.
+
+        ``before_s`` (n,) are the times of the samples before.
+        """
+        rings: Bool = (times_s >= self.time_s) & (times_s < self.ends_s)
+        return rings | self._peaks(times_s, before_s)
+
+    def envelope(self, times_s: F64, before_s: F64) -> F64:
+        """Values (n,): its peak at the sample after it, so that no rate misses that."""
+        since = times_s - self.time_s
+        values = self.strength * kernel(since, self.attack_s, self.decay_s)
+        values = np.where(times_s < self.ends_s, values, 0.0)
+        return np.where(self._peaks(times_s, before_s), self.strength, values)
+
+    def _peaks(self, times_s: F64, before_s: F64) -> Bool:
+        peaks: Bool = (before_s < self.peaks_s) & (self.peaks_s <= times_s)
+        return peaks
 
 
 def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
@@ -81,15 +104,13 @@ def longest_s(attack_s: float, decay_s: float) -> float:
     return slow * (_EQUAL_ENDS if fast > 0.0 else -math.log(SILENCE))
 
 
+def peak_s(attack_s: float, decay_s: float) -> float:
+    """Time from an impact's beginning to its peak, seconds."""
+    slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
+    if fast <= _SAME * slow:
+        return 0.0
+    return slow if slow - fast <= _SAME * slow else _peak_s(slow, fast)
+
+
 def _peak_s(slow: float, fast: float) -> float:
     return math.log(slow / fast) * slow * fast / (slow - fast)
-
-
-def envelope(times_s: F64, impacts: Iterable[Impact]) -> F64:
-    """Envelope of several impacts, (n,): their sum; each ends after its duration."""
-    total = np.zeros(len(times_s))
-    for impact in impacts:
-        since = times_s - impact.time_s
-        value = impact.strength * kernel(since, impact.attack_s, impact.decay_s)
-        total += np.where(times_s < impact.ends_s, value, 0.0)
-    return total
