@@ -21,7 +21,7 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
     """Command line in place of ``own_processes.command``."""
     if module == "devices.live.host":
-        return processes.program(Path(__file__).read_text(encoding="utf-8"))
+        return processes.program(Path(__file__).read_text(encoding="utf-8"), *arguments)
     return of(module, *arguments)
 
 

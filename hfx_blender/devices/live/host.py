@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output process: it owns every port, and falls silent when anybody fails.
 
-Run as ``python -m hfx_blender.devices.live.host``: messages come over standard input, events
-go out as JSON lines over standard output. It needs neither Blender nor a window.
+Run as ``python -m hfx_blender.devices.live.host PID`` by the process PID. Messages come over
+standard input, events go out as JSON lines over standard output. It needs neither Blender nor a
+window.
 
-Silence comes from: a stop message, the end of standard input, SIGTERM, an exception here, no
-sign of life for 250 ms, a process that stood still, as a computer that sleeps, a lost output, a
-fault of a script or of what renders. Only an arm message ends it.
+Silence comes from: a stop message, the end of standard input or of the process that writes it,
+SIGTERM, an exception here, no sign of life for 250 ms, a process that stood still, as a computer
+that sleeps, a lost output, a fault of a script or of what renders. Only an arm message ends it.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from .messages import (
 )
 from .output import Output
 from .outputs import open_output
+from .process_watch import await_end
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
 from .time_on import Account
@@ -121,6 +123,14 @@ class Host:
         except Exception as error:
             _log.exception("messages")
             end = f"{type(error).__name__}: {error}"
+        self._finish(end)
+
+    def end_with(self, pid: int) -> None:
+        """End the process's work when another process begins to end; runs in a thread."""
+        if await_end(pid):
+            self._finish("Blender has gone")
+
+    def _finish(self, end: str) -> None:
         with self._wake:
             self._end = end
             self._wake.notify()
@@ -339,9 +349,12 @@ def main() -> None:
     reader = threading.Thread(
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True
     )
+    parent = int(sys.argv[1]) if len(sys.argv) > 1 else os.getppid()
+    watcher = threading.Thread(target=host.end_with, args=(parent,), name="Blender", daemon=True)
     reason = "the output process ended"
     try:
         reader.start()
+        watcher.start()
         host._report("ready", text=str(os.getpid()))
         host.watch()
         if _signals:

@@ -67,7 +67,7 @@ class HostPipe:
         """
         try:
             process = own_processes.start(
-                own_processes.command("devices.live.host"),
+                own_processes.command("devices.live.host", str(os.getpid())),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few

@@ -47,8 +47,17 @@ def render(haptics):
         print("x" * 400)
 """
 
+_MEMORY_GIB: Final = 2
+"""Memory of a large scene: the system frees it before it closes the pipes of a killed process."""
+
+_MEMORY_EVERY: Final = 10
+"""One of so many rounds has that memory: filling it takes longer than the rest of a round."""
+
 _SENDER: Final = """
-import sys, time
+import mmap, sys, time
+memory = mmap.mmap(-1, max(int(sys.argv[2]) << 30, 1))
+for place in range(0, len(memory), mmap.PAGESIZE):
+    memory[place] = 1
 from hfx_blender.devices.live.client import LiveClient
 client = LiveClient()
 client.connect("band", {device!r}, {{"kind": "simulator", "path": sys.argv[1]}})
@@ -400,7 +409,8 @@ class _BlenderFails(Rounds):
         self._count += 1
         path = self._folder / f"log{self._count}"
         log = Log(path)
-        process = own_processes.start(processes.program(self._source, path))
+        gib = _MEMORY_GIB if self._count % _MEMORY_EVERY == 1 else 0
+        process = own_processes.start(processes.program(self._source, path, str(gib)))
         try:
             self.until_played(log.is_loud, is_over=lambda: process.poll() is not None)
             fault_s = time.monotonic()

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
 
-from hfx_blender.devices.live import host
+from hfx_blender.devices.live import host, process_watch
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.messages import MessageKind, encode_json, encode_values, message
 
@@ -120,6 +120,72 @@ def test_blender_killed_is_silence(sender: subprocess.Popen[bytes], log: Path, n
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows knows no SIGTERM")
+def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None:
+    # As while the system frees its memory: a process beside it holds the pipe.
+    holding = SENDER.replace(
+        "while True:",
+        "import subprocess\n"
+        "pipe = client._pipe._process.stdin.fileno()\n"
+        "held = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=0, pass_fds=(pipe,))\n"
+        "while True:",
+    )
+    here = Path(__file__).parent
+    process = subprocess.Popen(
+        [sys.executable, "-c", holding, str(log)],
+        stdin=subprocess.PIPE,  # whose end ends the holder
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here.parents[1])))},
+    )
+    try:
+        until(lambda: any(map(is_loud, rows_of(log))))
+        process.kill()
+        until(lambda: is_silent(log))
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _stat(
+    state: str = "S", flags: int = 0x400000, pending: int = 0, name: str = "blender"
+) -> bytes:
+    """``/proc/PID/stat`` as proc(5) numbers its fields: 2 comm, 3 state, 9 flags, 31 signal."""
+    fields = {number: "0" for number in range(1, 53)}
+    fields |= {1: "77", 2: f"({name})", 3: state, 9: str(flags), 31: str(pending)}
+    return " ".join(fields.values()).encode()
+
+
+@pytest.mark.parametrize(
+    ("stat", "is_ending"),
+    [
+        (_stat(), False),
+        (_stat("R"), False),
+        (_stat("T"), False),  # stopped: what a missing heartbeat tells
+        (_stat(pending=1 << 14), False),  # SIGTERM, which a process may handle
+        (_stat("Z"), True),
+        (_stat("X"), True),
+        (_stat(flags=0x40040C), True),
+        (_stat(flags=0x40044C, pending=0), True),
+        (_stat(pending=1 << 8), True),  # SIGKILL
+        (_stat(name="a) Z (b"), False),
+        (_stat(name=") X 4 4 4 4 4 4", flags=0x400004), True),
+        (_stat(name="new\nline )", state="D"), False),
+    ],
+)
+def test_the_system_tells_of_the_end_of_a_process(stat: bytes, is_ending: bool) -> None:
+    assert process_watch.says_ending(stat) == is_ending
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+def test_a_process_that_lives_is_not_ending_and_one_that_has_gone_is() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        is_ending = process_watch._test_of_end(process.pid)
+        assert not any(is_ending() for _ in range(50))
+        process.kill()
+        until(is_ending)
+        process.wait()
+        assert is_ending()  # its number may be another's now
+    assert not process_watch.await_end(process.pid)  # nothing to look at: the pipe tells
+
+
 def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
     os.kill(client.pid or 0, signal.SIGTERM)
