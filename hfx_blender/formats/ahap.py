@@ -30,6 +30,7 @@ from .ahap_rules import (
     findings,
 )
 from .checking import clean, known_members, parse
+from .credits import Credits, text_of
 from .curves import Curve, clipped
 from .leniency import refuse_but
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
@@ -46,6 +47,7 @@ LINEAR, SQUARE_ROOT = "linear", "square root"
 DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
 """Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
+_OWN_PROJECT: Final = "HFX"
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
 _LAW_KEY: Final = "HfxIntensityLaw"
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
@@ -186,7 +188,9 @@ def _document(
     return {
         "Version": 1.0,
         "Metadata": {
-            "Project": "HFX",
+            **{key: clean(text) for key, text in signal.credits.others},
+            "Project": clean(signal.credits.project) or _OWN_PROJECT,
+            **({"Created": clean(signal.credits.created)} if signal.credits.created else {}),
             "Description": clean(signal.name),
             _RANGE_KEY: [frequencies.lowest_hz, frequencies.highest_hz],
         },
@@ -293,7 +297,21 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     left_out = tuple(f"{count} {what}" for what, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)
+    signal = replace(signal, credits=_credits_of(metadata))
     return [replace(signal, left_out=left_out + signal.left_out, notes=notes)], frequencies
+
+
+def _credits_of(metadata: Any) -> Credits:
+    """Statements of the metadata, without our own."""
+    project = text_of(metadata, "Project")
+    known = ("Project", "Created", "Description", _RANGE_KEY, _LAW_KEY)
+    keys = metadata.keys() - set(known) if isinstance(metadata, dict) else ()
+    others = tuple((key, text_of(metadata, key)) for key in sorted(keys))
+    return Credits(
+        project="" if project == _OWN_PROJECT else project,
+        created=text_of(metadata, "Created"),
+        others=tuple(each for each in others if each[1]),
+    )
 
 
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:

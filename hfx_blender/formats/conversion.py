@@ -22,10 +22,12 @@ from ..errors import InputError, OutputError, UsageError
 from ..staging import place, staging
 from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules, wav
+from .credits import Credits
 from .curves import CurveTolerance
 from .files import format_of, read_signals
 from .gate import fault_of
 from .hjif import from_actuators
+from .hjif.semantics import is_date
 from .registry import (
     DEVICE_FORMATS,
     PLAYED_FORMATS,
@@ -40,6 +42,14 @@ from .signals import DEFAULT_TOLERANCE, Signal, distinct
 from .written import Written, beside
 
 _READ_AGAIN: Final = 64 << 20  # bytes
+_RICHTAP: Final = frozenset({"created"})
+_HELD_CREDITS: Final = {
+    "haptic": frozenset({"author", "project", "source", "tags"}),
+    **dict.fromkeys(("ahap", "ahap-sqrt"), frozenset({"project", "created", "others"})),
+    **dict.fromkeys(("he", "he1", "openharmony"), _RICHTAP),
+}
+"""Statements of :class:`Credits` that formats have a place for; those of a device have none."""
+
 _BY_ROWS: Final = (csv_raster.SUFFIX, npz_raster.SUFFIX, wav.SUFFIX)
 
 
@@ -181,6 +191,7 @@ def _converted(
         read_notes += ("all of it is silent",)
         signals = [replace(each, is_kept=True) for each in signals]
     _refuse_unfolding(signals, found_device, kind, source)
+    read_notes += _lost_credits(signals[0].credits, kind, found_device, source)
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
         write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
@@ -195,6 +206,19 @@ def _converted(
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
     written += Written((), lost, read_notes)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
+
+
+def _lost_credits(
+    credits: Credits, kind: str, device: DeviceConfig | None, source: Path
+) -> tuple[str, ...]:
+    """Statements of a file about itself that another format has no place for."""
+    held = {"description"} if kind == "hjif" else _HELD_CREDITS.get(kind, frozenset())
+    if kind == "hjif" and is_date(credits.created):
+        held = {*held, "created"}
+    if credits.description == source.name.partition(".")[0]:  # said by its name, too
+        credits = replace(credits, description="")
+    title = "HJIF" if kind == "hjif" else DEVICE_FORMATS[kind].title
+    return credits.lost(frozenset() if device is not None else held, title)
 
 
 def _ignored_options(

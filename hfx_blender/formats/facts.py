@@ -54,6 +54,7 @@ def is_known(path: Path) -> bool:
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
     signals, frequencies = read_signals(path)
     return {
+        **({"metadata": texts} if signals and (texts := signals[0].credits.texts) else {}),
         **_reading_notes("notes", tuple(note for each in signals for note in each.notes)),
         **_reading_notes("left_out", tuple(note for each in signals for note in each.left_out)),
         "lowest_hz": frequencies.lowest_hz,

@@ -26,6 +26,7 @@ from .checking import (
     json_validator,
     parse,
 )
+from .credits import Credits, text_of
 from .curves import Curve
 from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Signal, Transient, joined_times
@@ -132,10 +133,13 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
         "version": {"major": 1, "minor": 0, "patch": 0},
         "metadata": {
             "editor": "HFX",
-            "author": "",
-            "source": "",
-            "project": "",
-            "tags": [_RANGE_TAG.format(frequencies.lowest_hz, frequencies.highest_hz)],
+            "author": clean(signal.credits.author),
+            "source": clean(signal.credits.source),
+            "project": clean(signal.credits.project),
+            "tags": [
+                *map(clean, signal.credits.tags),
+                _RANGE_TAG.format(frequencies.lowest_hz, frequencies.highest_hz),
+            ],
             "description": clean(signal.name),
         },
         "signals": {
@@ -239,8 +243,24 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         ),
         tuple(transients),
         notes=notes,
+        credits=_credits_of(metadata),
     )
     return [signal], frequencies
+
+
+def _credits_of(metadata: Any) -> Credits:
+    """Statements of the metadata, without our own tag of the range."""
+    tags = metadata.get("tags") if isinstance(metadata, dict) else None
+    return Credits(
+        author=text_of(metadata, "author"),
+        project=text_of(metadata, "project"),
+        source=text_of(metadata, "source"),
+        tags=tuple(
+            tag
+            for tag in (tags if isinstance(tags, list) else ())
+            if isinstance(tag, str) and tag and not _RANGE_PATTERN.fullmatch(tag)
+        ),
+    )
 
 
 def _range_of(metadata: Any) -> FrequencyRange:

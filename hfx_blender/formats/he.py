@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..sentences import counted
 from . import losses
 from .checking import clean, encoded, known_members, parse
+from .credits import Credits, text_of
 from .curves import Curve, CurveTolerance, clipped
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
@@ -224,7 +225,11 @@ def _write_fitting(
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
     hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
-    return {"Version": version, "Created": "", "Description": f"{clean(signal.name)}; {hertz}"}
+    return {
+        "Version": version,
+        "Created": clean(signal.credits.created),
+        "Description": f"{clean(signal.name)}; {hertz}",
+    }
 
 
 def _openharmony(
@@ -240,7 +245,7 @@ def _openharmony(
         "MetaData": {
             "Version": 1.0,
             "ChannelNumber": 1,
-            "Create": "",
+            "Create": clean(signal.credits.created),
             "Description": f"{clean(signal.name)}; {hertz}",
         },
         "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
@@ -312,6 +317,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",
             *left_out,
         )
+    created = text_of(metadata, "Created") or text_of(metadata, "Create")
+    signals = [replace(each, credits=Credits(created=created)) for each in signals]
     signals[0] = replace(signals[0], left_out=left_out, notes=notes)
     return signals, frequencies
 

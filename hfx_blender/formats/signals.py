@@ -20,6 +20,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.limits import limited
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
+from .credits import Credits
 from .curves import (
     Curve,
     CurveTolerance,
@@ -53,6 +54,7 @@ class Signal:
     left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
     notes: tuple[str, ...] = ()  # how the file was read, one sentence each
     is_kept: bool = False  # its silence as well: a file of silence stays one
+    credits: Credits = field(default_factory=Credits)  # of the file
 
     @property
     def duration_s(self) -> float:

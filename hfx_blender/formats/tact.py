@@ -21,6 +21,7 @@ from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
 from .checking import clean, known_members, parse
+from .credits import Credits, text_of
 from .curves import Curve
 from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Piece, Signal, mixed
@@ -227,6 +228,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         mixed(f"{position} {index}", each, (), end_s)
         for (position, index), each in sorted(pieces.items())
     ]
+    credits = Credits(
+        project=text_of(project, "name") or text_of(found, "name"),
+        description=text_of(project, "description"),
+    )
+    signals = [replace(each, credits=credits) for each in signals]
     if signals:
         left_out = tuple(f"{count} {what}" for what, count in lost.items())
         signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)

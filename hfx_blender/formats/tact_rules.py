@@ -110,6 +110,7 @@ DOCUMENT = Record(
                     Record({"effects": Items(_EFFECT)}, {"enable": Flag()}, unknown="ignore")
                 ),
             },
+            dict.fromkeys(("name", "description"), Anything()),
             unknown="ignore",
         ),
     },

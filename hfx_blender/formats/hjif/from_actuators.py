@@ -17,6 +17,7 @@ from ...engine.rendering.raster import Raster
 from ...sentences import counted
 from .. import losses
 from ..checking import clean
+from ..credits import Credits
 from ..curves import CurveTolerance, clipped
 from ..signals import (
     DEFAULT_TOLERANCE,
@@ -32,6 +33,7 @@ from .body_parts import place_mask
 from .document import Hjif, Perception
 from .envelopes import Dense, timescale_of
 from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
+from .semantics import is_date
 
 _SAMPLING_HZ: Final = 8000  # that the length of the original is told in
 
@@ -110,7 +112,10 @@ def write_signals(
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
     perception = _lasting(perception, max((each.duration_s for each in signals), default=0.0))
-    document = document_of(clean(stem.name), [perception], timescale)
+    credits = signals[0].credits if signals else Credits()
+    document = document_of(clean(credits.description or stem.name), [perception], timescale)
+    if is_date(credits.created):
+        document = replace(document, date=credits.created)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
     return _write(document, stem, tolerance) + Written((), left_out, notes)

@@ -59,7 +59,7 @@ def check_semantics(found: dict[str, Any], report: Report) -> None:
         report.error("PROFILE", (None, "profile"), f"is none of {', '.join(PROFILES)}")
     if found["level"] not in MAX_CHANNELS:
         report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
-    if not _is_date(found["date"]):
+    if not is_date(found["date"]):
         has_year = _YEAR.search(found["date"]) is not None  # the reference software wants no more
         message = "is no ISO 8601 date and time with an offset"
         (report.warn if has_year else report.error)("DATE", (None, "date"), message)
@@ -93,7 +93,8 @@ def check_semantics(found: dict[str, Any], report: Report) -> None:
         _check_perception(perception, place, report, level=level, is_simple=is_simple)
 
 
-def _is_date(text: str) -> bool:
+def is_date(text: str) -> bool:
+    """Test for an ISO 8601 date and time with an offset."""
     if not _DATE.fullmatch(text):
         return False
     try:

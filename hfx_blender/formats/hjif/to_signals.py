@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from ... import file_limits
+from ..credits import Credits
 from ..curves import Curve, clipped
 from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
 from ..waveforms import Waveform, added, piece_of
 from . import bands, wavelets
 from .document import Band, Channel, Hjif, Perception
+from .perceptions import DATE
 from .reader import decode_with_notes
 from .unfolding import Unfolding
 
@@ -49,6 +51,10 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     document, notes = decode_with_notes(content, name)
     signals = []
+    credits = Credits(
+        description=document.description,
+        created="" if document.date == DATE else document.date,
+    )
     lost: Counter[str] = Counter()  # channels that are no signal, by the reason
     for each in envelopes(document, name):
         if each.frequency_hz is None or each.modality not in VIBRATIONS:
@@ -59,7 +65,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
         strength = clipped(each.strength, 0.0, 1.0)
         signals.append(
-            Signal(each.channel, strength, each.frequency_hz, each.transients, lost_here)
+            Signal(
+                each.channel,
+                strength,
+                each.frequency_hz,
+                each.transients,
+                lost_here,
+                credits=credits,
+            )
         )
     if signals:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
