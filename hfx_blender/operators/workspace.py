@@ -8,7 +8,7 @@ import time
 import bpy
 from mathutils import Quaternion
 
-from ..blender_events import call_soon
+from ..blender_events import Handlers, add_handlers, call_soon, remove_handlers
 from . import framing
 from .shared import HfxOperator
 
@@ -50,20 +50,17 @@ timeline. It is made when it is not there yet"""
 
 
 class HFX_OT_new_file(HfxOperator):
-    """Begin a new file for haptics: the built-in avatar in the HFX workspace. What is not saved \
-of the present file is lost"""
+    """Begin a new file for haptics: the built-in avatar in the HFX workspace. Blender asks first \
+whether to save the present file"""
 
     bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
     requires = ((_has_window, "There is no window"),)
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if not bpy.data.is_dirty:
-            return self.execute(context)
-        return context.window_manager.invoke_confirm(
-            self, event, title="New Haptics File", message="Discard what is not saved?"
-        )
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        call_soon(_ask_and_load_empty_file)
+        return {"FINISHED"}
 
     def work(self, context: bpy.types.Context) -> str:
         # Loading a file ends the operator that asks for it: it is done afterwards.
@@ -71,16 +68,19 @@ of the present file is lost"""
         return ""
 
 
-def _load_empty_file() -> None:
-    handlers = bpy.app.handlers.load_post
-    handlers.append(_replace_cube_by_avatar)
-    try:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            bpy.ops.wm.read_homefile(app_template="", use_empty=False)
-    finally:
-        handlers.remove(_replace_cube_by_avatar)
-    # In the middle of loading a file, whose end would take the timer away.
-    call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
+def _ask_and_load_empty_file() -> None:
+    """Load Blender's start-up file as *File > New > General* does: it asks what becomes of changes.
+
+    Blender does not tell of the answer *Cancel*. Whoever begins another file after it does so from
+    a menu: drawing that menu ends the wait for this one.
+    """
+    _load_empty_file("INVOKE_DEFAULT")
+
+
+def _load_empty_file(how: str = "EXEC_DEFAULT") -> None:
+    add_handlers(_AWAITED)
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        bpy.ops.wm.read_homefile(how, app_template="", use_empty=False)
 
 
 @bpy.app.handlers.persistent
@@ -89,10 +89,18 @@ def _replace_cube_by_avatar(_file: str) -> None:
 
     Blender takes the first undo step after this handler: undo cannot lead back to the cube.
     """
+    remove_handlers(_AWAITED)
+    if bpy.data.filepath:  # another file was opened instead
+        return
     for obj in [o for o in bpy.context.scene.objects if o.type == "MESH"]:
         bpy.data.objects.remove(obj)
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.add_avatar()
+    # In the middle of loading a file, whose end would take the timer away.
+    call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
+
+
+_AWAITED: Handlers = {"load_post": _replace_cube_by_avatar}
 
 
 def _go_to_workspace() -> None:
@@ -182,8 +190,15 @@ def _show_tab(viewport: bpy.types.Area) -> None:
     call_soon(show_when_drawn, _AGAIN_S)
 
 
-def _new_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def _new_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    _end_wait(self, context)
+    # Blender's own entries leave EXEC_DEFAULT behind, with which nothing is asked.
+    self.layout.operator_context = "INVOKE_DEFAULT"
     self.layout.operator(HFX_OT_new_file.bl_idname, icon="VIEW_PAN")  # a hand
+
+
+def _end_wait(_self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    remove_handlers(_AWAITED)
 
 
 def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -191,16 +206,23 @@ def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
 
 
+_ENTRIES = {
+    "TOPBAR_MT_window": _window_menu,
+    "TOPBAR_MT_file_new": _new_menu,  # also of Ctrl+N
+    "TOPBAR_MT_file": _end_wait,  # Defaults > Load Factory Settings begins a file, too
+    "WM_MT_splash": _end_wait,
+}
 _register, _unregister = bpy.utils.register_classes_factory((HFX_OT_workspace, HFX_OT_new_file))
 
 
 def register() -> None:
     _register()
-    bpy.types.TOPBAR_MT_window.append(_window_menu)
-    bpy.types.TOPBAR_MT_file_new.append(_new_menu)
+    for name, entry in _ENTRIES.items():
+        getattr(bpy.types, name).append(entry)
 
 
 def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_new.remove(_new_menu)
-    bpy.types.TOPBAR_MT_window.remove(_window_menu)
+    for name, entry in _ENTRIES.items():
+        getattr(bpy.types, name).remove(entry)
+    remove_handlers(_AWAITED)
     _unregister()
