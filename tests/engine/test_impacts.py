@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Impacts: what rings where, for how long, against arithmetic that is none of the engine's.
+
+The oracle is a ball on a flat patch of skin: how much of a vertex's cell is inside it, how strong
+it is there, when it touches, and how that decays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from skin_plane import plane
+
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.response import paths
+from hfx_blender.engine.response_filters.controls import WIDTH, Filter, FilterKind, Operation
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.engine.volume.shape import Falloff
+
+RADIUS_M = 0.03
+DECAY_S = 0.15
+SPACING_M = 0.02
+SKIN = plane(SPACING_M)
+MIDDLE = len(SKIN) // 2
+RATES = (100, 200, 1000)
+TOLERANCES = (PREVIEW, STANDARD, EXACT, PAPER)
+Centre = Callable[[np.ndarray], np.ndarray]  # of the ball at times (T,), (T, 3)
+
+
+# ---- the oracle -------------------------------------------------------------------------------
+
+
+def oracle_weight(
+    vertex: np.ndarray,
+    centre: np.ndarray,
+    *,
+    falls: bool = False,
+    by_vertex: bool = False,
+    radius_m: float = RADIUS_M,
+) -> float:
+    """Weight of a vertex of a pattern of equal triangles: the mean over its hexagonal cell."""
+    if by_vertex:
+        offsets = np.zeros((1, 2))
+    else:
+        ticks = (np.arange(200) + 0.5) / 200.0 * 2.0 - 1.0
+        offsets = SPACING_M * np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+        ways = np.radians(60.0 * np.arange(6))
+        towards = offsets @ np.stack([np.cos(ways), np.sin(ways)])
+        offsets = offsets[(towards <= SPACING_M / 2.0).all(axis=1)]
+    places = vertex + np.concatenate([offsets, np.zeros((len(offsets), 1))], axis=1)
+    gauge = np.linalg.norm(places - centre, axis=1) / radius_m
+    strength = np.maximum(1.0 - gauge, 0.0) if falls else (gauge <= 1.0).astype(float)
+    return float(strength.mean())
+
+
+def oracle_ring(since_s: float, speed_m_s: float = 1.0) -> float:
+    """Envelope of an impact without attack, full at 1 m/s."""
+    return min(speed_m_s, 1.0) * float(np.exp(-since_s / DECAY_S)) * (since_s >= 0.0)
+
+
+# ---- the engine -------------------------------------------------------------------------------
+
+
+def bounce(deepest_s: float, depth_m: float, speed_m_s: float = 1.0, at: float = 0.0) -> Centre:
+    """A ball that falls on the middle vertex at an even speed, and returns so."""
+
+    def centre(times: np.ndarray) -> np.ndarray:
+        height = RADIUS_M - depth_m + speed_m_s * np.abs(times - deepest_s)
+        return np.stack([at + 0.0 * times, 0.0 * times, height], axis=1)
+
+    return centre
+
+
+def felt(
+    centre: Centre,
+    rate_hz: int,
+    tolerance: Tolerance = STANDARD,
+    *,
+    falls: bool = False,
+    seconds: float = 0.7,
+    stack: tuple[tuple[FilterKind, Operation, tuple[float, ...]], ...] = (
+        (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
+    ),
+    levels: Callable[[np.ndarray], np.ndarray] = np.ones_like,
+    moves_body: bool = False,
+    is_live: bool = False,
+) -> np.ndarray:
+    """Level times weight of all vertices at all samples, (T, V)."""
+    count = int(seconds * rate_hz) + 1
+    times = np.arange(count) / rate_hz
+    matrices = np.tile(np.diag([RADIUS_M] * 3 + [1.0]), (count, 1, 1))
+    to_world = np.tile(np.eye(4), (count, 1, 1))
+    if moves_body:
+        to_world[:, :3, 3] = -centre(times)
+    else:
+        matrices[:, :3, 3] = centre(times)
+    controls = np.zeros((count, len(stack), WIDTH))
+    for k, (_, _, values) in enumerate(stack):
+        controls[:, k, : len(values)] = values
+    effect = EffectBlock(
+        levels(times), np.tile([10.0, 150.0], (count, 1)), matrices, (Sphere(),), response=controls
+    )
+    volume = HapticVolume(
+        Falloff("linear", 1.0) if falls else Falloff(),
+        tuple(Filter(kind, operation, rings_s=2.0) for kind, operation, _ in stack),
+    )
+    scene = SceneDescription(
+        TimeBase(Fraction(rate_hz), Fraction(rate_hz), 0, 0, count - 1),
+        (BodyDescription("anna", "Anna", SkinBinding(SKIN.bone_names)),),
+        (EffectDescription("ball", "Ball", "vibration", SKIN.id, volume),),
+    )
+    bones = np.tile(np.eye(4)[:3], (count, len(SKIN.bone_names), 1, 1))
+    pose = PoseBlock(np.ones(count, bool), to_world, bones)
+    engine = Engine(scene, models=lambda _: SKIN, tolerance=tolerance)
+    live_s = times if is_live else None
+    block = AnimationBlock(np.arange(count), (effect,), (pose,), live_s=live_s)
+    found = np.zeros((count, len(SKIN)))
+    for run in engine.evaluate(block):
+        for index, sample in zip(run.indices.tolist(), run, strict=True):
+            found[index, sample.vertices] = sample.weights * sample.level
+    return found
+
+
+# ---- rates, depths, tolerances -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
+@pytest.mark.parametrize("falls", [False, True], ids=["even", "falloff"])
+@pytest.mark.parametrize("depth_m", [0.001, 0.010, 0.025])
+def test_an_impact_rings_as_deep_as_it_was_at_every_rate(
+    depth_m: float, falls: bool, tolerance: Tolerance
+) -> None:
+    by_vertex = tolerance in (PAPER, PREVIEW)
+    edge_m = min(tolerance.edge_m(SPACING_M), 0.0 if by_vertex else 0.005)  # what it promises
+    for share in (0.0, 0.77):  # of a sample at 100 Hz, at which it is deepest
+        deepest_s = 0.25 + 0.01 * share
+        deepest = bounce(deepest_s, depth_m)(np.array([deepest_s]))[0]
+        low, high = (
+            oracle_weight(
+                np.zeros(3),
+                deepest,
+                falls=falls,
+                by_vertex=by_vertex,
+                radius_m=RADIUS_M + way * edge_m,
+            )
+            * oracle_ring(0.3 - (deepest_s - depth_m - way * edge_m))
+            for way in (-1.0, 1.0)
+        )
+        low, high = min(low, high), max(low, high)
+        found = [
+            felt(bounce(deepest_s, depth_m), rate, tolerance, falls=falls, seconds=0.31)[
+                round(0.3 * rate), MIDDLE
+            ]
+            for rate in RATES
+        ]
+        assert min(found) >= 0.97 * max(found)
+        # Between samples within a tenth; the finest cells are 1 % off, and weights have 1/500.
+        off = 0.02 if share == 0.0 else 0.1
+        assert low * (1.0 - off) - 0.002 <= min(found) and max(found) <= high * (1.0 + off) + 0.002
+
+
+def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
+    """As in a report: 4.8 m/s2 at 100 Hz, 0.09 at 200, 1.9 at 500, by the last graze."""
+    for rate in RATES:
+        found = felt(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
+        times = np.arange(len(found)) / rate
+        after = times > 0.3
+        np.testing.assert_allclose(
+            found[after], [oracle_ring(each - 0.225) for each in times[after]], rtol=0.01
+        )
+
+
+def test_a_graze_between_two_samples_is_felt_at_the_next() -> None:
+    # 0.505 s lies between two samples, at both of which the ball is 2 mm away.
+    for tolerance in TOLERANCES:
+        found = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
+        assert not found[:51].any() and found[51] > 0.4
+        assert found[60] == pytest.approx(found[51] * oracle_ring(0.6 - 0.502), rel=0.02)
+    late = bounce(0.505, -0.0005)  # which turns back half a millimetre away
+    assert not felt(late, 100, EXACT).any()
+
+
+def test_a_ball_that_passes_within_a_sample_rings_from_then_on() -> None:
+    def passing(times: np.ndarray) -> np.ndarray:  # 20 m/s, sideways into the plane at 0.2533 s
+        return np.stack([0.0 * times, 0.0 * times, 20.0 * (0.2533 - times)], axis=1)
+
+    entered_s = 0.2533 - RADIUS_M / 20.0
+    for rate in RATES:
+        found = felt(passing, rate, STANDARD)[round(0.3 * rate) :, MIDDLE]
+        assert found[0] == pytest.approx(oracle_ring(0.3 - entered_s), rel=0.01)
+
+
+def test_the_speed_is_that_at_the_beginning() -> None:
+    def falling(times: np.ndarray) -> np.ndarray:  # 5 m/s2, from rest; it touches at 0.5 m/s
+        height = RADIUS_M + 0.025 - 2.5 * np.square(times - 0.1)
+        return np.stack([0.0 * times, 0.0 * times, height], axis=1)
+
+    for rate in RATES:
+        found = felt(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
+        weight = oracle_weight(np.zeros(3), falling(np.array([0.21]))[0])
+        assert found == pytest.approx(weight * oracle_ring(0.01, 0.5), rel=0.03)
+
+
+# ---- places ------------------------------------------------------------------------------------
+
+
+def test_each_of_two_impacts_rings_where_it_was() -> None:
+    apart_m = 3 * SPACING_M
+    other = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
+
+    def twice(times: np.ndarray) -> np.ndarray:
+        first, second = bounce(0.2, 0.01)(times), bounce(0.4, 0.02, at=apart_m)(times)
+        return np.where((times < 0.3)[:, None], first, second)
+
+    for rate in (100, 1000):
+        found = felt(twice, rate, EXACT)[round(0.5 * rate)]
+        first, second = oracle_ring(0.5 - 0.19), oracle_ring(0.5 - 0.38)
+        assert found[MIDDLE] == pytest.approx(first, rel=0.02)
+        assert found[other] == pytest.approx(first + second, rel=0.02)  # both kept it
+
+
+def test_vertices_keep_peaks_of_their_own() -> None:
+    def sliding(times: np.ndarray) -> np.ndarray:
+        """Down at the middle vertex, 40 mm along the skin while it rises, and off."""
+        height = RADIUS_M - 0.012 + 0.03 * np.abs(np.clip((times - 0.2) / 0.03, -9.0, 9.0))
+        height = np.where(times > 0.2, RADIUS_M - 0.012 + 0.1 * (times - 0.2), height)
+        return np.stack([np.clip(times - 0.2, 0.0, 0.3) * 0.4, 0.0 * times, height], axis=1)
+
+    times = np.arange(0.19, 0.36, 0.0002)
+    expected = [
+        max(oracle_weight(SKIN.vertices[v], each, falls=True, by_vertex=True)
+            for each in sliding(times))
+        for v in (MIDDLE, MIDDLE + 1, MIDDLE + 2)
+    ]  # fmt: skip
+    for rate in RATES:
+        found = felt(sliding, rate, PAPER, falls=True)[round(0.5 * rate)]
+        ring = oracle_ring(0.5 - 0.188)
+        assert found[[MIDDLE, MIDDLE + 1, MIDDLE + 2]] / ring == pytest.approx(
+            expected, rel=0.03, abs=0.003
+        )
+
+
+def test_a_ball_that_stays_rings_as_one_that_leaves() -> None:
+    def staying(times: np.ndarray) -> np.ndarray:
+        return bounce(0.25, 0.01)(np.minimum(times, 0.25))
+
+    for rate in RATES:
+        found, left = felt(staying, rate, EXACT), felt(bounce(0.25, 0.01), rate, EXACT)
+        np.testing.assert_allclose(found[:, MIDDLE], left[:, MIDDLE], atol=0.01)
+
+
+def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
+    """An impact that is added to a plain touch: half of it at full speed."""
+    stack = (
+        (FilterKind.SPEED, Operation.MULTIPLY, (0.6, 0.0, 100.0)),  # 0.4 where it is touched
+        (FilterKind.IMPACT, Operation.ADD, (0.5, 0.0, DECAY_S, 1.0)),
+    )
+
+    def along(times: np.ndarray) -> np.ndarray:
+        x = 0.3 * np.maximum(times - 0.22, 0.0)
+        height = bounce(0.21, 0.01)(np.minimum(times, 0.21))[:, 2]
+        return np.stack([x, 0.0 * x, height], axis=1)
+
+    found = felt(along, 100, EXACT, stack=stack)
+    at = int(
+        np.argmin(np.linalg.norm(SKIN.vertices - along(np.array([0.6]))[0] * [1, 0, 0], axis=1))
+    )
+    ring = 0.5 * oracle_ring(0.6 - 0.2)
+    assert found[60, MIDDLE] == pytest.approx(ring, rel=0.03)
+    assert found[60, at] == pytest.approx(0.4 + ring, rel=0.03)
+
+
+def test_what_is_near_now_is_no_place_of_an_impact() -> None:
+    stack = (
+        (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
+        (FilterKind.PROXIMITY, Operation.MAXIMUM, (0.3, 0.05, 1.0)),
+    )
+    found = felt(bounce(0.2, 0.01), 100, EXACT, stack=stack)
+    gone = found[40:]  # 0.19 m away
+    assert gone[0, MIDDLE] == pytest.approx(oracle_ring(0.4 - 0.19), rel=0.02)
+    held = gone[0] / gone[0, MIDDLE]
+    # At its deepest the ball was 0 m from what is inside, and up to the range from the rest.
+    for v in (MIDDLE, MIDDLE + 1, MIDDLE + 2):
+        away_m = np.hypot(float(SKIN.vertices[v, 0]), RADIUS_M - 0.01) - RADIUS_M
+        assert held[v] >= 1.0 - max(away_m, 0.0) / 0.05 - 0.01
+    assert held[MIDDLE + 4] == 0.0  # 80 mm beside: only ever near as the ball came and left
+
+
+def test_a_level_scales_what_rings_at_its_own_time() -> None:
+    def fading(times: np.ndarray) -> np.ndarray:
+        return np.clip(1.0 - times, 0.0, 1.0)
+
+    found = felt(bounce(0.25, 0.025), 200, EXACT, levels=fading)
+    for row in (70, 100, 120):
+        since = row / 200 - 0.225
+        assert found[row, MIDDLE] == pytest.approx(oracle_ring(since) * (1.0 - row / 200), rel=0.01)
+
+
+@pytest.mark.parametrize("tolerance", (STANDARD, PAPER), ids=lambda each: each.name)
+def test_a_body_that_hits_a_volume_is_hit_as_well(tolerance: Tolerance) -> None:
+    still = felt(bounce(0.2577, 0.004), 100, tolerance)
+    moving = felt(bounce(0.2577, 0.004), 100, tolerance, moves_body=True)
+    assert still.any()
+    np.testing.assert_allclose(moving, still, atol=1e-3)
+
+
+def test_live_only_the_beginning_is_found_between_updates() -> None:
+    found = felt(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
+    assert found[40] == pytest.approx(oracle_ring(0.4 - 0.225), rel=1e-3)
+    # At the update before and after it is 2 mm away, and later ones are not known yet.
+    assert not felt(bounce(0.505, 0.003), 100, PAPER, is_live=True).any()
+
+
+# ---- paths -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        lambda t: 0.01 * np.abs(t - 0.5),  # a bounce at even speed
+        lambda t: 0.01 * np.abs(t - 0.03),
+        lambda t: 0.01 * np.abs(t - 1.0),
+        lambda t: 0.01 * np.abs(t - 1.5),  # beside the interval
+        lambda t: 0.01 * np.abs(t + 1.2),
+        lambda t: 0.0005 * np.square(t - 0.4),  # accelerated
+        lambda t: 0.01 * np.abs(t - 0.6) - 0.0005 * np.square(t - 0.6),  # a bounce in gravity
+        lambda t: np.minimum(0.01 * t, 0.004),  # a stop
+        lambda t: np.where(t < 0.3, 0.01 * (0.3 - t), 0.002 * (t - 0.3)),
+    ],
+)
+def test_a_path_between_two_samples(place: Callable[[np.ndarray], np.ndarray]) -> None:
+    shares = np.linspace(0.0, 1.0, 21)
+    before = [place(np.array([[each]], float)) for each in (0.0, -1.0, -2.0)]
+    after = [place(np.array([[each]], float)) for each in (1.0, 2.0, 3.0)]
+    found = paths.between(before, after, shares)[:, 0, 0]
+    np.testing.assert_allclose(found, place(shares), atol=1e-9)
+
+
+def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:
+    shares = np.linspace(0.0, 1.0, 5)
+    at = (
+        [np.array([[each]]) for each in (0.0, 0.0, 0.0)],
+        [np.array([[each]]) for each in (1.0,) * 3],
+    )
+    for count in (1, 3):
+        found = paths.between(at[0][:count], at[1][:count], shares)[:, 0, 0]
+        assert found.min() >= 0.0 and found.max() <= 1.0
+    np.testing.assert_allclose(paths.between(at[0][:1], at[1][:1], shares)[:, 0, 0], shares)
