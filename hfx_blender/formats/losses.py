@@ -88,6 +88,7 @@ def errors_of(wanted: Signal, written: Signal, grid_s: float) -> tuple[float, fl
     knots = joined_times(curves, 0.0, end_s)
     inside = np.diff(knots) * 1e-3  # near a step, or silence, each side counts by itself
     times = np.concatenate([knots[1:-1], knots[:-1] + inside, knots[1:] - inside])
+    times = times[times < end_s - grid_s]
     sounds = times[(wanted.amplitude.at(times) > 0.0) & (wanted.amplitude.before(times) > 0.0)]
     return (
         _apart(wanted.amplitude, written.amplitude, times, grid_s),

@@ -31,7 +31,7 @@ from .signals import (
     Signal,
     signals_of,
 )
-from .simplified_writer import SignalWriter, simplified_writer
+from .simplified_writer import WHOLE_MS, SignalWriter, simplified_writer
 from .tact_layouts import motors_of
 from .written import Written
 
@@ -244,7 +244,7 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
             "he",
             "RichTap .he",
             he.SUFFIX,
-            simplified_writer(he.write, he.SUFFIX, he.decode, grid_s=1e-3),
+            simplified_writer(he.write, he.SUFFIX, he.decode, grid_s=WHOLE_MS),
             _within(he.DEFAULT_RANGE),
         ),
         _signal_format(

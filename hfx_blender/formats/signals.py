@@ -190,10 +190,7 @@ def simplified_signals(
         amplitude = simplified(
             each.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
-        sounds = each.amplitude.at(each.frequency_hz.times_s) > 0.0
-        near = sounds.copy()  # the rows beside sounding ones are ramps: they sound too
-        near[1:] |= sounds[:-1]
-        near[:-1] |= sounds[1:]
+        near = _is_heard(each)
         frequency = simplified(
             each.frequency_hz,
             replace(tolerance, value=frequency_hz),
@@ -203,6 +200,18 @@ def simplified_signals(
         )
         found.append(replace(each, amplitude=amplitude, frequency_hz=frequency))
     return tuple(found)
+
+
+def _is_heard(signal: Signal) -> npt.NDArray[np.bool_]:
+    """Mask of the frequency's keyframes beside which, before or after, something sounds."""
+    times, amplitude = signal.frequency_hz.times_s, signal.amplitude
+    knots = np.union1d(times, amplitude.times_s)
+    sounds = (amplitude.at(knots[:-1]) > 0.0) | (amplitude.before(knots[1:]) > 0.0)
+    before = np.searchsorted(times, knots[:-1][sounds], side="right") - 1
+    found = np.zeros(len(times), np.bool_)
+    for beside in (before, before + 1):
+        found[np.clip(beside, 0, len(times) - 1)] = True
+    return found
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:

@@ -19,6 +19,9 @@ from .written import Written, beside
 Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
 SignalWriter = Callable[[list[Signal], FrequencyRange, Path, CurveTolerance], Written]
 
+WHOLE_MS: Final = 1e-3
+"""Seconds that times may be off where they are whole milliseconds."""
+
 _STEP_S: Final = 2e-6  # that a step of a simplified curve takes, with its rounding
 
 
@@ -60,11 +63,14 @@ def simplified_writer(
 
 
 def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> str:
-    """Sentence about the largest error of signals, each with what was read again of it."""
+    """Sentence about the largest error of signals, each with what was read again of it.
+
+    ``grid_s`` is what their times may be off.
+    """
     errors = [losses.errors_of(*pair, max(grid_s, _STEP_S)) for pair in pairs]
     digits = np.array([1e4, 10.0])  # that are told; rounded up, as nothing is to be beyond
     amplitude, hertz = np.ceil(np.max([(0.0, 0.0), *errors], axis=0) * digits - 1e-6) / digits
-    grid = ", their times whole milliseconds" if grid_s else ""
+    grid = ", their times whole milliseconds" if grid_s == WHOLE_MS else ""
     return f"keyframes are within {amplitude:.2%} of full scale and {hertz:.1f} Hz{grid}"
 
 

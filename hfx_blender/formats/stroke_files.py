@@ -20,7 +20,7 @@ from . import ahap, haptic, he
 from .checking import read_bytes
 from .curves import Curve, clipped
 from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, simplified_signals
-from .simplified_writer import error_note, pitch_tolerance
+from .simplified_writer import WHOLE_MS, error_note, pitch_tolerance
 from .written import Written, write_json
 
 WAV_RATE_HZ: Final = 48_000
@@ -70,7 +70,7 @@ def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> 
         raise InputError(f"{path}: nothing of this stroke would be felt; nothing was written.")
     write_json(kind.document(few, frequencies), path)
     (read,), _ = kind.decode(read_bytes(path), path.name)
-    note = error_note([(signal, read)], 1e-3 if kind is he else 0.0)
+    note = error_note([(signal, read)], WHOLE_MS if kind is he else 0.0)
     return Written((path,), notes=(note,))
 
 

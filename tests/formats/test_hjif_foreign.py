@@ -383,3 +383,23 @@ def test_amplitudes_of_both_signs_pass_silence_in_between():
     limits = {"lower_frequency_limit": 0, "upper_frequency_limit": 0}
     found = signal_of(channel_with({"band_type": "VectorialWave", **limits, "effects": [wave]}))
     assert found.amplitude.at([0.0, 0.05, 0.1]) == pytest.approx([0.8, 0.4, 0.0])
+
+
+def test_a_band_may_be_sampled_faster_than_the_schema_has_limits(tmp_path):
+    """The upper limit of a wavelet band is its rate, 16 kHz here; the schema ends at 10 kHz."""
+    tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / 16_000)
+    band = {**coded(tone, spacing_ticks=64), "upper_frequency_limit": 16_000, "block_length": 64}
+    document = channel_with(band)
+    found = signal_of(document)
+    assert found.left_out == () and any("HJIF-RANGE" in each for each in found.notes)
+    assert found.frequency_hz.at([0.03, 0.09]) == pytest.approx(150.0, abs=2.0)
+    assert found.amplitude.at([0.03, 0.09]) == pytest.approx(0.6, abs=0.01)
+
+
+def test_mixing_coefficients_are_named():
+    wave = {**basis((0, 0.5, 100), (400, 0.5, 200)), "phase": 0.0, "base_signal": "Sine"}
+    limits = {"lower_frequency_limit": 65, "upper_frequency_limit": 300}
+    document = channel_with({"band_type": "VectorialWave", **limits, "effects": [wave]})
+    assert not any("mixing" in each for each in signal_of(document).notes)
+    document["perceptions"][0]["channels"][0]["mixing_coefficient"] = 0.5
+    assert "mixing coefficients of its channels are not kept" in signal_of(document).notes

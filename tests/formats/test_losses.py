@@ -278,3 +278,35 @@ def test_errors_count_what_the_other_signal_has_near_in_time():
     )
     assert losses.errors_of(one, late, 2e-3) == pytest.approx((0.05, 3.0))
     assert losses.errors_of(one, late, 1e-6)[0] == pytest.approx(0.7)
+
+
+# A ramp from silence: the frequency at its silent end is as good as any other.
+@pytest.mark.parametrize("levels", [[0.0, 0.8], [0.8, 0.0], [0.5, 0.0, 0.9]])
+def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
+    times = np.linspace(0.0, 2.0, len(levels))
+    wanted = signals.Signal("a", Curve(times, np.array(levels)), Curve.of([0, 2], [60.0, 300.0]))
+    found = from_actuators.write_signals([wanted], RANGE, tmp_path / "x", CurveTolerance(0.01))
+    (claim,) = (each for each in found.notes if "keyframes are within" in each)
+    _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
+    document = json.loads(found.files[0].read_bytes())
+    scale = document["timescale"]
+    (band,) = document["perceptions"][0]["channels"][0]["bands"]
+    for effect in band["effects"]:
+        ticks = [effect["position"] + each["relative_position"] for each in effect["keyframes"]]
+        hertz = [each["frequency_modulation"] for each in effect["keyframes"]]
+        at = np.linspace(ticks[0], ticks[-1], 1000)
+        off = np.abs(np.interp(at, ticks, hertz) - (60.0 + 120.0 * at / scale)).max()
+        assert off <= claimed_hz + 0.1 and claimed_hz <= 1.1
+
+
+@pytest.mark.parametrize("kind", ["ahap", "haptic", "openxr"])
+def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_path):
+    levels = Curve.of([0, 1, 2, 4, 6], [0.0, 1.0, 0.0, 0.0, 1.0])
+    wanted = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
+    found = DEVICE_FORMATS[kind].write_signals(
+        [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    )
+    (read,), _ = read_signals(found.files[0])
+    assert read.frequency_hz.at([0.5, 1.0, 1.5, 5.0]) == pytest.approx(
+        [117.5, 145.0, 172.5, 125.0], abs=1.6
+    )

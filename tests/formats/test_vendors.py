@@ -162,6 +162,18 @@ def test_unknown_members_are_not_looked_at(value, tmp_path, capsys):
         assert cli.run(["info", str(path)]) == 0, kind
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [1e308, -1e308, 10**15])
+def test_absurd_numbers_of_he_are_cut(value):
+    curve = [{"Time": k, "Intensity": value, "Frequency": -value} for k in range(4)]
+    whole = {"Type": "continuous", "RelativeTime": 0, "Duration": 3, "Index": 0}
+    whole["Parameters"] = {"Intensity": value, "Frequency": value, "Curve": curve}
+    pattern = {"AbsoluteTime": 0, "Pattern": [{"Event": whole}] * 2}
+    document = {"Metadata": {"Version": 2}, "PatternList": [pattern]}
+    (found,), _ = he.decode(encoded(document), "x")
+    assert found.amplitude.values.min() >= 0.0 and found.amplitude.values.max() <= 1.0
+
+
 # --- .haptic, .he, .tact ------------------------------------------------------------------------
 
 

@@ -51,6 +51,7 @@ _DEFAULTS: Final[Mapping[str, Any]] = {
 """Values of members that are missing, or of no known choice, where they change nothing felt."""
 
 _LARGEST_SCALE: Final = 16.0
+_HIGHEST_RATE: Final = 192_000  # of wavelet bands: their upper limit is the sampling rate
 
 _EARLY: Final = "files of MPEG's reference software from before the standard are like that"
 _ENCODER: Final = "MPEG's reference encoder writes files like that"
@@ -141,7 +142,8 @@ def _number(shape: Number, value: Any, name: str) -> Any:
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
         return min(max(value, -_LARGEST_SCALE), _LARGEST_SCALE)
-    within = min(max(value, shape.lowest), shape.highest)
+    highest = _HIGHEST_RATE if name == "upper_frequency_limit" else shape.highest
+    within = min(max(value, shape.lowest), highest)
     return int(within) if shape.is_whole and float(within).is_integer() else within
 
 

@@ -16,7 +16,7 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...sentences import counted
 from .. import losses
-from ..checking import clean
+from ..checking import clean, read_bytes
 from ..credits import Credits
 from ..curves import CurveTolerance, clipped
 from ..signals import (
@@ -27,14 +27,16 @@ from ..signals import (
     frequencies_through_silence,
     joined_times,
 )
+from ..simplified_writer import error_note
 from ..written import Written
-from . import text
+from . import text, to_signals
 from .body_parts import place_mask
 from .document import Hjif, Perception
 from .envelopes import Dense, timescale_of
 from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
 from .semantics import is_date
 
+_TICK_S: Final = 1e-4
 _SAMPLING_HZ: Final = 8000  # that the length of the original is told in
 
 
@@ -54,7 +56,8 @@ def write(
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
     notes = (*losses.several_frequencies(raster), *counted(weak, TOO_WEAK))
-    return _write(document, stem, tolerance) + Written((), left_out, notes)
+    within = f"curves are within {tolerance.value:.1%} of full scale"
+    return Written((_write(document, stem),), left_out, (within, *notes))
 
 
 def _compose(
@@ -118,7 +121,11 @@ def write_signals(
         document = replace(document, date=credits.created)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
-    return _write(document, stem, tolerance) + Written((), left_out, notes)
+    path = _write(document, stem)
+    read = {each.name: each for each in to_signals.decode(read_bytes(path), path.name)[0]}
+    cut = (replace(each, frequency_hz=clipped(each.frequency_hz, 0.0, MAX_HZ)) for each in signals)
+    pairs = [(each, read[clean(each.name)]) for each in cut if clean(each.name) in read]
+    return Written((path,), left_out, (error_note(pairs, 2.0 / timescale), *notes))
 
 
 def _lasting(perception: Perception, duration_s: float) -> Perception:
@@ -136,16 +143,18 @@ def _dense(signal: Signal) -> Dense:
     end = float(signal.amplitude.times_s[-1])
     frequency = clipped(signal.frequency_hz, 0.0, MAX_HZ)
     times = joined_times([signal.amplitude, frequency], 0.0, end)
-    is_step = np.diff(signal.amplitude.times_s) <= 0.0
-    before = signal.amplitude.times_s[1:][is_step] - 1e-4
-    times = np.unique(np.concatenate([times, before[before > 0.0]]))
+    knots, steps = signal.amplitude.times_s, np.diff(signal.amplitude.times_s) <= 0.0
+    # A row beside a silent one has its frequency: it is to be right there, not a ramp away.
+    silent = times[(signal.amplitude.at(times) == 0.0) | (signal.amplitude.before(times) == 0.0)]
+    beside = np.concatenate([knots[1:][steps] - _TICK_S, silent - _TICK_S, silent + _TICK_S])
+    times = np.unique(np.concatenate([times, beside[(beside > 0.0) & (beside < end)]]))
     levels = signal.amplitude.at(times)
     levels[-1] = signal.amplitude.before(times[-1])
     return Dense(times, levels, frequency.at(times))
 
 
-def _write(document: Hjif, stem: Path, tolerance: CurveTolerance) -> Written:
+def _write(document: Hjif, stem: Path) -> Path:
     path = stem.with_name(stem.name + SUFFIX)
     with atomic_file(path) as file:
         text.write(document, file)
-    return Written((path,), notes=(f"curves are within {tolerance.value:.1%} of full scale",))
+    return path

@@ -78,7 +78,8 @@ def write(
     driven = [each.name for each in track.header.effects if each.kind == "actuators"]
     notes = (
         *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
-        f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz",
+        f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
+        "more where a long vibration is cut into effects)",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
     )
     return Written(tuple(files), notes=notes) + loss

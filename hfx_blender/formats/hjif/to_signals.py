@@ -78,8 +78,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
         if any(each.perception_modality == "Other" for each in document.perceptions):
             notes += ("modality Other is taken as vibration",)
-        if any(_is_placed(one) for each in document.perceptions for one in each.channels):
+        channels = [one for each in document.perceptions for one in each.channels]
+        if any(map(_is_placed, channels)):
             notes += ("where on the body its channels are is not kept",)
+        if any(abs(each.mixing_coefficient - 1.0) > 1e-3 for each in channels):
+            notes += ("mixing coefficients of its channels are not kept",)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
     hertz = [
