@@ -69,7 +69,8 @@ def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> s
     """
     errors = [losses.errors_of(*pair, max(grid_s, _STEP_S)) for pair in pairs]
     digits = np.array([1e4, 10.0])  # that are told; rounded up, as nothing is to be beyond
-    amplitude, hertz = np.ceil(np.max([(0.0, 0.0), *errors], axis=0) * digits - 1e-6) / digits
+    worst = np.maximum(np.max([(0.0, 0.0), *errors], axis=0) * digits - 1e-6, 0.0)
+    amplitude, hertz = np.ceil(worst) / digits
     grid = ", their times whole milliseconds" if grid_s == WHOLE_MS else ""
     return f"keyframes are within {amplitude:.2%} of full scale and {hertz:.1f} Hz{grid}"
 

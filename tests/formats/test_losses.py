@@ -31,6 +31,7 @@ from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.registry import DEVICE_FORMATS
 from hfx_blender.formats.signals import FrequencyRange, Transient
+from hfx_blender.formats.simplified_writer import error_note
 from hfx_blender.formats.tact_layouts import Motor
 
 DEVICE = load_device("phone_lra")
@@ -269,6 +270,11 @@ def test_sharpness_above_its_range_stays_at_its_limit():
     document = {"Version": 1.0, "Pattern": [{"Event": event}, {"ParameterCurve": curve}]}
     (found,), _ = ahap.decode(encoded(document), "x")
     assert found.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
+
+
+def test_no_error_is_told_as_none():
+    one = signal([0.5, 0.5])
+    assert error_note([(one, one)]) == "keyframes are within 0.00% of full scale and 0.0 Hz"
 
 
 def test_errors_count_what_the_other_signal_has_near_in_time():
