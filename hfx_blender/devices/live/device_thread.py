@@ -6,8 +6,8 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from .clock import SYSTEM, Clock
 from .guard import Guard
 from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
-from .time_on import Account
+from .time_on import AccountUse
 from .tones import Sounding
 from .waiting import Waiting
 
@@ -88,7 +88,8 @@ class DeviceThread:
     offset_s : float
         How long values are held back, so that they meet sound and picture.
     accounts : callable, optional
-        Finds the device's accounts of time on; called in this thread.
+        Finds the device's accounts of time on, by the device that a server chose; called in this
+        thread, when the output is open.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class DeviceThread:
         *,
         offset_s: float = 0.0,
         clock: Clock = SYSTEM,
-        accounts: Callable[[], Sequence[Account]] | None = None,
+        accounts: Callable[[str], AbstractContextManager[Sequence[AccountUse]]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
@@ -326,10 +327,13 @@ class DeviceThread:
             self._hush.set()
 
     def _open_and_play(self) -> None:
+        uses = ExitStack()
         try:
-            if self._accounts is not None and self._guard.has_time_limit:
-                self._guard.share(self._accounts())
             output = self._open_output()
+            if self._accounts is not None and self._guard.has_time_limit:
+                with closing_unless_done(output):
+                    there = str(getattr(output, "chosen_device", ""))
+                    self._guard.share(uses.enter_context(self._accounts(there)))
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
             return
@@ -355,6 +359,7 @@ class DeviceThread:
             self._output = None
             with suppress(Exception):
                 output.close()
+            uses.close()
             self._report("closed", self.number)
 
     def _play(self) -> None:
@@ -498,6 +503,16 @@ class DeviceThread:
         if levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)
+
+
+@contextmanager
+def closing_unless_done(output: Output) -> Iterator[None]:
+    """Context that closes an output after an exception."""
+    try:
+        yield
+    except BaseException:
+        output.close()
+        raise
 
 
 class ScriptRefusedError(Exception):

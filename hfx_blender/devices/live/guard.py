@@ -16,7 +16,7 @@ from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.limits import DeviceLimits
 from .messages import as_row
-from .time_on import Account, TimeOn
+from .time_on import AccountUse, TimeOn
 
 LONGEST_RISE_S: Final = 0.05
 """Longest time that one rise is counted for, seconds: after a stall, values must not jump."""
@@ -39,9 +39,9 @@ class Guard:
         """Test for any actuator whose time on is limited."""
         return self._time_on.is_limited
 
-    def share(self, accounts: Sequence[Account]) -> None:
+    def share(self, uses: Sequence[AccountUse]) -> None:
         """Use accounts of time on that outlive this connection; call before anything is played."""
-        self._time_on = TimeOn(self._kinds, accounts)
+        self._time_on = TimeOn(self._kinds, uses)
 
     def reset(self) -> None:
         """Begin from silence, as after every stop; time on is not forgotten."""

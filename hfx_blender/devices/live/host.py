@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 from collections import deque
+from contextlib import AbstractContextManager
 from functools import partial
 from math import isnan
 from pathlib import Path
@@ -47,7 +48,7 @@ from .outputs import open_output
 from .process_watch import await_end
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
-from .time_on import Account
+from .time_on import AccountUse
 from .waiting import MAX_OFFSET_S
 
 HEARTBEAT_S: Final = 0.25
@@ -254,8 +255,10 @@ class Host:
         self._device_threads[number] = thread
         thread.start()
 
-    def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
-        return [self._accounts.of(each) for each in identities(device, target)]
+    def _accounts_of(
+        self, device: DeviceConfig, target: dict[str, Any], there: str
+    ) -> AbstractContextManager[list[AccountUse]]:
+        return self._accounts.used(identities(device, target, there))
 
     def _add_script(self, thread: DeviceThread, request: dict[str, Any]) -> None:
         script = request.get("script")

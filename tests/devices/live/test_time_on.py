@@ -5,7 +5,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import socket
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,9 +28,15 @@ from hfx_blender.devices.live import kept_accounts
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.devices.live.guard import Guard
-from hfx_blender.devices.live.kept_accounts import KeptAccounts, identities
-from hfx_blender.devices.live.time_on import Account
+from hfx_blender.devices.live.kept_accounts import Identity, KeptAccounts, identities
+from hfx_blender.devices.live.output import OutputLostError
+from hfx_blender.devices.live.time_on import Account, AccountUse
 from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_output import (
+    ButtplugEncoder,
+    OutputConfig,
+    WebsocketTransport,
+)
 
 BAND = load_device("forearm_band_left")
 STEP_S = 0.01
@@ -44,6 +54,7 @@ class Tally:
 
     def __init__(self, device: DeviceConfig, accounts: tuple[Account, ...] = ()) -> None:
         self.device, self.accounts = device, accounts
+        self.names = [str(number) for number in range(len(device.actuators))]
         self.on_s = self.off_s = self.longest_s = self._now_s = 0.0
         self._is_on = False
         self.guard = self.connected()
@@ -51,7 +62,7 @@ class Tally:
     def connected(self) -> Guard:
         guard = Guard(self.device)
         if self.accounts:
-            guard.share(self.accounts)
+            guard.share([AccountUse(each, self.names) for each in self.accounts])
         return guard
 
     def pass_time(self, seconds: float) -> None:
@@ -308,6 +319,11 @@ def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
 
 # Which device it is.
 
+
+def names_of(found: Sequence[Identity]) -> list[str]:
+    return [each.name for each in found]
+
+
 USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 
 
@@ -315,13 +331,13 @@ def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
     for each in (USB, replace(USB, name="/dev/ttyACM7")):
         monkeypatch.setattr(kept_accounts, "serial_ports", lambda each=each: [each])
         found = identities(BAND, {"kind": "serial", "port": each.name})
-        assert found == ("usb 2341:0043 75",)
+        assert names_of(found) == ["usb 2341:0043 75"]
 
 
 def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monkeypatch):
     monkeypatch.setattr(kept_accounts, "serial_ports", list)
     found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
-    assert found == ("port /dev/ttyACM0", "device forearm_band_left")
+    assert names_of(found) == ["port /dev/ttyACM0", "device forearm_band_left"]
 
 
 def test_a_simulator_is_known_by_its_configuration_whatever_its_log():
@@ -337,7 +353,205 @@ def test_a_program_on_this_computer_is_one_by_whatever_name(host):
     assert found == identities(device, {"kind": "websocket"})
 
 
+def osc(
+    folder: Path, name: str, address: str = "/{actuator}/{control}", reverse: bool = False
+) -> DeviceConfig:
+    """The band behind OSC, 1 s on and an hour of rest."""
+    content = json.loads((resources.device_configs() / "forearm_band.json").read_text())
+    for kind in content["actuator_types"].values():
+        kind["maximum_on_s"], kind["rest_s"] = 1.0, 3600.0
+    content["id"] = name
+    content["output"] = {
+        "encoder": {"kind": "osc", "address": address},
+        "transport": {"kind": "udp", "host": "127.0.0.1", "port": 9000},
+    }
+    if reverse:
+        content["actuators"].reverse()
+    folder.mkdir(exist_ok=True)
+    (folder / f"{name}.json").write_text(json.dumps(content))
+    return load_device(f"{name}_left", folder)
+
+
+SPELLINGS: list[dict[str, Any]] = [
+    {},
+    {"host": "localhost"},
+    {"host": "LocalHost."},
+    {"host": "127.0.0.1", "port": 9000},
+    {"host": "127.8.0.9"},
+    {"host": "::1"},
+    {"host": "0:0:0:0:0:0:0:1"},
+    {"host": "::ffff:127.0.0.1"},
+]
+
+
+@pytest.mark.parametrize("target", SPELLINGS)
+@pytest.mark.parametrize("address", ["/{actuator}/{control}", "/{device}/{actuator}/{control}"])
+def test_a_copy_under_another_id_drives_the_same_hardware(tmp_path, target, address):
+    one, two = (osc(tmp_path / "devices", name, address) for name in ("one", "two"))
+    first = identities(one, {"kind": "udp"})
+    assert identities(two, {"kind": "udp", **target}) == first
+    assert identities(two, {"kind": "udp", "port": 9001}) != first
+    assert identities(two, {"kind": "udp", "host": "192.168.250.250"}) != first
+
+
+def test_actuators_are_known_by_their_addresses_in_whatever_order(tmp_path):
+    one, two = osc(tmp_path / "d", "one"), osc(tmp_path / "d", "two", reverse=True)
+    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
+    assert first.name == other.name and first.slots == other.slots[::-1]
+    assert len(set(first.slots)) == len(one.actuators)
+
+
+def test_another_place_behind_the_same_port_is_other_hardware(tmp_path):
+    one = osc(tmp_path / "d", "one")
+    two = osc(tmp_path / "d", "two", "/second/{actuator}/{control}")
+    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
+    assert first.name == other.name and not set(first.slots) & set(other.slots)
+
+
+def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
+    vest = load_device("bhaptics_tactsuit_x40")
+    dots = vest.output.encoder.dots
+    half = replace(
+        vest,
+        id="front",
+        actuators=vest.actuators[:20],
+        output=replace(vest.output, encoder=replace(vest.output.encoder, dots=dots[:20])),
+    )
+    (whole,), (part,) = (identities(each, {"kind": "websocket"}) for each in (vest, half))
+    assert whole.name == part.name and part.slots == whole.slots[:20]
+
+
+def test_toys_of_one_name_are_told_apart_by_the_server():
+    how = ButtplugEncoder("", tuple((feature, "Vibrate") for feature in range(8)))
+    toy = replace(BAND, output=OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)))
+    one, two = (identities(toy, {"kind": "websocket"}, there=index)[0] for index in "07")
+    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, there="0")
+    assert one.name != two.name and copy == (one,)
+
+
+def test_a_link_to_a_port_is_the_port(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    (tmp_path / "by-id").symlink_to("/dev/null")
+    for name in (tmp_path / "by-id", "/dev/null"):
+        found = identities(BAND, {"kind": "serial", "port": str(name)})
+        assert found[0].name == "port /dev/null"
+    names = [
+        identities(BAND, {"kind": "serial", "port": f"/dev/{each}.usbmodem1"})[0].name
+        for each in ("tty", "cu")  # macOS has both for one port
+    ]
+    assert len(set(names)) == 1
+
+
+def test_channels_of_sound_cards_are_hardware():
+    targets: list[dict[str, Any]] = [
+        {"kind": "audio"},
+        {"kind": "audio", "interface": "3", "first_channel": 2},
+    ]
+    (first,), (shifted,) = (identities(BAND, each) for each in targets)
+    assert first.name == shifted.name and first.slots[1:] == shifted.slots[:-1]
+
+
+def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
+    found = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
+    one, other = KeptAccounts(tmp_path, clock), KeptAccounts(tmp_path, clock)
+    with one.used(found):
+        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+            pass
+        with one.used(found):  # another device of the same process
+            pass
+        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+            pass
+    with other.used(found):
+        pass
+
+
+def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
+    """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
+    device, found = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
+    processes = [KeptAccounts(tmp_path, clock) for _ in range(2)]
+    on_s = []
+    for process, steps in ((processes[0], 80), (processes[1], 70), (processes[0], 1000)):
+        with process.used(found) as uses:
+            guard = Guard(device)
+            guard.share(uses)
+            guard.record_rest(clock.now())
+            guard.reset()
+            wanted = np.tile([15.0, 100.0], 8)
+            done = [bool(guard.limited(wanted, STEP_S)[0]) for _ in range(steps)]
+            on_s.append(STEP_S * (done.index(False) if False in done else steps))
+            guard.record_silence(0.0, clock.now())
+    assert on_s == pytest.approx([0.8, 0.7, 0.5])
+
+
+def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
+    """Each is on for its 2 s, and rests while the other plays."""
+    kept, device = KeptAccounts(tmp_path, clock), limited(2.0, 1.0)
+    names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
+    wanted = np.tile([15.0, 100.0], 8)
+    with (
+        kept.used([Identity("udp x", names[0])]) as a,
+        kept.used([Identity("udp x", names[1])]) as b,
+    ):
+        one, other = Guard(device), Guard(device)
+        for guard, uses in ((one, a), (other, b)):
+            guard.share(uses)
+            guard.record_rest(clock.now())
+            guard.reset()
+        first = [bool(one.limited(wanted, STEP_S)[0]) for _ in range(201)]
+        second = []
+        for _ in range(200):
+            one.limited(one.neutral, STEP_S)
+            second.append(bool(other.limited(wanted, STEP_S)[0]))
+        third = []
+        for _ in range(200):
+            third.append(bool(one.limited(wanted, STEP_S)[0]))
+            other.limited(other.neutral, STEP_S)
+    assert first == [True] * 200 + [False]
+    assert all(second) and all(third)
+
+
 # Through the whole output process.
+
+
+def test_no_copy_walks_round_the_time_limit_over_the_network(tmp_path, monkeypatch):
+    """1 s on in all, as its rest takes an hour; two configurations take turns at one address."""
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
+    for name in ("one", "two"):
+        osc(tmp_path / "devices", name, reverse=name == "two")
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.bind(("127.0.0.1", 0))
+    receiver.setblocking(False)
+    loud: list[tuple[float, bool]] = []
+
+    def receive() -> None:
+        with suppress(BlockingIOError):
+            while True:
+                content, now_s = receiver.recv(65536), time.monotonic()
+                # The value of each amplitude: behind its address and ",f", padded to fours.
+                places = [m.end() for m in re.finditer(rb"amplitude_m_s2\0+,f\0\0", content)]
+                loud.append((now_s, any(content[at : at + 4] != bytes(4) for at in places)))
+
+    client = LiveClient()
+    try:
+        for turn in range(3):
+            target = {"kind": "udp", "port": receiver.getsockname()[1]}
+            target["host"] = ("127.0.0.1", "localhost", "127.0.0.1")[turn]
+            name = ("one", "two", "one")[turn]
+            client.connect("it", f"{name}_left", target, folder=tmp_path / "devices")
+            wait(client, lambda: client.devices["it"].is_armed)
+            until = time.monotonic() + 0.6
+
+            def play() -> None:
+                client.send("it", np.tile([10.0, 100.0], 8))
+                receive()
+
+            wait(client, lambda until=until: time.monotonic() > until, play)
+    finally:
+        client.close()
+        receive()
+        receiver.close()
+    on_s = sum(min(b[0] - a[0], 0.1) for a, b in pairwise(loud) if a[1])
+    assert 0.2 < on_s < 1.15  # with what a busy machine adds to it
 
 
 @pytest.mark.parametrize("between", ["stop", "connect", "process"])

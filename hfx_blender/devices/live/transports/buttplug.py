@@ -57,6 +57,11 @@ class ButtplugOutput:
             self._socket.close()
             raise
 
+    @property
+    def chosen_device(self) -> str:
+        """The device that was chosen, as the server knows it: two may have one name."""
+        return f"{self._index}"
+
     def send(self, values: F64) -> None:
         """Hand over values (columns,): a command for each changed one, at the device's own rate."""
         self._check()
