@@ -10,15 +10,18 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from . import own_processes
 from .atomic_files import remove_at_end
-from .errors import HfxError, InputError, OutputError
+from .errors import HfxError, InputError, OutputError, is_endless
 from .json_kinds import title_of
 from .process_end import end_on_signals as end_on_signals
 from .process_end import leave as leave
 from .stage_folders import remove_tree
+
+_WITH_FILES: Final = ("images", "sounds", "movieclips", "fonts", "volumes", "cache_files")
+"""Kinds of datablocks that may be in a file of their own."""
 
 _SYSTEM_PACKAGES = (
     "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
@@ -137,6 +140,7 @@ def open_blend(path: Path) -> None:
     refuse_name(path)
     if not path.is_file():
         found = "it is a folder" if path.is_dir() else "there is no such file"
+        found = "it is no plain file" if is_endless(path) else found
         raise InputError(f"{path}: {found}; expected a .blend file.")
     if path.suffix.lower() == ".json":
         raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
@@ -144,11 +148,35 @@ def open_blend(path: Path) -> None:
     try:
         # Blender does not look for bare names in the working folder.
         full = os.path.abspath(path)
+        _refuse_endless(bpy, path, full)
         bpy.ops.wm.open_mainfile(filepath=full, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[0].rpartition(": ")[2]
         reason = reason.replace(f' in file "{full}"', "")
         raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
+    from .reading import linked_files
+
+    linked_files.refuse_endless()
+
+
+def _refuse_endless(bpy: Any, path: Path, full: str) -> None:
+    """Refuse a .blend one of whose pictures, sounds or caches is a pipe, a device or a socket.
+
+    Blender reads some of them as soon as it opens the file, and would wait for ever. So they are
+    linked first, which reads none.
+    """
+    try:
+        with bpy.data.libraries.load(full, link=True) as (there, linked):
+            for kind in _WITH_FILES:
+                setattr(linked, kind, list(getattr(there, kind)))
+    except (OSError, ValueError):  # no .blend, or the one that is open: it was looked at before
+        return
+    for kind in _WITH_FILES:
+        for block in filter(None, getattr(linked, kind)):
+            name = bpy.path.abspath(block.filepath, library=block.library)
+            if not getattr(block, "packed_file", None) and is_endless(Path(name)):
+                user = f"{block.bl_rna.name.lower()} '{block.name}'"
+                raise InputError(f"{path}: '{name}' of {user} is a pipe, a device or a socket.")
 
 
 def remove_temporary_files() -> None:

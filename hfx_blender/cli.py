@@ -11,11 +11,13 @@ import argparse
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
+from pathlib import Path
 from typing import Any, NoReturn
 
 from . import __version__, blender_session, file_limits, process_end
+from .atomic_files import inputs_kept
 from .commands import left_out
 from .console import Console, is_unread
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
@@ -69,7 +71,10 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         options = parser.parse_args(_joined_ranges(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
-            with file_limits.raised(getattr(options, "largest", 1.0)):
+            with (
+                file_limits.raised(getattr(options, "largest", 1.0)),
+                inputs_kept(_named_files(options)),
+            ):
                 code = int(options.run(options, console))
         process_end.check()
         return code or _exit_code_of(console)
@@ -95,6 +100,15 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         return _defect(console)
 
 
+def _named_files(options: argparse.Namespace) -> Iterator[Path]:
+    """Paths among the arguments but those of results, which must not replace any of these."""
+    for name, value in vars(options).items():
+        if name not in _RESULTS:
+            for each in value if isinstance(value, list) else [value]:
+                if isinstance(each, str | Path) and os.path.isfile(each):
+                    yield Path(each)
+
+
 def _exit_code_of(console: Console) -> int:
     """Exit code of finished work, by whether its results could be printed."""
     if console.fault is None:
@@ -117,6 +131,8 @@ def _defect(console: Console) -> int:
     console.warn(text, several_lines=True)
     return 1
 
+
+_RESULTS = ("output", "target", "report", "history")
 
 _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 

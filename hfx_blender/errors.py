@@ -58,6 +58,15 @@ def fault_of_file(error: OSError) -> InputError:
     return InputError(f"{error.filename}: {error.strerror or error}.")
 
 
+def is_endless(path: Path) -> bool:
+    """Test for a pipe, a device or a socket: reading it might never end."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
+
+
 def refuse_no_file(path: Path) -> None:
     """Refuse a path of which nothing can be read: a pipe would be waited for without an end.
 

@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 
 from . import result_files
-from .atomic_files import atomic_file
+from .atomic_files import atomic_file, inputs_kept
 from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
@@ -51,6 +51,7 @@ from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
 from .formats.written import Written
 from .own_processes import cores
+from .reading import linked_files
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .reading.scene_tolerance import scene_tolerance
 from .recording import Recorded, record_track
@@ -335,7 +336,8 @@ class SceneExport:
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
         # The report comes last: if it exists, all of its files do.
-        placed = place((*report.files, report_file), folder, stem.parent)
+        with inputs_kept(linked_files.files_read()):
+            placed = place((*report.files, report_file), folder, stem.parent)
         for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)

@@ -132,7 +132,7 @@ def read(path: Path) -> dict[str, Any] | None:
         # A pipe of that name would be waited for, and no signal ends that.
         if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
             return None
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) else None

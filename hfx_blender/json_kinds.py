@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from .errors import InputError
+from .errors import InputError, refuse_no_file
 
 _MARKS: Final = ("format", "schema")
 
@@ -39,8 +39,9 @@ def title_of(path: Path) -> str:
     try:
         if path.suffix.lower() != ".json" or path.stat().st_size > _MOST_BYTES:
             return suffix
+        refuse_no_file(path)
         mark = _mark_of(json.loads(path.read_bytes()))
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError, InputError):
         return f"{suffix} that cannot be read"
     return _TITLES[mark] if mark else "JSON of another program or kind"
 

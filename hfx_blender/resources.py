@@ -47,7 +47,7 @@ def user_body_models() -> Path:
     The environment variable ``HFX_BODY_MODELS`` names another one.
     """
     named = os.environ.get(BODY_MODELS_VARIABLE)
-    return Path(named).expanduser() if named else _user_data() / "body_models"
+    return _expanded(named) if named else _user_data() / "body_models"
 
 
 def user_devices() -> Path:
@@ -56,7 +56,7 @@ def user_devices() -> Path:
     The environment variable ``HFX_DEVICES`` names another one.
     """
     named = os.environ.get(DEVICES_VARIABLE)
-    return Path(named).expanduser() if named else _user_data() / "devices"
+    return _expanded(named) if named else _user_data() / "devices"
 
 
 def user_effects() -> Path:
@@ -65,7 +65,7 @@ def user_effects() -> Path:
     The environment variable ``HFX_EFFECTS`` names another one.
     """
     named = os.environ.get(EFFECTS_VARIABLE)
-    return Path(named).expanduser() if named else _user_data() / "effects"
+    return _expanded(named) if named else _user_data() / "effects"
 
 
 def approved_scripts() -> Path:
@@ -104,9 +104,21 @@ def _user_data() -> Path:
     """
     named = os.environ.get(USER_DATA_VARIABLE)
     if named:
-        return Path(named).expanduser()
+        return _expanded(named)
     if sys.platform == "win32":
-        return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
+        return Path(os.environ.get("APPDATA") or _home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "hfx"
-    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "hfx"
+        return _home() / "Library" / "Application Support" / "hfx"
+    return Path(os.environ.get("XDG_DATA_HOME") or _home() / ".local" / "share") / "hfx"
+
+
+def _expanded(named: str) -> Path:
+    return Path(os.path.expanduser(named))
+
+
+def _home() -> Path:
+    """The user's home folder; one that does not exist where the user has none (containers)."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path(os.sep).absolute() / "nonexistent"

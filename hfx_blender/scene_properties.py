@@ -70,6 +70,13 @@ def _follow_other(self: HfxSceneProperties | HfxDeviceName, context: bpy.types.C
         live.follow_other()
 
 
+def _choose_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
+    from .playback import track_source
+
+    track_source.chosen.add(self.live_track)
+    _follow_other(self, context)
+
+
 def _remark_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None:
     self.id_data.update_tag()  # the preview and live devices look for changes then
 
@@ -137,7 +144,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         description="Haptic track that devices play in step with the timeline (.hfxtrack); the "
         "last one that was exported or recorded",
         subtype="FILE_PATH",
-        update=_follow_other,
+        update=_choose_track,
     )
     live_tolerance: EnumProperty(
         name="Tolerance",

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ..engine.arrays import F32, F64
 from ..engine.texture.linear_light import height_from_colour, linear_to_srgb, luminance
 from ..engine.texture.scan import fill_holes
-from ..errors import InputError
+from ..errors import InputError, is_endless, refuse_no_file
+from ..file_hash import is_elsewhere
 from ..formats import jpeg
 
 LARGEST = 8192
@@ -105,6 +106,11 @@ def pixels_of(image: bpy.types.Image) -> F32:
     InputError
         It has no pixels, or too many.
     """
+    if not image.has_data and image.source != "GENERATED" and not image.packed_files:
+        source = Path(bpy.data.filepath) if bpy.data.filepath else None
+        path = Path(bpy.path.abspath(image.filepath, library=image.library))
+        if is_elsewhere(path, source) or is_endless(path):
+            raise InputError(f"Image '{image.name}': {path} is no file of this computer.")
     width, height = image.size
     if not width or not height:
         raise InputError(f"Image '{image.name}' has no pixels; is its file missing or no image?")
@@ -126,6 +132,7 @@ def load(path: str) -> bpy.types.Image:
     InputError
         It is missing, cut off, or no image that Blender reads.
     """
+    refuse_no_file(Path(path))
     try:
         image = bpy.data.images.load(path)
     except RuntimeError as error:

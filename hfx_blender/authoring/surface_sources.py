@@ -15,6 +15,7 @@ from ..engine.texture.height_field import HeightField, from_image
 from ..engine.texture.relief_estimate import EstimatedRelief
 from ..engine.texture.scan import from_points, seen_from_above
 from ..errors import InputError
+from ..file_hash import is_elsewhere
 from ..formats import point_cloud
 from . import image_values, surface_baking, surface_uv
 
@@ -121,6 +122,8 @@ def _of_scan(obj: bpy.types.Object) -> Relief:
     if not settings.scan_path:
         raise InputError(f"The surface of '{obj.name}' is made of a scan; choose its file.")
     path = Path(bpy.path.abspath(settings.scan_path))
+    if is_elsewhere(path, Path(bpy.data.filepath) if bpy.data.filepath else None):
+        raise InputError(f"{path}: the scan of '{obj.name}' is on another machine; copy it here.")
     return read_scan(
         path,
         unit_mm=settings.scan_unit_mm,

@@ -22,7 +22,7 @@ from ..engine.body.rigs.mapping import (
     with_corrections,
 )
 from ..engine.body.rigs.rig import canonical_parents
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 from .avatar_meshes import read_bones, skin_by_bone
 from .human_bones import human_bones_of
 
@@ -127,6 +127,7 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
         The file cannot be read, is no bone mapping, or maps none of this armature's bones; the
         table is as it was.
     """
+    refuse_no_file(path)
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise InputError(

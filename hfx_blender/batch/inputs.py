@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..devices import surface_calibration
@@ -16,8 +16,11 @@ from ..devices.live.approval import script_of
 from ..engine.body.model import load_model
 from ..engine.native.library import library
 from ..errors import HfxError, InputError
-from ..file_hash import FOLDER, TOO_MANY, sha256_of, state_of
+from ..file_hash import FOLDER, NOT_READ, TOO_MANY, is_elsewhere, sha256_of, state_of
 from .units import Unit
+
+if TYPE_CHECKING:
+    from ..reading.linked_files import LinkedFile
 
 
 def tools() -> dict[str, str | bool]:
@@ -50,7 +53,7 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
 
         for name, each in linked_files().items():
             # None is a state, too: a missing file may come back.
-            files[name] = FOLDER if each.must_be and each.path.is_dir() else _state(each.path)
+            files[name] = _state(each, Path(unit.input))
     return {
         "files": files,
         "devices": {name: _device_hash(name) for name in devices},
@@ -73,7 +76,8 @@ def is_still(recorded: Any, unit: Unit) -> bool:
             and recorded["tools"] == tools()
             and recorded["calibration"] == surface_calibration.load()
             and source.name in files
-            and all(_has_state(_place_of(name, source), known) for name, known in files.items())
+            and sha256_of(source) == files.pop(source.name)
+            and all(_has_state(name, source, known) for name, known in files.items())
             and all(_device_hash(name) == known for name, known in recorded["devices"].items())
             and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
         )
@@ -81,22 +85,23 @@ def is_still(recorded: Any, unit: Unit) -> bool:
         return False  # not such a record, or a file has vanished
 
 
-def _state(path: Path) -> str | None:
+def _state(linked: LinkedFile, source: Path) -> str | None:
+    if is_elsewhere(linked.path, source):
+        return NOT_READ
+    if linked.must_be and linked.path.is_dir():
+        return FOLDER
     try:
-        return state_of(path)
+        return state_of(linked.path, source)
     except InputError:  # a folder of more files than are hashed
         return TOO_MANY
 
 
-def _has_state(path: Path, known: str | None) -> bool:
-    if known == FOLDER:
-        return path.is_dir()
-    return known != TOO_MANY and state_of(path) == known
-
-
-def _place_of(name: str, source: Path) -> Path:
-    """Path of a file that is named as in a .blend; ``//`` is the .blend's own folder."""
-    return source.parent / name.removeprefix("//") if name != source.name else source
+def _has_state(name: str, source: Path, known: str | None) -> bool:
+    """Test the state of a file that is named as in a .blend; ``//`` is the .blend's own folder."""
+    path = source.parent / name.removeprefix("//") if name.startswith("//") else Path(name)
+    if known in (TOO_MANY, NOT_READ) or is_elsewhere(path, source):
+        return False
+    return path.is_dir() if known == FOLDER else state_of(path, source) == known
 
 
 def _device_hash(name: str) -> str:

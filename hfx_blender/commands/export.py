@@ -8,11 +8,12 @@ import json
 import os
 from collections import Counter
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from .. import blender_session
-from ..atomic_files import atomic_file
+from ..atomic_files import atomic_file, inputs_kept, refuse_taken
 from ..batch.local_workers import LocalWorkers, ThisProcess, Workers
 from ..batch.options import ExportOptions
 from ..batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_folder
@@ -24,6 +25,7 @@ from ..errors import UsageError
 from ..formats.clip import COARSEST, DETAIL
 from ..own_processes import cores
 from ..printable import printable
+from .patterns import expanded
 
 SOME_FAILED = 5
 _OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result
@@ -147,6 +149,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..batch import batch
     from ..staging import staging
 
+    options.scenes = expanded(options.scenes)
     _check(options)
     in_process = _in_process(options)
     if in_process:
@@ -172,7 +175,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             workers.close()
             results = [_result(outcome) for outcome in outcomes]
             if options.report is not None and results:
-                _write_report(options.report, results)
+                _write_report(options.report, options.output, results)
     for unit in units if options.merge else ():
         remove_folder(folder_of(unit))
     console.result(results if len(results) > 1 else results[0])
@@ -338,7 +341,7 @@ def _result(outcome: Outcome) -> dict[str, Any]:
     return {"input": outcome["input"], **more, **outcome["report"]}
 
 
-def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
+def _write_report(path: Path, folder: Path, results: list[dict[str, Any]]) -> None:
     failed = sum("error" in result for result in results)
     unchanged = sum("unchanged" in result for result in results)
     summary = {
@@ -347,7 +350,8 @@ def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
         "failed": failed,
         "scenes": results,
     }
-    with atomic_file(path) as file:
+    made = (folder / each["name"] for each in chain(*(r.get("files", ()) for r in results)))
+    with inputs_kept(made), atomic_file(path) as file:
         file.write((json.dumps(summary, indent=1) + "\n").encode())
 
 
@@ -376,6 +380,9 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError("--merge: comes after all pieces, in a command without --piece")
     if options.split is not None and (options.piece is not None or options.merge):
         raise UsageError("--split: makes parts within one command; --piece K/N has pieces already")
+    if options.report is not None:
+        with inputs_kept(options.scenes):
+            refuse_taken(options.report)
     for path in (*options.scenes, options.output):
         blender_session.refuse_name(path)
     same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]

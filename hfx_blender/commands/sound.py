@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import blender_session
+from ..atomic_files import inputs_kept
 from ..console import Console
 from ..errors import UsageError, refuse_no_file
 from ..staging import make_folder
@@ -98,6 +99,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from ..formats.sound_wav import SUFFIX
+    from ..reading import linked_files
     from ..sound import write_sound
 
     settings = settings_of(options)
@@ -105,9 +107,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     blender_session.open_blend(options.scene)
     make_folder(options.output)
     path = options.output / (options.scene.stem + SUFFIX)
-    count = write_sound(
-        bpy.context.scene, path, settings, progress=console.progress(options.scene.name)
-    )
+    with inputs_kept(linked_files.files_read()):
+        count = write_sound(
+            bpy.context.scene, path, settings, progress=console.progress(options.scene.name)
+        )
     console.say(f"{path}: {count} sources over {len(settings.layout)} loudspeakers")
     console.result({"file": str(path), "sources": count, "loudspeakers": len(settings.layout)})
     return 0

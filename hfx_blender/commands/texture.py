@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import file_limits
 from ..console import Console
-from ..errors import InputError, UsageError
+from ..errors import InputError, UsageError, refuse_no_file
 from . import left_out, texture_generate, texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
@@ -229,8 +229,9 @@ def _table(path: Path) -> Any:
     """Numbers (N, 2 or 3) of a CSV file; a first line that is no numbers is a heading."""
     import numpy as np
 
+    refuse_no_file(path)
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
     rows: list[list[float]] = []

@@ -145,6 +145,8 @@ def read(options: argparse.Namespace) -> TextureSource:
     if path.suffix == ".blend":
         return _object(path, options)
     if not path.is_file():
+        if path.exists():
+            refuse_no_file(path)
         what = "it is a folder" if path.is_dir() else "there is no such file"
         if not path.suffix:
             what += f", and no library material ({', '.join(MATERIALS)})"

@@ -11,6 +11,7 @@ from ..console import Console
 from ..errors import InputError
 from .largest import add_largest
 from .own_files import OwnFile, kind_of
+from .patterns import expanded
 
 SOME_FAILED = 5
 
@@ -36,7 +37,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Check each file; report every finding."""
     results = [
         _check(path, options.strict, console)
-        for given in options.files
+        for given in expanded(options.files)
         for path in (_known_in(given) if given.is_dir() else (given,))
     ]
     console.result(results if len(results) > 1 else results[0])

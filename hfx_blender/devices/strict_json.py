@@ -144,7 +144,7 @@ def parse(content: bytes, name: str, most_bytes: int = MAX_BYTES) -> Node:
     if len(content) > most_bytes:
         raise InputError(f"{name}: is larger than {most_bytes} bytes, the most that is allowed.")
     try:
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: byte {error.start} is not UTF-8.") from None
     if _depth(text) > MAX_DEPTH:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .. import file_limits
 from ..atomic_files import atomic_file
 from ..engine.arrays import U8
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -75,6 +75,7 @@ def read(path: Path) -> tuple[Grey, bool]:
     InputError
         The file cannot be read, or is no picture of 8 or 16 bits a channel.
     """
+    refuse_no_file(path)
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
@@ -134,6 +135,7 @@ def texts(path: Path) -> dict[str, str]:
     InputError
         The file cannot be read.
     """
+    refuse_no_file(path)
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import warnings
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from ..engine.arrays import F64
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
 
 SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv", ".asc")
 MOST_POINTS: Final = 50_000_000
@@ -34,8 +35,9 @@ def read(path: Path) -> F64:
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a point cloud ({', '.join(SUFFIXES)}).")
+    refuse_no_file(path)
     try:
-        content = path.read_bytes()
+        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
     points = _ply(content, path) if path.suffix.lower() == ".ply" else _lines(content, path)

@@ -10,13 +10,18 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..authoring import effects
-from ..errors import InputError
+from ..errors import InputError, refuse_no_file
+from ..file_hash import is_elsewhere
 from ..scene_units import fps_of
 
 if TYPE_CHECKING:
     from ..devices.live.live_frame import LiveFrame
     from ..devices.live.played_track import PlayedTrack
     from ..devices.live.playhead import Playhead
+
+
+chosen: set[str] = set()
+"""Tracks that were chosen in this session, not only named in a file that was opened."""
 
 
 def is_chosen(scene: bpy.types.Scene) -> bool:
@@ -48,16 +53,20 @@ class TrackSource:
             None is chosen, or it cannot be read.
         """
         from ..devices.live.played_track import PlayedTrack
+        from ..engine.track import SUFFIX
 
         if not scene.hfx.live_track:
             raise InputError("Choose a track, or press Record Track.")
         path = Path(bpy.path.abspath(scene.hfx.live_track))
+        source = Path(bpy.data.filepath) if bpy.data.filepath else None
+        if path.suffix.lower() != SUFFIX:
+            raise InputError(f"{path}: is no track; choose a {SUFFIX} file.")
+        if is_elsewhere(path, source) and scene.hfx.live_track not in chosen:
+            raise InputError(f"{path}: is on another machine; choose it anew to play it.")
         bodies = effects.bodies_of(scene)
         wearer = bodies[0].hfx.uid if bodies else None
-        try:
-            found = path.stat()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+        refuse_no_file(path)
+        found = path.stat()
         key = str(path), found.st_mtime_ns, found.st_size, wearer
         if self.track is None or key != self._key:
             self.forget()

@@ -16,7 +16,8 @@ from pathlib import Path
 import bpy
 
 from .. import compat
-from ..file_hash import FRAMES, MOST_FILES, holds_too_many
+from ..errors import InputError, is_endless
+from ..file_hash import FRAMES, MOST_FILES, holds_too_many, is_elsewhere, is_of_a_kind
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,43 @@ def linked_files() -> dict[str, LinkedFile]:
     return dict(sorted(found.items()))
 
 
+def files_read() -> list[Path]:
+    """The .blend that is open, and all files that it is made of."""
+    source = Path(bpy.data.filepath) if bpy.data.filepath else None
+    linked = [each.path for each in linked_files().values()]
+    return [*filter(None, [source]), *(path for path in linked if not is_elsewhere(path, source))]
+
+
+def refuse_endless() -> None:
+    """Refuse an open file that names a pipe, a device or a socket as one of its files.
+
+    Raises
+    ------
+    InputError
+        Reading it might never end.
+    """
+    source = Path(bpy.data.filepath) if bpy.data.filepath else None
+    for name, each in linked_files().items():
+        if not is_elsewhere(each.path, source) and is_endless(each.path):
+            raise InputError(f"'{name}' of {each.user} is a pipe, a device or a socket, no file.")
+
+
 def missing() -> list[str]:
     """Warnings for files that should exist and do not, and for folders that are none of ours."""
     found = []
+    source = Path(bpy.data.filepath) if bpy.data.filepath else None
     for name, each in linked_files().items():
-        if each.must_be and each.path.is_dir():
+        if is_elsewhere(each.path, source):
+            found.append(
+                f"'{name}' of {each.user} is on another machine: it is not compared, and --resume "
+                "exports the scene again"
+            )
+        elif each.path.is_file() and not is_of_a_kind(each.path):
+            found.append(
+                f"'{name}' of {each.user} is of no kind of file that a scene is made of: it is "
+                "not read, and --resume exports the scene again"
+            )
+        elif each.must_be and each.path.is_dir():
             found.append(f"'{name}' of {each.user} is a folder, not a file: nothing of it is used")
         elif each.must_be and _is_gone(each):
             found.append(

@@ -127,7 +127,7 @@ def test_an_objects_surface_comes_out_of_a_blend(
         (("stroke", "wood-oak", "--from", "0,0", "--to", "9,0", "--speed", 0), 2, "--speed"),
         (("stroke", "wood-oak", "--from", "0,0", "--to", "0.1,0"), 3, "less than one step"),
         (("stroke", "wood-oak", "--from", "0,0", "--to", "9,0", "-o", "x.mp3"), 2, ".wav"),
-        (("stroke", "wood-oak", "--path", "nothing.csv"), 3, "cannot be read"),
+        (("stroke", "wood-oak", "--path", "nothing.csv"), 3, "there is no such file"),
         (("build", "wood-oak", "-o", "no/such/folder"), 2, "no folder"),
         (("board", "-o", "board.txt"), 2, ".blend"),
     ],

@@ -58,7 +58,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST_FILE
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(path.read_bytes())
         _entries(folder, found, is_shipped=False)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; 'hfx body build' writes one.") from None

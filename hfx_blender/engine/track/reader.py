@@ -16,7 +16,7 @@ from typing import Any, Final, NoReturn, Self, TypeVar
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, refuse_no_file
 from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
@@ -80,6 +80,7 @@ class TrackReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        refuse_no_file(path)
         try:
             self._archive = zipfile.ZipFile(path)
         except FileNotFoundError:

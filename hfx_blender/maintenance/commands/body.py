@@ -203,7 +203,7 @@ def _times() -> dict[str, Any]:
 
     path = resources.body_models() / TIMES_FILE
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return {}  # an extra: the table says nothing of time then
     return found

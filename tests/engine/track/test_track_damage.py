@@ -259,5 +259,5 @@ def test_a_zip_of_something_else(tmp_path):
 def test_missing_file_and_folder(tmp_path):
     with pytest.raises(InputError, match="there is no such file"):
         TrackReader(tmp_path / "none.hfxtrack")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="it is a folder"):
         TrackReader(tmp_path)
