@@ -16,7 +16,6 @@ import pytest
 from hfx_scenes import names_in, process
 
 from hfx_blender import cli
-from hfx_blender.authoring import clips
 
 NAN = float("nan")
 Change = Callable[[], object]
