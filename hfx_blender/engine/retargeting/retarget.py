@@ -19,6 +19,7 @@ from ...stepwise import within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
+from . import hinges
 from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of
 from .layers import Layer, leaving_out
@@ -78,12 +79,14 @@ def warping(
         The target's joints are missing or are not a person's.
     """
     bodies = skeletons_of(avatar, target, mapping)
+    faces = avatar.faces.astype(np.int64)
+    triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
+    points = avatar.vertices.astype(np.float64)
+    bodies, _ = hinges.placed(bodies, points, triangles, target.triangles)
     if bodies.absent:
         target = with_mapped_bones(target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
     yield 0.05
-    faces = avatar.faces.astype(np.int64)
-    triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
     limbs, shares, fields = Limbs(avatar, bodies), bodies.avatar_shares, fields_for(avatar)
     start = posed(avatar, matrices(avatar, bodies))
     layers = leaving_out(surface, layer, start, bodies)

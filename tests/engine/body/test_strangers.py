@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Landmarks of strangers' avatars: knees and elbows that their rigs place beside the skin's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import retarget_variants as variants
+from strangers import BIPED, CENTIMETRES, ENGINE, Figure, made
+
+from hfx_blender.engine.body.model import load_avatar, load_model
+from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.body.rigs.rig import canonical_heads
+from hfx_blender.engine.retargeting import hinges, retarget
+from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting.turns import apply
+
+T_POSE = {"upperarm01.L": variants.turn(1, -45), "upperarm01.R": variants.turn(1, 45)}
+BENT = {
+    **{f"upperleg01.{side}": variants.turn(0, -25) for side in "LR"},
+    **{f"lowerleg01.{side}": variants.turn(0, 30) for side in "LR"},
+}
+MUSCLES = {"upper_leg": 1.25, "lower_leg": 1.2, "upper_arm": 1.4, "forearm": 1.25, "torso": 1.15}
+CHILD = {"upperleg": 0.7, "lowerleg": 0.75, "upperarm": 0.75, "lowerarm": 0.75}
+FIGURES = (
+    Figure("engine's mannequin", ENGINE, is_blurred=True, lumps_m=0.01),
+    Figure("bent knees", ENGINE, turns=BENT, girths={"lower_leg": 0.8}, seed=2),
+    Figure("muscles, T", ENGINE, girths=MUSCLES, turns=T_POSE, lumps_m=0.01, seed=3),
+    Figure("crowd, child", BIPED, CHILD, {"head": 1.3}, triangles=0.15, space=CENTIMETRES, seed=4),
+    Figure("crowd, trousers", BIPED, clothes=("trousers",), triangles=0.15, space=CENTIMETRES),
+)
+HINGES = tuple(f"{stem}.{side}" for stem in ("knee", "elbow") for side in "LR")
+
+
+def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
+    """Knees and elbows that are found, in metres of the shipped avatar's space."""
+    target = made(figure).target
+    avatar = load_avatar()
+    bodies = skeletons_of(avatar, target, map_bones(target.bones))  # type: ignore[arg-type]
+    quads = avatar.faces.astype(np.int64)
+    triangles = np.concatenate((quads[:, :3], quads[:, [0, 2, 3]]))
+    points = avatar.vertices.astype(np.float64)
+    found, _ = hinges.placed(bodies, points, triangles, target.triangles)
+    return {name: apply(bodies.to_target, found.joints[name]) for name in HINGES}
+
+
+@pytest.mark.parametrize("beside_m", [0.04, -0.04])
+@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name)
+def test_a_joint_beside_the_knee_that_is_seen(figure: Figure, beside_m: float) -> None:
+    """The rig with its joints moved along the limb, and the same rig with them in place."""
+    unit = 0.01 if figure.rig is BIPED else 1.0
+    truth = {bone.name: np.asarray(bone.head) for bone in made(figure).target.bones}
+    bones = {"knee": "lowerleg01", "elbow": "lowerarm01"}
+    moved = replace(figure, knees_m=beside_m, elbows_m=beside_m)
+    for name, place in _placed_m(moved).items():
+        stem, side = name.split(".")
+        off = np.linalg.norm(place - truth[figure.rig[f"{bones[stem]}.{side}"]]) * unit
+        assert off < 0.025, name
+
+
+def test_a_rig_that_agrees_with_its_skin_keeps_its_joints() -> None:
+    for name, place in _placed_m(Figure("plain", lumps_m=0.0)).items():
+        bone = {"knee": "lowerleg01", "elbow": "lowerarm01"}[name[:-2]]
+        assert np.linalg.norm(place - canonical_heads()[f"{bone}{name[-2:]}"]) < 0.004, name
+
+
+def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
+    """The front and the back of each: 45 mm off where the rig alone was believed."""
+    figure = Figure("mannequin", ENGINE, is_blurred=True, knees_m=0.045, elbows_m=0.03)
+    person, model = made(figure), load_model("hfx-pressure-1")
+    mapping = map_bones(person.target.bones)  # type: ignore[arg-type]
+    fitted, _ = retarget.fit(model, variants.warp(load_avatar(), person.target, mapping))
+    truth, points = person.truth(model), model.vertices.astype(np.float64)
+    for side in "LR":
+        for bone in ("lowerleg01", "lowerarm01"):
+            for ahead in (-0.06, 0.06):
+                place = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
+                mark = int(np.linalg.norm(points - place, axis=1).argmin())
+                assert np.linalg.norm(fitted.vertices[mark] - truth[mark]) < 0.025, (bone, side)
