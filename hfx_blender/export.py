@@ -43,6 +43,7 @@ from .export_report import (
     not_played,
     shortfalls,
     stale_files,
+    told_effects,
 )
 from .formats import gate, registry
 from .formats.clip import DETAIL
@@ -272,6 +273,13 @@ class SceneExport:
         tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
         with TrackReader(track) as whole:
             felt = felt_effects(whole)
+            effects, missed = told_effects(
+                whole,
+                self.reader.unfelt,
+                recorded.warnings,
+                is_part=self.reader.is_part,
+                instances=self.reader.instance_ids,
+            )
             if settings.per_clip:
                 written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
             else:
@@ -302,7 +310,7 @@ class SceneExport:
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         if settings.strict:
-            _refuse((*recorded.warnings, *rendered.warnings, *silent, *written.left_out))
+            _refuse((*recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out))
         new = {folder / path.relative_to(stem.parent) for path in written.files}
         earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
         removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
@@ -311,11 +319,13 @@ class SceneExport:
             folder=stem.parent,
             files=written.files,
             felt=felt,
+            effects=effects,
             unrendered=lost,
             warnings=shortened(
                 (
                     *self._warnings,
                     *recorded.warnings,
+                    *missed,
                     *rendered.warnings,
                     *silent,
                     *written.left_out,

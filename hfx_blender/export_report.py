@@ -12,8 +12,9 @@ from typing import Any
 from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
-from .reading_counters import as_reported
+from .reading_counters import Unfelt, as_reported
 from .result_files import listed
+from .sentences import counted
 
 REPORT_SUFFIX = ".report.json"
 _LARGEST_REPORT = 2**26
@@ -29,6 +30,7 @@ class ExportReport:
     felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
+    effects: tuple[dict[str, Any], ...] = ()  # all of them: felt from and to, or why not
     engine: dict[str, Any] = field(default_factory=dict)
     reading: dict[str, Any] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
@@ -49,6 +51,7 @@ class ExportReport:
                 for path in self.files
             ],
             "felt": list(self.felt),
+            "effects": list(self.effects),
             "unrendered": list(self.unrendered),
             "warnings": list(self.warnings),
             "left_out": list(self.left_out),
@@ -78,6 +81,93 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
             "peak_level": summary.peak_level,
         }
         for summary in track.summary()
+    )
+
+
+def told_effects(
+    track: TrackReader,
+    unfelt: Mapping[str, Unfelt],
+    warnings: Sequence[str],
+    *,
+    is_part: bool = False,
+    instances: Collection[str] = (),
+) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+    """Each effect of a scene: when it is felt on any body, or the reason why it is not.
+
+    Parameters
+    ----------
+    track : TrackReader
+        Of all samples.
+    unfelt : mapping
+        Reasons that are known already, by the names of effects.
+    warnings : sequence of str
+        Of the recording. An effect that they name needs no other warning.
+    is_part : bool
+        Only some frames of the scene were recorded: effects that are felt at others are expected.
+    instances : collection of str
+        Ids of effects that are instances: one of them may pass by, if another is felt.
+
+    Returns
+    -------
+    tuple of dict
+        For the report.
+    tuple of str
+        Warnings about effects that reach no body.
+    """
+    times: dict[str, list[tuple[float, float]]] = {}
+    for summary in track.summary():
+        if summary.first_s is not None and summary.last_s is not None:
+            span = (summary.first_s, summary.last_s)
+            times.setdefault(summary.stream.effect_id, []).append(span)
+    swarms = {each.rpartition(":")[0] for each in instances if each in times}
+    told, missed = [], []
+    for effect in track.header.effects:
+        line: dict[str, Any] = {"effect": effect.name, "modality": effect.modality}
+        spans = times.get(effect.id)
+        known = unfelt.get(effect.name)
+        if known is None and spans is None:
+            is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
+            known = Unfelt(_MISSED.get(effect.kind, _NEVER_ON), is_part or is_one_of_many)
+            is_told = any(f"'{effect.name}'" in text for text in warnings)
+            if not known.is_expected and not is_told:
+                missed.append((effect.name, known.reason))
+        told.append(line | _felt_or_not(spans, known))
+    names = {effect.name for effect in track.header.effects}
+    told += [
+        {"effect": name} | _felt_or_not(None, why)
+        for name, why in unfelt.items()
+        if name not in names
+    ]
+    return tuple(told), _of_missed(missed)
+
+
+_MISSED = {"volume": "touches no body"}
+_NEVER_ON = "is never on"
+_SEVERAL = {
+    _MISSED["volume"]: "effects that touch no body are not felt",
+    _NEVER_ON: "effects that are never on are not felt",
+}
+
+
+def _felt_or_not(
+    spans: Sequence[tuple[float, float]] | None, known: Unfelt | None
+) -> dict[str, Any]:
+    if known is not None or spans is None:
+        known = known or Unfelt(_NEVER_ON)
+        return {"felt": False, "reason": known.reason, "expected": known.is_expected}
+    first, last = zip(*spans, strict=True)
+    return {"felt": True, "from_s": min(first), "to_s": max(last)}
+
+
+def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Warnings about effects, each with the reason, that are not felt."""
+    if len(missed) == 1:
+        return (f"effect '{missed[0][0]}' {missed[0][1]}: it is not felt",)
+    reasons = dict.fromkeys(why for _, why in missed)
+    return tuple(
+        text
+        for why in reasons
+        for text in counted([name for name, each in missed if each == why], _SEVERAL[why])
     )
 
 

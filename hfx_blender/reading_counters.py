@@ -8,6 +8,14 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 
+@dataclass(frozen=True)
+class Unfelt:
+    """Reason why nothing is felt of an effect; it goes on after the effect's name."""
+
+    reason: str
+    is_expected: bool = False  # the user asked for it: no warning
+
+
 @dataclass
 class ReadingCounters:
     """Work done since a scene's reader was made."""

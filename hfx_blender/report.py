@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from .printable import printable
+from .sentences import named
 
 if TYPE_CHECKING:
     from .export_report import ExportReport
@@ -29,15 +30,7 @@ def shortened(texts: Iterable[str], most: int = MOST_KEPT) -> tuple[str, ...]:
 def describe(report: ExportReport) -> str:
     """Describe an export in a few lines: samples, effects without a device, files."""
     lines = [f"Scene '{report.scene}'"]
-    for felt in report.felt:
-        if felt["seconds"]:
-            lines.append(
-                f"  {felt['effect']} ({felt['modality']}) felt by {felt['body']} for "
-                f"{felt['seconds']:.2f} s from {felt['first_s']:.2f} s, on "
-                f"{felt['mean_vertices']:.0f} vertices on average"
-            )
-        else:
-            lines.append(f"  {felt['effect']} ({felt['modality']}) was not felt by {felt['body']}")
+    lines += [f"  {text}" for text in (*felt_lines(report), *unfelt_lines(report))]
     lines += [
         f"  {lost['effect']}: {lost['seconds']:.2f} s of it ({lost['share']:.0%}) felt by "
         f"{lost['body']} but played by no device"
@@ -49,6 +42,39 @@ def describe(report: ExportReport) -> str:
     lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
     return "\n".join(map(printable, lines))
+
+
+def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
+    """Times of effects that are felt, for each body; effects that no body feels are left out."""
+    unfelt = {each["effect"] for each in report.effects if not each["felt"]}
+    texts = []
+    for felt in report.felt:
+        title = f"{felt['effect']} ({felt['modality']})"
+        if felt["effect"] in unfelt:
+            continue
+        if not felt["seconds"]:
+            texts.append(f"{title} was not felt by {felt['body']}")
+            continue
+        texts.append(
+            f"{title} felt by {felt['body']} from {felt['first_s']:.2f} to {felt['last_s']:.2f} s, "
+            f"for {felt['seconds']:.2f} s, on {felt['mean_vertices']:.0f} vertices on average"
+        )
+    return shortened(texts, most)
+
+
+def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
+    """Effects that no body feels, and why: one line for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for each in report.effects:
+        if not each["felt"]:
+            title = f"{each['effect']} ({each['modality']})" if "modality" in each else None
+            reasons.setdefault(each["reason"], []).append(title or each["effect"])
+    return tuple(
+        f"{names[0]} was not felt: it {why}"
+        if len(names) == 1
+        else f"{len(names)} effects were not felt: each {why}: {named(names)}"
+        for why, names in reasons.items()
+    )
 
 
 def _size(count: int) -> str:

@@ -37,6 +37,7 @@ class Activation:
     source: ActivationSource
     spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)  # frames outside: certainly off
     clips: tuple[Clip, ...] = ()
+    playing: tuple[Clip, ...] = ()  # those that are on nowhere but between their ends
 
     def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
         """Test that the effect can be on at each frame, (n,); False is certain."""
@@ -88,7 +89,8 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     if any(strip.extrapolation != "NOTHING" for strip in playing):
         return Activation(ActivationSource.ANIMATED, clips=named)
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
-    return Activation(ActivationSource.ANIMATED, spans, named)
+    timed = tuple(Clip(strip.name, *span) for strip, span in zip(playing, spans, strict=True))
+    return Activation(ActivationSource.ANIMATED, spans, named, timed)
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:

@@ -19,6 +19,8 @@ from .scene_description import sample_frames
 from .visibility import is_keyed
 
 MUTED = "is muted"
+CLIPS_MUTED = "has clips, all of them muted"
+OFF = "is not on at any exported time"
 
 _INTENSITY = "hfx.intensity"
 
@@ -42,9 +44,9 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
     if state is activation.SILENCED:
         return MUTED
     if state.source is activation.ActivationSource.OFF:
-        return "has clips, all of them muted"
+        return CLIPS_MUTED
     if not state.may_be_on(frames).any():
-        return "is not on at any exported time"
+        return OFF
     if _is_powerless(effect, frames):
         return "has intensity 0"
     return None

@@ -128,6 +128,8 @@ class Sources:
         Keyframes that are no numbers.
     asleep : dict
         Those that cannot be felt at any time of ``time``, and why.
+    activations : dict
+        When each of them is on; muted ones, too.
     """
 
     def __init__(
@@ -150,14 +152,10 @@ class Sources:
             name: activation.SILENCED if source in silenced else activation.activation_of(source)
             for name, source in every.items()
         }
-        muted = (
-            f"effect '{source.name}' is muted: it is not felt"
-            for source in every.values()
-            if source in silenced
-        )
-        self.warnings = (*warned, *soundness.left_out(bad), *muted)
+        self.warnings = (*warned, *soundness.left_out(bad))
         self.notes = soundness.non_finite_keyframes(every.values())
         frames = None if time is None else dormant.frames_read(found.scene, time)
+        self.activations = {every[name]: state for name, state in states.items()}
         self.asleep: dict[bpy.types.Object, str] = {}
         for name, state in states.items():
             why = None if frames is None else dormant.why_dormant(every[name], state, frames)
@@ -266,7 +264,7 @@ class Instances:
     descriptions : tuple of EffectDescription
         One for each instance.
     warnings, notes : tuple of str
-    asleep : dict
+    asleep, activations : dict
         See :class:`Sources`.
 
     Raises
@@ -286,7 +284,7 @@ class Instances:
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
         self.warnings, self.notes = self._sources.warnings, self._sources.notes
-        self.asleep = self._sources.asleep
+        self.asleep, self.activations = self._sources.asleep, self._sources.activations
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
         self._last: dict[int, dict[Key, EffectRow]] = {}  # of the last samples

@@ -54,6 +54,10 @@ IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
 
 
+ABSENT = "is disabled in viewports or excluded from the view layer"
+NO_BODY = "is felt on a body that is not in the scene"
+
+
 @dataclass(frozen=True)
 class HapticObjects:
     """The bodies and effects of a scene that take part, and when each effect is on."""
@@ -67,6 +71,7 @@ class HapticObjects:
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
     notes: tuple[str, ...] = ()  # keyframes that are no numbers
+    gone: Mapping[str, str] = field(default_factory=dict)  # effects that were left out, and why
     # Effects that are not felt at any time that is read, also such as only instances could show,
     # and why; nothing else of them is read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
@@ -106,30 +111,32 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)
     bodies, warned, left_out = _find_bodies(scene, layer, enabled)
-    kept, warnings = _find_effects(scene, layer, enabled)
+    found = effects.effects_of(scene)
+    shown, warnings = _shown_effects(scene, layer, found, enabled)
     warnings = (*_of_unknown_role(scene), *warned, *warnings)
-    kept, bodiless = _without_bodiless(kept, bodies)
+    kept, bodiless = _without_bodiless(shown, bodies)
     warnings += bodiless
     sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
     if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
-    kept = list(sound)
     left_out += soundness.left_out(faults)
-    silent = effects.silenced(kept)
+    silent = effects.silenced(sound)
     activations = [
-        activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
+        activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
-    warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
+    gone = {effect.name: ABSENT for effect in found if effect not in shown}
+    gone |= {effect.name: NO_BODY for effect in shown if effect not in kept}
     return HapticObjects(
         scene,
         layer,
         bodies,
-        kept,
+        list(sound),
         activations,
         warnings,
         left_out=left_out,
-        notes=soundness.non_finite_keyframes([*bodies, *kept]),
+        notes=soundness.non_finite_keyframes([*bodies, *sound]),
+        gone={**gone, **_names_of(faults)},
     )
 
 
@@ -199,10 +206,13 @@ def _instanced_body(
     return None
 
 
-def _find_effects(
-    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+def _shown_effects(
+    scene: bpy.types.Scene,
+    layer: bpy.types.ViewLayer,
+    found: list[bpy.types.Object],
+    enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    found = effects.effects_of(scene)
+    """Effects among those found that Blender evaluates, and warnings about the others."""
     # Perhaps of volumes that are not in the scene.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not found and not has_instances:
@@ -213,8 +223,7 @@ def _find_effects(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
         )
     warnings = tuple(
-        f"effect '{effect.name}' is disabled in viewports or excluded from the view "
-        "layer: it was left out"
+        f"effect '{effect.name}' {ABSENT}: it was left out"
         for effect in found
         if effect not in kept
     )
@@ -315,6 +324,7 @@ def describe(
         effects=list(described),
         activations=[states[effect] for effect in described],
         left_out=(*found.left_out, *soundness.left_out(faults)),
+        gone={**found.gone, **_names_of(faults)},
     )
     warnings = [*found.warnings, *kept.left_out]
     warnings += filter(None, map(body_binding.warning_of, found.bodies))
@@ -333,6 +343,11 @@ def describe(
         source=_source(found.scene),
         warnings=tuple(dict.fromkeys(warnings)),
     )
+
+
+def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
+    """Faults by the names of effects, as ends of sentences."""
+    return {obj.name: f"has a fault: {why.removesuffix('.')}" for obj, why in faults.items()}
 
 
 def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

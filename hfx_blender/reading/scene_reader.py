@@ -27,9 +27,18 @@ from ..engine.response.paths import NEIGHBOURS
 from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
-from ..reading_counters import ReadingCounters
+from ..reading_counters import ReadingCounters, Unfelt
 from ..report import shortened
-from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
+from . import (
+    dormant,
+    instances,
+    linked_files,
+    play_space,
+    scene_description,
+    stepping,
+    unfelt,
+    visibility,
+)
 from .animation_time import animation_frames
 from .reached import is_instancer
 from .reading_pass import Pass, objects_of
@@ -115,6 +124,11 @@ class SceneReader:
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
+    Attributes
+    ----------
+    unfelt : dict of str to Unfelt
+        Effects of which nothing is felt, as far as that is known before times are read.
+
     Raises
     ------
     InputError
@@ -158,7 +172,11 @@ class SceneReader:
         warned = self.description.warnings
         makers = filter(is_instancer, scene_objects(scene)) if more else ()
         unbaked = to_bake(scene, [*self._found.read, *makers])
-        warnings = (*warned, *self._instances.warnings, *unbaked, *linked_files.missing())
+        unfelt_warnings = self._find_unfelt(layer)
+        warnings = (
+            *(*warned, *unfelt_warnings, *self._instances.warnings),
+            *(*unbaked, *linked_files.missing()),
+        )
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]
@@ -176,6 +194,47 @@ class SceneReader:
         )
         self.stepping_note = ""
         self._plan: Plan | None = None
+
+    def _find_unfelt(self, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
+        """Find what is known not to be felt; returns the warnings about it."""
+        found, scene, time = self._found, self._found.scene, self.time
+        states = dict(zip(found.effects, found.activations, strict=True))
+        states |= self._instances.activations
+        reasons = {name: Unfelt(why) for name, why in found.gone.items()}
+        frames = dormant.frames_read(scene, time)
+        new: dict[str, Unfelt] = {}
+        lost: list[unfelt.LostClip] = []
+        for effect, state in states.items():
+            of_it = [*unfelt.lost_clips(scene, time, effect, state)]
+            lost += of_it
+            why = found.dormant.get(effect)
+            if of_it and sum(each.is_whole for each in of_it) == len(state.playing):
+                why = dormant.OFF
+            if why is not None:
+                new[effect.name] = unfelt.of_dormant(why, state, self.is_part)
+            elif (powerless := unfelt.why_powerless(effect, frames)) is not None:
+                new[effect.name] = Unfelt(powerless)
+        self.unfelt = {**reasons, **new}
+        return (
+            *unfelt.warnings_of_clips(lost, time),
+            *(
+                f"effect '{name}' {each.reason}: it is not felt"
+                for name, each in new.items()
+                if not each.is_expected
+            ),
+            *unfelt.instanced(scene, layer),
+        )
+
+    @property
+    def is_part(self) -> bool:
+        """Test for a range of frames that is not the scene's own."""
+        scene, time = self._found.scene, self.time
+        return (time.frame_first, time.frame_last) != (scene.frame_start, scene.frame_end)
+
+    @property
+    def instance_ids(self) -> frozenset[str]:
+        """Ids of the effects that are instances or particles."""
+        return frozenset(each.id for each in self._instances.descriptions)
 
     @property
     def counters(self) -> ReadingCounters:
@@ -204,15 +263,8 @@ class SceneReader:
         surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
         warned = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         warned = {text: s for text, s in warned.items() if s.warning}
-        asleep = self._found.dormant.items()
-        # Muted effects are reported as a warning.
-        unfelt = (
-            f"effect '{effect.name}' {why}: nothing of it was read"
-            for effect, why in asleep
-            if why != dormant.MUTED
-        )
         keys = (*self._found.notes, *self._instances.notes)
-        return tuple(dict.fromkeys((*keys, *self._shapes.notes, *warned, *unfelt)))
+        return tuple(dict.fromkeys((*keys, *self._shapes.notes, *warned)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""

@@ -164,7 +164,7 @@ def test_export_says_what_was_felt_and_written(
 ) -> None:
     (found, folder) = done
     assert found.stderr == ""
-    assert "Touch (pressure) felt by Avatar for 0.40 s from 0.00 s" in found.stdout
+    assert "Touch (pressure) felt by Avatar from 0.00 to 0.39 s, for 0.40 s, on" in found.stdout
     assert "Ball (vibration) felt by Avatar" in found.stdout
     assert str(folder / "small.hfxtrack") in found.stdout
     assert names_in(folder) == ["small.hfxtrack", "small.report.json"]

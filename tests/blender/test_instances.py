@@ -15,6 +15,7 @@ from hfx_blender.engine.samples import SampleRun
 from hfx_blender.errors import InputError
 from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.reading_counters import Unfelt
 
 FPS = 25
 BELLY = (0.0, -0.15, 1.08)
@@ -218,11 +219,13 @@ def test_a_source_that_is_not_felt_is_told(ball: Any) -> None:
     bpy.context.view_layer.update()
     assert _read()[1].description.warnings == () == _read()[1].notes
     ball.hfx.is_muted = True
-    assert "effect 'Ball' is muted: it is not felt" in _read()[1].description.warnings
+    reader = _read()[1]
+    assert reader.unfelt == {"Ball": Unfelt("is muted", is_expected=True)}
+    assert reader.description.warnings == () == reader.notes
     ball.hfx.is_muted, ball.hfx.intensity = False, 0.0
     reader = _read()[1]
-    assert reader.notes == ("effect 'Ball' has intensity 0: nothing of it was read",)
-    assert reader.description.warnings == ()
+    assert reader.unfelt == {"Ball": Unfelt("has intensity 0")}
+    assert reader.description.warnings == ("effect 'Ball' has intensity 0: it is not felt",)
 
 
 def test_a_volume_that_is_to_be_a_mesh_and_is_none_costs_itself(ball: Any) -> None:
