@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -193,3 +194,16 @@ def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
             is_below = raw.startswith("//") and not raw.startswith("//..")
             found.setdefault(bpy.data.objects[0], set()).add(raw if is_below else path)
     return found
+
+
+def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[Callable[[Any], None], Any]]:
+    """Values of a Geometry Nodes modifier's inputs, each with a function that sets it."""
+    holder = getattr(getattr(modifier, "properties", None), "inputs", None)
+    if holder is None:  # before Blender 5.2
+        return [(partial(modifier.__setitem__, key), modifier[key]) for key in modifier.keys()]
+    sockets = modifier.node_group.interface.items_tree if modifier.node_group is not None else ()
+    names = (getattr(socket, "identifier", "") for socket in sockets)
+    inputs = [getattr(holder, name) for name in names if hasattr(holder, name)]
+    return [
+        (partial(setattr, each, "value"), each.value) for each in inputs if hasattr(each, "value")
+    ]

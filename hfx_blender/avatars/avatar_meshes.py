@@ -8,8 +8,7 @@ are numbered mesh after mesh in that order.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import bpy
@@ -200,7 +199,9 @@ def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
         except InputError:  # told where the mesh is fitted to
             continue
         owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
-        mostly = target.weights.values > 0.5
+        shown = np.zeros(len(target.vertices), np.bool_)
+        shown[target.triangles] = True
+        mostly = (target.weights.values > 0.5) & shown[owners]
         places, bones = target.vertices[owners[mostly]], target.weights.bones[mostly]
         for number in np.unique(bones):
             found.setdefault(target.bone_names[number], []).append(places[bones == number])
@@ -208,10 +209,14 @@ def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
 
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
-    """Read a mesh in the rest space of its armature."""
+    """Read a mesh in the rest space of its armature, with the shape keys that are always on.
+
+    Pieces that modifiers hide have vertices, but no triangles.
+    """
     import numpy as np
 
     from ..engine.retargeting.target import TargetAvatar
+    from . import mesh_copies
 
     if mesh_object.type != "MESH":
         raise InputError(
@@ -231,16 +236,18 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     }
     names = tuple(groups)
     carrier = bone_of(armature, mesh_object)
-    with _whole_mesh(mesh_object) as mesh:
-        points, triangles = _surface_of(mesh)
+    shape = mesh_copies.steady_shape(mesh_object.data)
+    with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
+        points, triangles = mesh_copies.points_of(mesh), mesh_copies.triangles_of(mesh)
         if carrier is not None:
             names, weights = (carrier,), _rigid_weights(len(points))
         else:
             weights = _weights(mesh, list(groups.values()))
+    hidden = mesh_copies.hidden_vertices(mesh_object, triangles, points)
     unit = metres_of(bpy.context.scene)
     return TargetAvatar(
         vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
-        triangles=triangles.astype(np.int64),
+        triangles=triangles[~hidden[triangles].any(axis=1)].astype(np.int64),
         weights=weights,
         bone_names=names,
         bones=read_bones(armature),
@@ -263,58 +270,20 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
     return at_bone @ at.matrix_parent_inverse @ at.matrix_basis @ matrix
 
 
-def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Mirror modifiers that make a mesh whole before its armature deforms it."""
-    found = []
-    for modifier in mesh.modifiers:
-        if modifier.type == "ARMATURE":
-            break
-        if modifier.type == "MIRROR" and modifier.show_viewport:
-            found.append(modifier)
-    return found
+def rest_surface(
+    mesh_object: bpy.types.Object, shape: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (A, 3) and triangles (F, 3) of a mesh before its armature deforms it, local space.
 
+    Parameters
+    ----------
+    shape : mapping of str
+        Values of its shape keys; the others are 0.
+    """
+    from . import mesh_copies
 
-@contextmanager
-def _whole_mesh(mesh: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """Undeformed mesh of an object, with the half that Mirror modifiers make."""
-    kept = {modifier.name for modifier in mirrors_of(mesh)}
-    if not kept:
-        yield mesh.data
-        return
-    scene, alone = bpy.context.scene, mesh.copy()
-    for modifier in [each for each in alone.modifiers if each.name not in kept]:
-        alone.modifiers.remove(modifier)
-    scene.collection.objects.link(alone)
-    try:
-        graph = bpy.context.evaluated_depsgraph_get()
-        whole = bpy.data.meshes.new_from_object(
-            alone.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
-        )
-    finally:
-        bpy.data.objects.remove(alone)
-        bpy.context.view_layer.update()  # its list of objects is stale until then
-    try:
-        yield whole
-    finally:
-        bpy.data.meshes.remove(whole)
-
-
-def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Undeformed vertices (A, 3) and triangles (F, 3) of an object's mesh, its local space."""
-    with _whole_mesh(mesh_object) as mesh:
-        return _surface_of(mesh)
-
-
-def _surface_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (A, 3) and triangles (F, 3) of a mesh, local space."""
-    import numpy as np
-
-    points = np.zeros(len(mesh.vertices) * 3, np.float32)
-    mesh.vertices.foreach_get("co", points)
-    mesh.calc_loop_triangles()
-    triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    return points.reshape(-1, 3), triangles.reshape(-1, 3)
+    with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
+        return mesh_copies.points_of(mesh), mesh_copies.triangles_of(mesh)
 
 
 def _check_scale(obj: bpy.types.Object) -> None:

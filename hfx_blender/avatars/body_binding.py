@@ -20,20 +20,13 @@ from ..engine.body.model import PerceptualModel, load_model, load_skeleton
 from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from ..errors import InputError
-from . import avatar_meshes, retargeting
+from . import avatar_meshes, evaluated_skin, mesh_copies, retargeting
 
 REST_TOLERANCE_M = 1e-4
 
 _BEYOND = 0.25
 """Tolerance of a foot beyond an edge of its triangle, as a barycentric weight: enough for the rest
 pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
-
-_HARMLESS_MODIFIERS = {
-    "ARMATURE", "DATA_TRANSFER", "EDGE_SPLIT", "NORMAL_EDIT", "PARTICLE_SYSTEM", "COLLISION",
-    "SUBSURF", "TRIANGULATE", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX",
-    "VERTEX_WEIGHT_PROXIMITY", "WEIGHTED_NORMAL",
-}  # fmt: skip
-"""Modifiers that leave the skin where the armature puts it (subdivision only smooths it)."""
 
 
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
@@ -53,6 +46,8 @@ def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBindin
         if difference is not None:
             raise InputError(f"Body '{body.name}': {difference}")
     reason = why_surface(body)
+    if reason is not None:
+        _beyond_bones(body)  # the surface is measured
     if reason is None:
         return SkinBinding(tuple(bone.name for bone in body.pose.bones), fitted)
     return SurfaceBinding(
@@ -145,51 +140,77 @@ def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAncho
 
 def _beyond_bones(body: bpy.types.Object) -> str | None:
     """Reason why bones alone would pose an avatar wrongly; None if they would not."""
-    reasons = (_mesh_beyond_bones(body, mesh) for mesh in avatar_meshes.meshes_of(body))
+    reasons = [_mesh_beyond_bones(body, mesh) for mesh in avatar_meshes.meshes_of(body)]
     return next(filter(None, reasons), None)
 
 
 def _mesh_beyond_bones(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
-    if avatar_meshes.bone_of(body, mesh) is not None:
+    is_deformed = avatar_meshes.bone_of(body, mesh) is None
+    if is_deformed and not _armatures(body, mesh):
+        return f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'"
+    suspects = _suspects(body, mesh)
+    if not suspects:
+        evaluated_skin.forget(body, mesh)
         return None
-    armatures = [
+    shape = retargeting.shape_of(body, mesh)
+    return evaluated_skin.measured(body, mesh, suspects, shape).reason
+
+
+def is_measured(body: bpy.types.Object) -> bool:
+    """Test for an avatar of which all that may pose its skin beside the bones was measured."""
+    return all(
+        not suspects or evaluated_skin.known(body, mesh, suspects) is not None
+        for mesh in avatar_meshes.meshes_of(body)
+        for suspects in (_suspects(body, mesh),)
+    )
+
+
+def _armatures(body: bpy.types.Object, mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
+    return [
         m for m in mesh.modifiers if m.type == "ARMATURE" and m.object == body and m.show_viewport
     ]
-    if not armatures:
-        return f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'"
-    modifier = armatures[0]
-    if modifier.use_deform_preserve_volume:
-        return "Preserve Volume is on"
-    if modifier.use_bone_envelopes or modifier.vertex_group or not modifier.use_vertex_groups:
-        return f"modifier '{modifier.name}' does not deform by plain vertex groups"
-    if len(armatures) > 1:
-        return "several armature modifiers deform it"
-    mirrors = avatar_meshes.mirrors_of(mesh)
-    others = [
-        m
-        for m in mesh.modifiers
-        if m.show_viewport and m.type not in _HARMLESS_MODIFIERS and m not in mirrors
-    ]
-    if others:
-        return f"modifier '{others[0].name}' deforms it too"
-    bones = body.data.bones
-    skin = filter(None, (bones.get(group.name) for group in mesh.vertex_groups))
-    bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
-    if bent:
-        return f"bone '{bent[0]}' bends or does not deform"
+
+
+def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
+    """Reasons for which bones alone may pose a mesh wrongly: by the name of a modifier, or
+    "armature", "bones", "keys".
+    """
+    suspects: dict[str, str] = {}
+    armatures = _armatures(body, mesh)
+    if armatures:
+        modifier = armatures[0]
+        if modifier.use_deform_preserve_volume:
+            suspects["armature"] = "Preserve Volume is on"
+        elif modifier.use_bone_envelopes or modifier.vertex_group or not modifier.use_vertex_groups:
+            suspects["armature"] = (
+                f"modifier '{modifier.name}' does not deform by plain vertex groups"
+            )
+        elif len(armatures) > 1:
+            suspects["armature"] = "several armature modifiers deform it"
+        bones = body.data.bones
+        skin = filter(None, (bones.get(group.name) for group in mesh.vertex_groups))
+        bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
+        if bent:
+            suspects["bones"] = f"bone '{bent[0]}' bends or does not deform"
+    own = [*armatures, *mesh_copies.mirrors_of(mesh)]
+    for modifier in mesh.modifiers:
+        if modifier.show_viewport and modifier not in own:
+            suspects[modifier.name] = f"modifier '{modifier.name}' deforms it too"
     keys = mesh.data.shape_keys
     if keys is not None and any(
         not key.mute and (key.value != 0.0 or keys.animation_data is not None)
         for key in keys.key_blocks[1:]
     ):
-        return "shape keys deform it"
-    return None
+        suspects["keys"] = "shape keys deform it"
+    elif retargeting.shape_of(body, mesh):
+        suspects["keys"] = "its shape keys are not those that the body was fitted to"
+    return suspects
 
 
 def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
     """Nearest point of the avatar's undeformed meshes to each perceptual vertex."""
     avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
-    rest = [avatar_meshes.rest_surface(mesh) for mesh in meshes]
+    rest = [avatar_meshes.rest_surface(mesh, {}) for mesh in meshes]
     vertices = _in_one_space([points for points, _ in rest], [mesh.matrix_world for mesh in meshes])
     starts = np.cumsum([0] + [len(points) for points, _ in rest[:-1]])
     triangles = np.concatenate(
@@ -258,26 +279,33 @@ def read_surfaces(
     if is_outline:
         surfaces = [np.array([c[:] for c in mesh.bound_box], np.float32) for mesh in found]
     else:
-        surfaces = [read_surface(*pair) for pair in zip(meshes, found, strict=True)]
+        surfaces = [read_surface(body, *pair) for pair in zip(meshes, found, strict=True)]
     return _in_one_space(surfaces, [mesh.matrix_world for mesh in found])
 
 
-def read_surface(avatar: bpy.types.Object, evaluated: bpy.types.Object) -> np.ndarray:
-    """Evaluated vertices of one mesh of an avatar, (A, 3) float32, its local space.
+def read_surface(
+    body: bpy.types.Object, mesh: bpy.types.Object, evaluated: bpy.types.Object
+) -> np.ndarray:
+    """Evaluated places of a mesh's own vertices, (A, 3) float32, its local space.
 
-    Subdivision keeps the original vertices first; any other change of their number is refused.
+    Vertices that modifiers add are left out; those that are hidden or merged are held by the
+    nearest skin that is left.
+
+    Raises
+    ------
+    InputError
+        The number of evaluated vertices changes with time, or with the pose.
     """
-    mesh = evaluated.data
-    count = len(avatar.data.vertices)
-    positions = np.zeros(len(mesh.vertices) * 3, np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", positions)
-    is_mirrored = bool(avatar_meshes.mirrors_of(avatar))
-    adds = len(mesh.vertices) > count
-    only_adds = any(m.type == "SUBSURF" and m.show_viewport for m in avatar.modifiers)
-    if is_mirrored or len(mesh.vertices) < count or (adds and not only_adds):
+    data = evaluated.data
+    positions = np.zeros(len(data.vertices) * 3, np.float32)
+    data.attributes["position"].data.foreach_get("vector", positions)
+    surface, count = evaluated_skin.latest(body, mesh), len(mesh.data.vertices)
+    is_known = len(data.vertices) == count if surface is None else surface.fits(len(data.vertices))
+    if not is_known:
         raise InputError(
-            f"Avatar '{avatar.name}': a modifier changes its number of vertices from {count} to "
-            f"{len(mesh.vertices)}, so its surface cannot be followed; apply that modifier, or "
-            "turn it off in viewports."
+            f"Avatar '{mesh.name}': a modifier changes its number of vertices from {count} to "
+            f"{len(data.vertices)}, not always alike, so its surface cannot be followed; apply "
+            "that modifier, move it above the Armature modifier, or turn it off in viewports."
         )
-    return positions.reshape(-1, 3)[:count]
+    points = positions.reshape(-1, 3)
+    return points if surface is None else surface.places(points)

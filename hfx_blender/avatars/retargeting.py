@@ -9,6 +9,7 @@ is kept on a mesh of this file, which nobody sees, that ``hfx.fit_kept`` points 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +29,7 @@ from ..engine.retargeting.quality import (
 )
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
-from . import avatar_meshes
+from . import avatar_meshes, mesh_copies
 
 FIT = "hfx_fit"
 """ID property of an armature: its bones and meshes as they were, and the arrays of each model."""
@@ -75,6 +76,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
         "layer": armature.hfx.felt_layer,
         "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
         "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
+        "shapes": json.dumps([mesh_copies.steady_shape(mesh.data) for mesh in fit.meshes]),
         "bones": "\n".join(fit.models[0].bone_names),
         "models": {model.model_id: _stored(model) for model in fit.models},
         "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
@@ -136,6 +138,17 @@ def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
     """The "warnings" or the "notes" of a stored fit."""
     fit = _stored_fit(armature)
     return [] if fit is None else list(filter(None, fit[kind].split("\n")))
+
+
+def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, float]:
+    """Values of a mesh's shape keys when the body was fitted to it; the others were 0."""
+    fit = _stored_fit(armature)
+    meshes = avatar_meshes.meshes_of(armature)
+    if fit is None or "shapes" not in fit or mesh not in meshes:
+        return {}
+    shapes: list[dict[str, float]] = json.loads(fit["shapes"])
+    number = meshes.index(mesh)
+    return shapes[number] if number < len(shapes) else {}
 
 
 def _stored(fitted: FittedModel) -> dict[str, object]:

@@ -106,7 +106,7 @@ def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
     best = np.full(len(points), np.inf)
     for number, each in enumerate(avatar_meshes.meshes_of(body)):
-        skin, _ = avatar_meshes.rest_surface(each)
+        skin, _ = avatar_meshes.rest_surface(each, retargeting.shape_of(body, each))
         if not len(skin):
             continue
         to_rest = np.array(body.matrix_world.inverted_safe() @ each.matrix_world, np.float64)

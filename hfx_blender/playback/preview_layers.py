@@ -204,7 +204,7 @@ class Preview:
 
 def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
     """Interpolation from a model's vertices to a mesh's, both at rest."""
-    points, _ = avatar_meshes.rest_surface(mesh)
+    points, _ = avatar_meshes.rest_surface(mesh, retargeting.shape_of(body, mesh))
     to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
     return spread_between(
         points @ to_rest[:3, :3].T + to_rest[:3, 3], retargeting.model_of(body, model_id)

@@ -118,6 +118,8 @@ def how_followed(body: bpy.types.Object) -> str:
     """Sentence on what poses a body at present, and why."""
     from ..avatars import body_binding
 
+    if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
+        return "What modifiers and shape keys do to the avatar is measured when it is played"
     try:
         reason = body_binding.why_surface(body)
     except InputError as error:

@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Vector  # noqa: E402
 from own_avatar import opened  # noqa: E402
 
-from hfx_blender.avatars import bodies, model_mesh, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, body_binding, model_mesh, retargeting  # noqa: E402
 from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
 from hfx_blender.engine.retargeting.quality import PartQuality, Quality  # noqa: E402
 from hfx_blender.properties import BONE_REGIONS  # noqa: E402
@@ -108,9 +108,12 @@ def test_the_panel_of_a_body_and_of_its_mesh_is_the_same(anna: tuple[Any, Any]) 
 def test_the_panel_says_what_poses_the_body_and_why(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     skin.modifiers["Armature"].use_deform_preserve_volume = True
+    assert "is measured when" in body_panel.how_followed(rig)
+    body_binding.why_surface(rig)
     said = body_panel.how_followed(rig)
     assert said == "Follows the evaluated surface, because Preserve Volume is on"
     rig.hfx.follow = "BONES"
+    body_binding.warning_of(rig)
     assert (
         body_panel.how_followed(rig)
         == "Follows the bones, although other modifiers deform the avatar"

@@ -12,7 +12,6 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.scene import SkinBinding
-from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
 
 bpy = pytest.importorskip("bpy")
@@ -207,8 +206,9 @@ def test_half_a_mesh_with_a_mirror_modifier_is_a_whole_body(anna: tuple[Any, Any
         bone = target.bone_names.index(f"Hand.{word}")
         held = target.vertices[owners[target.weights.bones == bone]]
         assert len(held) > 10 and (np.sign(held[:, 0]) == side).all()
-    with pytest.raises(InputError, match="apply that modifier"):
-        body_binding.read_surface(skin, skin)
+    bodies.mark_body(rig, [skin])
+    rig.hfx.follow = "SURFACE"
+    assert body_binding.why_surface(rig) is not None
 
 
 def test_two_characters_in_one_armature_are_refused(anna: tuple[Any, Any]) -> None:

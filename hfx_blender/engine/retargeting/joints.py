@@ -107,6 +107,9 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
     points = apply(from_target, target.vertices)
     target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
+    is_shown = np.zeros(len(points), np.bool_)
+    is_shown[target.triangles] = True
+    target_shares *= is_shown[:, None]
     avatar_shares = group_shares(avatar.weights, of_canonical, len(REGIONS))
     own = _region_areas(points, target.triangles, target_shares)
     halves = avatar.faces[:, :3].astype(np.int64)  # of quads
