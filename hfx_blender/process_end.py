@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType
@@ -31,6 +32,7 @@ TIDYING_S: Final = 2.0
 """Longest time for ending child processes and removing unfinished files after that, seconds."""
 
 _CHILDREN_S: Final = 1.2
+_WRITING_S: Final = 0.3
 _LOOK_S: Final = 0.02
 _SIGNALS: Final = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -120,12 +122,13 @@ def leave(code: int) -> NoReturn:
 
     Blender's module sometimes hangs while Python takes it down, after all work is done.
     """
-    is_first = _ending.acquire(timeout=TIDYING_S)
-    if is_first:
-        _tidy()
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
+    if _ending.acquire(timeout=TIDYING_S):
+        if _state.is_answered:
+            _in_time(_tidy, TIDYING_S)
+            _in_time(_flush, _WRITING_S)
+        else:
+            _tidy()
+            _flush()
     if _state.number and not _state.is_answered:  # it came too late for the work
         _end(_state.number)
     os._exit(code)
@@ -162,18 +165,34 @@ def _watch(reading: int) -> None:
 
 def _end_by_force(number: int) -> NoReturn:
     if _ending.acquire(timeout=TIDYING_S):
-        tidying = threading.Thread(target=_tidy, daemon=True)
-        tidying.start()
-        tidying.join(TIDYING_S)  # a file system that hangs must not keep the process
+        _in_time(_tidy, TIDYING_S)
     _end(number)
 
 
 def _end(number: int) -> NoReturn:
+    text = f"hfx: {farewell(number)}\n".encode()
     if _state.writes_farewell:
         # Past sys.stderr, whose lock the main thread may hold.
-        with suppress(OSError):
-            os.write(2, f"hfx: {farewell(number)}\n".encode())
+        _in_time(lambda: os.write(2, text), _WRITING_S)
     os._exit(128 + number)
+
+
+def _in_time(work: Callable[[], object], limit_s: float) -> None:
+    """Do work, but go on after a time: a file system or a reader of ours may hang."""
+
+    def safely() -> None:
+        with suppress(OSError):
+            work()
+
+    thread = threading.Thread(target=safely, daemon=True)
+    thread.start()
+    thread.join(limit_s)
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
 
 
 def _tidy() -> None:

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -96,6 +97,8 @@ def prepare(folder: Path, *, is_short: bool = False) -> dict[str, list[str]]:
         "demo": _hfx("demo", "--no-pictures", "-o", "OUT/demo"),
         "sound": _hfx("device", "list"),
         "bench": _hfx("bench", "volumes", "--short"),
+        "pictures": _hfx("demo", "-o", "OUT/demo"),
+        "throughput": _hfx("bench", "throughput", "--short"),
     }
 
 
@@ -128,11 +131,20 @@ def lengths_s(commands: dict[str, list[str]], folder: Path) -> dict[str, float]:
 
 
 def trial(
-    name: str, command: list[str], folder: Path, number: str, delay_s: float, all_: Trials
+    name: str,
+    command: list[str],
+    folder: Path,
+    number: str,
+    delay_s: float,
+    all_: Trials,
+    *,
+    is_for_all: bool,
 ) -> None:
-    """Send one signal, and note what is wrong with the end."""
+    """Send one signal, perhaps to the child processes as well, and note what is wrong."""
     folder.mkdir(parents=True)
-    code, took_s, err, is_late = _run(command, folder, getattr(signal, number), delay_s)
+    code, took_s, err, is_late = _run(
+        command, folder, getattr(signal, number), delay_s, is_for_all=is_for_all
+    )
     wanted = 128 + getattr(signal, number)
     all_.count[name] += 1
     if is_late:  # the command had ended before
@@ -161,11 +173,17 @@ def trial(
         faults.append("children")
     if faults:
         shown = " | ".join(err.splitlines()[-4:])
-        all_.faults.append(f"{name} {number} at {delay_s:.3f} s: {', '.join(faults)}: {shown}")
+        to = " to all" if is_for_all else ""
+        all_.faults.append(f"{name} {number}{to} at {delay_s:.3f} s: {', '.join(faults)}: {shown}")
 
 
 def _run(
-    command: list[str], folder: Path, number: int | None, delay_s: float
+    command: list[str],
+    folder: Path,
+    number: int | None,
+    delay_s: float,
+    *,
+    is_for_all: bool = False,
 ) -> tuple[int, float, str, bool]:
     """Exit code, seconds from the signal to the end, errors, and whether it had ended before."""
     out, temporary = folder / "out", folder / "temporary"
@@ -187,6 +205,9 @@ def _run(
     begun = time.monotonic()
     if number is not None:
         started.send_signal(number)
+        for child in _processes(folder) if is_for_all else ():
+            with suppress(OSError):
+                os.kill(child, number)
     try:
         _, err = started.communicate(timeout=None if number is None else 10 * LIMIT_S)
     except subprocess.TimeoutExpired:
@@ -210,19 +231,21 @@ def _left(folder: Path) -> list[Path]:
 
 def _running(folder: Path) -> list[int]:
     """Processes of a trial that still run a second later."""
-    mark = str(folder / "temporary").encode()
     until = time.monotonic() + 1.0
-    while True:
-        found = []
-        for path in Path("/proc").glob("[0-9]*"):
-            try:
-                if mark in (path / "environ").read_bytes():
-                    found.append(int(path.name))
-            except OSError:
-                continue
-        if not found or time.monotonic() > until:
-            return found
+    while (found := _processes(folder)) and time.monotonic() < until:
         time.sleep(0.05)
+    return found
+
+
+def _processes(folder: Path) -> list[int]:
+    """Processes that have a trial's folder for temporary files."""
+    mark = str(folder / "temporary").encode()
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if mark in (path / "environ").read_bytes():
+                found.append(int(path.name))
+    return found
 
 
 def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -> Trials:
@@ -235,7 +258,10 @@ def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -
         # A third of them while modules are imported and Blender starts.
         longest = min(lengths[name], 1.0) if rng.random() < 1 / 3 else lengths[name]
         delay_s = rng.uniform(0.0, 0.9 * longest)
-        trial(name, commands[name], folder / f"{k}", rng.choice(NAMES), delay_s, found)
+        trial(
+            *(name, commands[name], folder / f"{k}", rng.choice(NAMES), delay_s, found),
+            is_for_all=rng.random() < 1 / 3,  # as a farm does
+        )
         shutil.rmtree(folder / f"{k}")
         if sys.stderr.isatty() or k % 50 == 49:
             sys.stderr.write(f"{k + 1}: {len(found.faults)} wrong\n")

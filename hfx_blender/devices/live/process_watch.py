@@ -81,6 +81,8 @@ def _macos_test(pid: int) -> Callable[[], bool]:
         is_zombie = info[1] == 5  # SZOMB
         return size <= 0 or bool(info[0] & _EXITING) or is_zombie
 
+    if is_ending():  # it may not be looked at
+        raise OSError(f"process {pid} cannot be looked at")
     return is_ending
 
 
@@ -94,7 +96,8 @@ def _windows_test(pid: int) -> Callable[[], bool]:
 
     def is_ending() -> bool:
         code = ctypes.c_uint32()
-        kernel.GetExitCodeProcess(handle, ctypes.byref(code))
+        if not kernel.GetExitCodeProcess(handle, ctypes.byref(code)):
+            raise OSError(f"process {pid} cannot be looked at")
         return code.value != 259  # STILL_ACTIVE
 
     return is_ending
