@@ -163,18 +163,21 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
 
 
 class _WatchedFile(io.FileIO):
-    """Unbuffered file that remembers why it could not be written.
+    """Unbuffered file that remembers why it could not be written, and fails only once.
 
-    What writes into it may raise something else then: zipfile a ``ValueError`` when it is closed.
+    Whoever writes into it can close what it has begun then, such as an archive, without a second
+    error; the file is removed anyway.
     """
 
     fault: OSError | None = None
 
     def write(self, content: Any) -> int:
+        if self.fault is not None:
+            return memoryview(content).nbytes
         try:
             return super().write(content)
         except OSError as error:
-            self.fault = self.fault or error
+            self.fault = error
             raise
 
 
@@ -214,6 +217,8 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         with io.BufferedRandom(raw) as file:
             yield file
             file.flush()
+            if raw.fault is not None:
+                raise raw.fault
             if stays:
                 os.fsync(file.fileno())
         _replace([temporary], [path], stays)

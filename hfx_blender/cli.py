@@ -10,6 +10,7 @@ from . import import_path  # noqa: F401  first: cleans sys.path in the process o
 import argparse
 import os
 import sys
+import tempfile
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
@@ -118,11 +119,18 @@ def _exit_code_of(console: Console) -> int:
 
 
 def _lost_folder() -> InputError | None:
-    """The fault of relative paths where somebody has removed the current folder."""
+    """The fault of relative paths where somebody has removed the current folder, or of a machine
+    without a temporary folder."""
     try:
         os.getcwd()
     except OSError as error:
         return InputError(f"the current folder cannot be used ({error.strerror}).")
+    try:
+        tempfile.gettempdir()
+    except OSError:
+        return InputError(
+            "no temporary folder can be used; name one with the environment variable TMPDIR."
+        )
     return None
 
 

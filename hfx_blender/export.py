@@ -16,11 +16,11 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import bpy
-import numpy as np
 
 from . import result_files
 from .atomic_files import atomic_file, inputs_kept
 from .devices.script_rendering import Rendered, rendering
+from .engine.arrays import write_npz
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
@@ -201,7 +201,7 @@ class SceneExport:
         recorded, _ = finish(self._record(track, seen, part, ()), progress)
         if seen.is_any:
             with atomic_file(volumes) as file:
-                np.savez(file, **seen.arrays())
+                write_npz(file, seen.arrays())
         return ScenePart(track, recorded, volumes)
 
     def merge_parts(

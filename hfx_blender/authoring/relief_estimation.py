@@ -16,7 +16,7 @@ import numpy as np
 from .. import own_processes
 from ..engine.texture.height_field import HeightField
 from ..engine.texture.relief_estimate import EstimatedRelief
-from ..errors import InputError
+from ..errors import InputError, OutputError
 from . import image_values, material_relief, surface_sources, surfaces
 
 
@@ -43,14 +43,19 @@ class ReliefEstimation:
     ------
     InputError
         The picture cannot be read.
+    OutputError
+        The temporary folder cannot be written to.
     """
 
     def __init__(self, picture: bpy.types.Image, size_mm: tuple[float, float], tiles: bool) -> None:
         colours = image_values.colours_of(picture).astype(np.float32)
         self.name, self.size_mm, self.tiles = picture.name, size_mm, tiles
-        self._folder = tempfile.TemporaryDirectory(prefix="hfx-relief-")
-        source, self._target = (Path(self._folder.name) / f"{n}.npz" for n in ("in", "out"))
-        np.savez(source, srgb=colours, size_m=np.divide(size_mm, 1000.0), tiles=tiles)
+        try:
+            self._folder = tempfile.TemporaryDirectory(prefix="hfx-relief-")
+            source, self._target = (Path(self._folder.name) / f"{n}.npz" for n in ("in", "out"))
+            np.savez(source, srgb=colours, size_m=np.divide(size_mm, 1000.0), tiles=tiles)
+        except OSError as error:
+            raise OutputError(f"The temporary folder cannot be written to ({error}).") from error
         self._process = own_processes.start(
             own_processes.command("engine.texture.relief_worker", source, self._target),
             stdin=subprocess.DEVNULL,

@@ -20,6 +20,7 @@ import numpy as np
 
 from .. import resources
 from ..atomic_files import atomic_file
+from ..engine.arrays import write_npz
 from ..engine.body.model import load_avatar
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import shape_fields
@@ -88,8 +89,9 @@ def write(key: str, values: Mapping[str, object], arrays: Mapping[str, np.ndarra
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
-            np.savez(file, meta=meta, **arrays)
-        kept = sorted(path.parent.glob("*.npz"), key=lambda each: each.stat().st_mtime)
+            write_npz(file, {"meta": meta, **arrays})
+        own = path.parent.glob(f"{'[0-9a-f]' * len(key)}.npz")  # the user may keep others there
+        kept = sorted(own, key=lambda each: each.stat().st_mtime)
         for old in kept[:-_MOST]:
             old.unlink(missing_ok=True)
     except (OSError, HfxError):  # a full disk, a folder that cannot be written

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Types of numpy arrays, by the type of their elements; comments beside them give shapes."""
+"""Types of numpy arrays, by the type of their elements, and archives of arrays."""
 
 from __future__ import annotations
 
-from typing import Any
+import zipfile
+from collections.abc import Mapping
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -17,3 +19,22 @@ U32 = npt.NDArray[np.uint32]
 U64 = npt.NDArray[np.uint64]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
+
+
+def write_npz(
+    file: BinaryIO, arrays: Mapping[str, npt.NDArray[Any]], *, is_compressed: bool = False
+) -> None:
+    """Write arrays as ``numpy.savez`` does; the archive is closed where the file cannot be written.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    method = zipfile.ZIP_DEFLATED if is_compressed else zipfile.ZIP_STORED
+    with zipfile.ZipFile(file, "w", method) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(  # type: ignore[no-untyped-call]
+                    entry, np.asanyarray(array), allow_pickle=False
+                )

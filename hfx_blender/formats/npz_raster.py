@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from .. import file_limits
 from ..atomic_files import atomic_file
+from ..engine.arrays import write_npz
 from ..engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from ..engine.samples import Stream
 from ..errors import InputError
@@ -135,7 +136,7 @@ def write(raster: Raster, path: Path) -> None:
     for k, each in enumerate(raster.felt):
         arrays |= {f"felt.{k}.{name}": getattr(each, name) for name in _FELT}
     with atomic_file(path) as file:
-        np.savez_compressed(file, **arrays)
+        write_npz(file, arrays, is_compressed=True)
 
 
 def validate(content: bytes, name: str) -> list[Finding]:

@@ -11,9 +11,10 @@ from typing import ClassVar
 import bpy
 from bpy.props import StringProperty
 
+from ..atomic_files import inputs_kept
 from ..authoring import effects, swarms
 from ..avatars.avatar_meshes import armature_of
-from ..errors import HfxError, InputError
+from ..errors import HfxError, InputError, fault_of_file
 from ..playback import preview
 from ..printable import printable
 from . import framing
@@ -63,10 +64,17 @@ class HfxOperator(bpy.types.Operator):
 
     def reported(self, work: Callable[[], str]) -> set[str]:
         """Call a function and report its result, or the reason of its failure."""
+        source = bpy.data.filepath
         try:
-            message = work()
+            with inputs_kept([Path(source)] if source else []):
+                message = work()
         except HfxError as error:
             self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        except OSError as error:
+            if error.filename is None:
+                raise
+            self.report({"ERROR"}, str(fault_of_file(error)))
             return {"CANCELLED"}
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
