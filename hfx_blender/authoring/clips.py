@@ -15,6 +15,8 @@ from . import drawn_fades
 
 DATA_PATH = "hfx.activation"
 
+_ROUNDING = 1e-4  # frames: strips are single precision
+
 _REPEATS = (0.1, 1000.0)
 """Blender's own limits of a strip's repetitions; it would clamp others silently."""
 
@@ -203,6 +205,60 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
         made.mute = strip.mute
         drawn_fades.copy(strip, target, made)
     return len(copied)
+
+
+def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:
+    """Played frames, which time remapping makes others than those of strips."""
+    length = scene.render.frame_map_new / scene.render.frame_map_old
+    return start * length, end * length
+
+
+def outside(start: float, end: float, first: float, stop: float, slack: float = 0.0) -> str | None:
+    """Part of a span of frames that lies outside of the frames from ``first`` to before ``stop``.
+
+    Returns
+    -------
+    str or None
+        All of it: "before" or "after"; its beginning or end: "early" or "beyond", if it goes on
+        for longer than ``slack``.
+    """
+    if end <= first - _ROUNDING:
+        return "before"
+    if start >= stop - _ROUNDING:
+        return "after"
+    if start < first - _ROUNDING:
+        return "early"
+    return "beyond" if end > stop + slack + _ROUNDING else None
+
+
+def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
+    """Part of a clip that lies outside of a scene's frames; see :func:`outside`.
+
+    None for a muted one, and for one that goes on beyond its ends.
+    """
+    if strip.mute or strip.extrapolation != "NOTHING":
+        return None
+    start, end = played_span(scene, strip.frame_start, strip.frame_end)
+    a_sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
+    # The last frame lasts a whole frame.
+    return outside(start, end, scene.frame_start, scene.frame_end + 1, a_sample)
+
+
+def extend(scene: bpy.types.Scene, found: Iterable[bpy.types.Object]) -> bool:
+    """Move a scene's first and last frame so that the clips of effects lie between them.
+
+    Returns
+    -------
+    bool
+        Whether all of them do now: no scene of Blender's begins before frame 0.
+    """
+    strips = [strip for effect in found for _, strip in strips_of(effect)]
+    for strip in strips:
+        if outside_scene(scene, strip) is not None:
+            start, end = played_span(scene, strip.frame_start, strip.frame_end)
+            scene.frame_start = min(scene.frame_start, floor(start))
+            scene.frame_end = max(scene.frame_end, ceil(end))
+    return all(outside_scene(scene, strip) is None for strip in strips)
 
 
 def shift(found: Iterable[bpy.types.Object], frames: float) -> None:

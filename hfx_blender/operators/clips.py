@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import bpy
-from bpy.props import FloatProperty, StringProperty
+from bpy.props import EnumProperty, FloatProperty, StringProperty
 
-from ..authoring import clips, drawn_fades
+from ..authoring import clips, drawn_fades, swarms
 from ..errors import InputError
 from ..scene_units import fps_of
 from . import framing
@@ -176,6 +176,34 @@ class HFX_OT_add_heartbeat(_ClipOperator):
         return ""
 
 
+class HFX_OT_extend_scene(HfxOperator):
+    """Move the scene's last frame, or its first one, so that clips which lie outside are felt"""
+
+    bl_idname = "hfx.extend_scene"
+    bl_label = "Extend the Scene"
+
+    which: EnumProperty(
+        name="Effects",
+        description="Effects whose clips shall lie within the scene",
+        items=(
+            ("ACTIVE", "Active", "The active effect"),
+            ("ALL", "All", "All effects of the scene"),
+        ),
+        options={"SKIP_SAVE"},
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        scene, active = context.scene, active_effect(context)
+        found = swarms.listed_effects(scene)
+        if self.which == "ACTIVE":
+            found = [active] if active is not None else []
+        before = scene.frame_start, scene.frame_end
+        is_done = clips.extend(scene, found)
+        if not is_done and before == (scene.frame_start, scene.frame_end):
+            raise InputError("A scene begins at frame 0 or later. Move the clip.")
+        return f"The scene has the frames {scene.frame_start} to {scene.frame_end}"
+
+
 class HFX_OT_remove_clip(_OfEffect):
     """Remove a clip from the timeline; an effect without clips is always on"""
 
@@ -225,6 +253,7 @@ register, unregister = bpy.utils.register_classes_factory(
     (
         HFX_OT_add_clip,
         HFX_OT_add_heartbeat,
+        HFX_OT_extend_scene,
         HFX_OT_remove_clip,
         HFX_OT_draw_fades,
         HFX_OT_copy_clips,

@@ -13,8 +13,10 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..authoring import clips, swarms
 from ..errors import InputError
 from ..printable import printable
+from ..report import shortened
 from .stepwise_export import StepwiseExport
 
 if TYPE_CHECKING:
@@ -53,6 +55,8 @@ _RECORD_ITEMS = (
 )
 _LINE = 36  # letters that fit into the file browser's sidebar
 _NAMED = 3  # files that the message names
+_POPUP_LINE = 90  # letters
+_WARNINGS, _EFFECTS = 8, 12  # that the popup shows
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,15 @@ class Written:
     text: str
     count: int
     folder: Path
+    warnings: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()  # when each is felt, or why not
+    has_clips_outside: bool = False  # of the scene's frames
+
+    @property
+    def warned(self) -> str:
+        """End of a sentence that tells how many warnings there are."""
+        count = len(self.warnings)
+        return "" if not count else ", 1 warning" if count == 1 else f", {count} warnings"
 
 
 last_written: list[Written] = []  # one, or none yet
@@ -199,6 +212,8 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         return SceneExport(scene, settings).steps(path.parent, path.stem)
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
+        from ..report import felt_lines, unfelt_lines
+
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
         track = next((each for each in report.files if each.suffix == self.filename_ext), None)
@@ -207,10 +222,20 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
-        last_written[:] = [Written(text, len(names), folder)]
+        found = swarms.listed_effects(context.scene)
+        strips = (strip for effect in found for _, strip in clips.strips_of(effect))
+        written = Written(
+            text,
+            len(names),
+            folder,
+            report.warnings,
+            (*unfelt_lines(report), *felt_lines(report, _EFFECTS)),
+            any(clips.outside_scene(context.scene, strip) is not None for strip in strips),
+        )
+        last_written[:] = [written]
         if self._is_invoked and not bpy.app.background:
             context.window_manager.popup_menu(_draw_written, title="Haptic Export", icon="EXPORT")
-        return f"{text} to {folder}"
+        return f"{text} to {folder}{written.warned}"
 
 
 def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
@@ -224,12 +249,29 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
 
 
 def _draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    """Draw what the last export wrote, and a button that opens its folder."""
+    """Draw the warnings of the last export, when each effect is felt, what was written, and
+    buttons that extend the scene and open the folder.
+    """
     layout = menu.layout
     for written in last_written:
-        layout.label(text=printable(written.text), icon="CHECKMARK")
+        for warning in shortened(written.warnings, _WARNINGS):
+            _draw_wrapped(layout, warning, "ERROR")
+        if written.has_clips_outside:
+            layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
+        if written.warnings:
+            layout.separator()
+        for line in shortened(written.effects, _EFFECTS):
+            _draw_wrapped(layout, line, "DOT")
+        layout.separator()
+        icon = "FILE_TICK" if written.warnings else "CHECKMARK"
+        layout.label(text=printable(written.text), icon=icon)
         folder = str(written.folder)
         layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
+
+
+def _draw_wrapped(layout: bpy.types.UILayout, text: str, icon: str) -> None:
+    for number, line in enumerate(textwrap.wrap(printable(text), _POPUP_LINE)):
+        layout.label(text=line, icon="BLANK1" if number else icon)
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_export,))

@@ -14,7 +14,7 @@ from typing import Final
 
 import bpy
 
-from ..authoring import responses
+from ..authoring import clips, responses
 from ..background_scenes import scene_objects
 from ..engine.arrays import F64
 from ..engine.modality import neutral_temperature_c
@@ -24,7 +24,6 @@ from ..sentences import named
 from ..stored_values import limited
 from . import dormant, stepping, visibility
 from .activation import Activation, spans_of_value
-from .animation_time import played_frame
 from .reached import is_instancer, reached_from
 
 _STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind_speed"}
@@ -71,7 +70,7 @@ def lost_clips(
     """
     is_whole = (time.frame_first, time.frame_last) == (scene.frame_start, scene.frame_end)
     for clip in state.playing:
-        start, end = played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end)
+        start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
         why = _why_lost(time, start, end)
         if why is not None and (is_whole or why == "between"):
             yield LostClip(effect.name, Clip(clip.name, start, end), why)
@@ -80,16 +79,11 @@ def lost_clips(
 def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
     first, stop = time.frame_first, time.frame_last + 1
     step = float(time.fps / time.rate_hz)
-    if end <= first - _ROUNDING:
-        return "before"
-    if start >= stop - _ROUNDING:
-        return "after"
+    why = clips.outside(start, end, first, stop, step)
     sample = ceil((start - first - _ROUNDING) / step)
-    if sample > floor((end - first + _ROUNDING) / step):
+    if why not in ("before", "after") and sample > floor((end - first + _ROUNDING) / step):
         return "between"
-    if start < first - _ROUNDING:
-        return "early"
-    return "beyond" if end > stop + step else None
+    return why
 
 
 def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ...]:

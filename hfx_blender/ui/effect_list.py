@@ -12,7 +12,7 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 
-from ..authoring import effects, swarms
+from ..authoring import clips, effects, swarms
 from ..blender_events import push_undo_soon
 from ..errors import InputError
 from ..operators.shared import active_effect, select_only, to_object_mode
@@ -68,6 +68,11 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     if row.effect:  # of a swarm
         return [each for each in found if each.name == row.effect]
     return [each for each in found if effects.group_of(each) == row.group]
+
+
+def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
+    strips = (strip for _, strip in clips.strips_of(effect))
+    return any(clips.outside_scene(scene, strip) is not None for strip in strips)
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
@@ -136,7 +141,9 @@ class HFX_UL_effects(bpy.types.UIList):
             return
         line = layout.row(align=True)
         title = line.row(align=True)
-        title.alert = any(effects.needs_body(context.scene, each) for each in found)
+        title.alert = any(effects.needs_body(context.scene, each) for each in found) or (
+            bool(row.effect) and _has_clip_outside(context.scene, found[0])
+        )
         if row.effect:
             if row.group:
                 title.label(text="", icon="BLANK1")

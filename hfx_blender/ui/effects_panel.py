@@ -12,6 +12,12 @@ from .sidebar import HfxPanel, draw_text
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
+_OUTSIDE = {
+    "after": "After the scene's last frame: not felt",
+    "before": "Before the scene's first frame: not felt",
+    "beyond": "Goes on after the scene's last frame: not felt there",
+    "early": "Begins before the scene's first frame: not felt there",
+}
 
 
 def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
@@ -105,7 +111,14 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.
         for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
-            self._draw_clip(layout.box(), strip, times)
+            box = layout.box()
+            self._draw_clip(box, strip, times)
+            outside = clips.outside_scene(context.scene, strip)
+            if outside is not None:
+                column = box.column()
+                column.alert = True
+                draw_text(context, column, _OUTSIDE[outside], "ERROR")
+                box.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ACTIVE"
         if not found:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 

@@ -61,7 +61,9 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             layout.operator("hfx.make_editable", icon="UNLOCKED")
         layout.prop(effect, "name")
         layout.prop(hfx, "modality")
-        layout.prop(hfx, "intensity")
+        row = layout.row()
+        row.alert = hfx.intensity <= 0.0  # nothing of it is felt
+        row.prop(hfx, "intensity")
         for name in _PARAMETERS[hfx.modality]:
             self._draw_parameter(layout, hfx, name)
         if hfx.kind == "VOLUME":
@@ -108,7 +110,10 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
         for written in last_written:
             row = layout.row(align=True)
             files = "1 file" if written.count == 1 else f"{written.count} files"
-            row.label(text=f"Wrote {files}", icon="CHECKMARK")
+            row.label(
+                text=f"Wrote {files}{written.warned}",
+                icon="ERROR" if written.warnings else "CHECKMARK",
+            )
             row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
                 written.folder
             )

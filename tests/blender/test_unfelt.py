@@ -116,6 +116,47 @@ def test_some_frames_are_no_loss(touch: Any, told: Any) -> None:
     assert _line(report) == {"effect": "Touch", "modality": "pressure", **expected}
 
 
+# What the panel marks, and mends
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "where"),
+    [(3.0, 4.5, "after"), (1.0, 2.5, "beyond"), (0.0, 2.0, None), (-1.0, 0.5, "early")],
+)
+def test_extend_the_scene(
+    touch: Any, told: Any, start: float, end: float, where: str | None
+) -> None:
+    scene = bpy.context.scene
+    bpy.context.view_layer.objects.active = touch
+    strip = _clip(touch, start, end)
+    assert clips.outside_scene(scene, strip) == where
+    if where is None or start < 0.0:  # nothing to mend, or no scene begins before frame 0
+        assert clips.extend(scene, [touch]) == (where is None)
+        assert (scene.frame_start, scene.frame_end) == (0, LAST)
+        return
+    assert bpy.ops.hfx.extend_scene() == {"FINISHED"}
+    assert scene.frame_start == 0 and scene.frame_end >= end * FPS - 1
+    report = told()
+    assert report["warnings"] == [] and report["strict"] == 0
+    line = _line(report)
+    assert (line["from_s"], line["to_s"]) == pytest.approx((start, end), abs=1 / FPS)
+
+
+def test_a_scene_that_begins_later_is_extended_to_both_sides(touch: Any) -> None:
+    scene = bpy.context.scene
+    scene.frame_start = 20
+    _clip(touch, 0.4, 3.0)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    bpy.ops.hfx.extend_scene(which="ALL")
+    assert (scene.frame_start, scene.frame_end) == (10, 75)
+
+
+def test_a_muted_clip_is_not_marked(touch: Any) -> None:
+    strip = _clip(touch, 3.0, 4.0)
+    strip.mute = True
+    assert clips.outside_scene(bpy.context.scene, strip) is None
+
+
 # Effects
 
 
