@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,6 +22,9 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser("device", help="device configurations")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="list devices for --device")
+    finding = actions.add_parser(
+        "find", help="devices that can be connected now, and which of several of one server"
+    )
     check = actions.add_parser("check", help="faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
     imported = actions.add_parser(
@@ -40,6 +44,7 @@ def add_parser(commands: Any) -> None:
     revoke.add_argument("name", metavar="DEVICE|HASH", help="a device, or a hash of 'scripts'")
     for sub, function in (
         (listing, _list),
+        (finding, _find),
         (check, _check),
         (imported, _import),
         (scripts, _scripts),
@@ -69,6 +74,23 @@ def _list(options: argparse.Namespace, console: Console) -> int:
         unit = "actuator " if facts["actuators"] == 1 else "actuators"
         console.say(f"{name:<{width}} {facts['actuators']:>4} {unit}  {plays}{instead}")
     console.result(found)
+    return 0
+
+
+def _find(_options: argparse.Namespace, console: Console) -> int:
+    from .. import resources
+    from ..devices.live.discovery import found_at
+
+    ports, found, faults = found_at(resources.user_devices())
+    for fault in faults:
+        console.warn(f"hfx: {fault}")
+    for each in found:
+        where = f" --port {each.port}" if each.port else ""
+        where += f" --unit '{each.unit}'" if each.unit and not each.port else ""
+        console.say(f"--device {each.device}{where}: {each.description}")
+    if not found:
+        console.say("no known device; serial ports: " + (", ".join(ports) or "none"))
+    console.result({"devices": [asdict(each) for each in found], "ports": ports})
     return 0
 
 

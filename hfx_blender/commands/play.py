@@ -53,6 +53,12 @@ def add_parser(commands: Any) -> None:
         help="serial or network port, or part of a sound card's name (default: as last connected "
         "in Blender, else as found by its USB ids or as configured)",
     )
+    parser.add_argument(
+        "--unit",
+        metavar="NAME",
+        help="which of several devices of one server, as 'hfx device find' names it, or '#' and "
+        "its number there (default: likewise, else the first that no other device has)",
+    )
     parser.add_argument("--host", help="host of a network device (default: likewise)")
     parser.add_argument(
         "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
@@ -80,7 +86,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live.track_playback import fault_of, play
 
     names = list(dict.fromkeys(options.device))
-    one_each = [option for option in ("port", "host", "path") if getattr(options, option)]
+    one_each = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
         raise UsageError("--to log: give the file with --path")
     if len(names) > 1 and one_each:
@@ -107,11 +113,14 @@ def run(options: argparse.Namespace, console: Console) -> int:
             progress=progress,
             connected=lambda: _write_note(address_note, console),
         )
+        units = {name: client.devices[name].unit for name in names}
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
         raise DeviceError(" ".join(map(fault_of, failed)))
-    console.say(f"{options.file}: played {length_s:.2f} s on {', '.join(names)}")
-    console.result({"file": str(options.file), "devices": names, "seconds": round(length_s, 3)})
+    on = ", ".join(f"{name}: {units[name]}" if units[name] else name for name in names)
+    console.say(f"{options.file}: played {length_s:.2f} s on {on}")
+    result = {"file": str(options.file), "devices": names, "seconds": round(length_s, 3)}
+    console.result({**result, "units": units} if any(units.values()) else result)
     return 0
 
 
@@ -208,6 +217,7 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
         kind=kind,
         port=options.port or known.port,
         host=options.host or known.host,
+        unit=options.unit or ("" if options.port or options.host else known.unit),
         path=str(options.path or ""),
     )
 

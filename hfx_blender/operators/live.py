@@ -144,6 +144,11 @@ class HFX_OT_live_connect(_OfDevice):
     host: StringProperty(
         name="Host", description="Host on this computer or network; empty: as configured"
     )
+    unit: StringProperty(
+        name="Which One",
+        description="Which of several devices of one server: its name there, or # and its number; "
+        "empty: the first that no other device has",
+    )
     path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
     offset_ms: FloatProperty(
         name="Offset (ms)",
@@ -155,7 +160,7 @@ class HFX_OT_live_connect(_OfDevice):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         known = live_settings.load().get(self.name, live_settings.LiveSettings())
-        for field in ("kind", "port", "host", "path", "offset_ms"):
+        for field in ("kind", "port", "host", "path", "offset_ms", "unit"):
             setattr(self, field, getattr(known, field))
         return context.window_manager.invoke_props_dialog(self)
 
@@ -168,13 +173,20 @@ class HFX_OT_live_connect(_OfDevice):
         elif self.kind == "DEVICE":
             layout.prop(self, "port")
             layout.prop(self, "host")
+            layout.prop(self, "unit")
         else:
             layout.prop(self, "path")
         layout.prop(self, "offset_ms")
 
     def work(self, _context: bpy.types.Context) -> str:
+        from ..devices.live.discovery import serial_number_of, serial_ports
+
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        unit = self.unit
+        if self.port != known.port and unit == known.unit:  # another port: what is on that
+            unit = serial_number_of(self.port, serial_ports())
         settings = live_settings.LiveSettings(
-            self.kind, self.port, self.host, self.path, self.offset_ms
+            self.kind, self.port, self.host, self.path, self.offset_ms, unit
         )
         live.connect(self.name, settings)
         live_settings.store(self.name, settings)

@@ -11,7 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from .. import resources
 from ..devices.live import live_settings
-from ..errors import HfxError, InputError
+from ..errors import InputError
 from ..playback.live import live
 from ..printable import printable
 from .live import title_of
@@ -56,7 +56,7 @@ class HFX_OT_live_find(HfxOperator):
             raise InputError("Press Find Devices first, and choose one.")
         found = _found[int(self.which)]
         settings = live_settings.load().get(found.device, live_settings.LiveSettings())
-        settings = replace(settings, kind="DEVICE", port=found.port)
+        settings = replace(settings, kind="DEVICE", port=found.port, unit=found.unit)
         if found.device not in context.scene.hfx.devices:
             context.scene.hfx.devices.add().name = found.device
         live.connect(found.device, settings)
@@ -66,23 +66,15 @@ class HFX_OT_live_find(HfxOperator):
 
 def _look() -> list[str]:
     """Look for devices; returns the names of all serial ports."""
-    from ..devices.configuration import list_devices, load_device
-    from ..devices.live.discovery import found_devices, serial_ports
+    from ..devices.live.discovery import found_at
 
-    folder = resources.user_devices()
-    devices = []
-    for name in list_devices(folder):
-        try:
-            devices.append(load_device(name, folder))
-        except HfxError:
-            continue  # reported when it is added
-    ports = serial_ports()
-    _found[:] = found_devices(devices, ports)
+    # Faulty configurations are reported when they are added.
+    ports, _found[:], _ = found_at(resources.user_devices())
     _items[:] = [
-        (str(k), f"{title_of(each.device)}  {each.port}".rstrip(), each.description)
+        (str(k), f"{title_of(each.device)}  {each.port or each.unit}".rstrip(), each.description)
         for k, each in enumerate(_found)
     ]
-    return [each.name for each in ports]
+    return ports
 
 
 class HFX_OT_live_offset(HfxOperator):

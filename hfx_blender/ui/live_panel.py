@@ -130,7 +130,8 @@ def _draw_device(
             box.operator("hfx.live_approve", icon="FILE_SCRIPT").name = item.name
         return
     text, icon = STATES[state.state]
-    draw_text(context, box, f"{text}: {state.text}" if state.text else text, icon)
+    told = state.text or state.unit
+    draw_text(context, box, f"{text}: {told}" if told else text, icon)
     offset = f"Offset {live.offset_ms(item.name):g} ms"
     box.operator("hfx.live_offset", text=offset, icon="TIME").name = item.name
     device = live.device(item.name)

@@ -10,6 +10,8 @@ from device_documents import FULL
 
 from hfx_blender import cli
 from hfx_blender.devices.configuration import find_file, list_devices, load_device
+from hfx_blender.devices.live import discovery
+from hfx_blender.devices.live.discovery import Found, FoundPort
 
 NODE_MAP = {
     "nodes": [{"node_data": {"x": 0.1, "y": 1.2, "z": 0.1}, "radius": 0.05, "target_bone": "Chest"}]
@@ -116,3 +118,27 @@ def test_import_refuses_what_is_no_map_in_one_line(own, tmp_path, capsys, conten
 def test_wrong_usage_exits_with_2(capsys, arguments):
     assert cli.run(["device", *arguments]) == 2
     assert "usage" in capsys.readouterr().err
+
+
+def test_find_names_ports_and_which_of_several_devices_of_a_server(own, monkeypatch, capsys):
+    found = [
+        Found("board", "/dev/ttyACM0", "a board", "S-1"),
+        Found("toy", "", "Lush (left) at a program on 127.0.0.1:12345", "Lush (left)"),
+    ]
+    monkeypatch.setattr(discovery, "serial_ports", lambda: [FoundPort("/dev/ttyACM0", "x", None)])
+    monkeypatch.setattr(discovery, "found_devices", lambda devices, ports: found)
+    code, out, _ = hfx(capsys, "device", "find")
+    assert (code, out.splitlines()) == (
+        0,
+        [
+            "--device board --port /dev/ttyACM0: a board",
+            "--device toy --unit 'Lush (left)': Lush (left) at a program on 127.0.0.1:12345",
+        ],
+    )
+    code, out, _ = hfx(capsys, "device", "find", "--json")
+    told = json.loads(out)
+    assert told["ports"] == ["/dev/ttyACM0"]
+    assert [each["unit"] for each in told["devices"]] == ["S-1", "Lush (left)"]
+    found.clear()
+    _, out, _ = hfx(capsys, "device", "find")
+    assert out == "no known device; serial ports: /dev/ttyACM0\n"

@@ -30,6 +30,7 @@ class DeviceState:
     has_script: bool = False
     scheme: str = ""  # rendering scheme of the next description, in place of its own
     text: str = ""
+    unit: str = ""  # which of several devices of a server it is
     levels: tuple[float, ...] = field(default_factory=tuple)
 
     @property
@@ -48,6 +49,8 @@ class DeviceState:
             self.text = event.text
         elif event.event in ("connected", "armed"):
             self.state, self.text = event.event, ""
+            if event.event == "connected":
+                self.unit = event.text
         elif event.event == "closed":
             if self.state != "lost":
                 self.state, self.levels = "closed", ()

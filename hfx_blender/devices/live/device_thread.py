@@ -347,7 +347,8 @@ class DeviceThread:
         self._is_quiet.wait(PATIENCE_S)
         with self._wake:
             self._is_open = True
-            self._report("connected", self.number)  # before anybody can arm it
+            unit = str(getattr(output, "unit", ""))
+            self._report("connected", self.number, text=unit)  # before anybody can arm it
             wanted = self._is_wanted and not self._is_closed
         if wanted:
             self.arm()

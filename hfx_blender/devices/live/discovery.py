@@ -9,12 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Final
 
 from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import WebsocketTransport
-from ...errors import DeviceError
+from ...engine.rendering.device_output import ButtplugEncoder, WebsocketTransport
+from ...errors import DeviceError, HfxError
 from ..output_reader import is_local
+from .output import OutputLostError
 
 ANSWER_S: Final = 0.15
 """A program on this computer or its network answers sooner than that."""
@@ -54,6 +56,7 @@ class Found:
     device: str
     port: str  # serial port; empty: as its configuration has it
     description: str
+    unit: str = ""  # which of several: see LiveSettings
 
 
 def answers(host: str, port: int) -> bool:
@@ -71,19 +74,68 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
     Datagrams get no answer, so that what is driven by them cannot be looked for.
     """
     ports, found = list(ports), []
-    programs: dict[tuple[str, int], list[str]] = {}
+    programs: dict[tuple[str, int], list[DeviceConfig]] = {}
     for device in devices:
-        found += [Found(device.id, p.name, p.description) for p in ports if _is_on(device, p)]
+        found += [
+            Found(device.id, p.name, p.description, p.serial) for p in ports if _is_on(device, p)
+        ]
         transport = None if device.output is None else device.output.transport
         if isinstance(transport, WebsocketTransport):
-            programs.setdefault((transport.host, transport.port), []).append(device.id)
+            programs.setdefault((transport.host, transport.port), []).append(device)
     if programs:
         with ThreadPoolExecutor(len(programs)) as pool:
             there = list(pool.map(lambda place: answers(*place), programs))
         for (host, port), is_there in zip(programs, there, strict=True):
             if is_there:
-                text = f"a program on {host}:{port}"
-                found += [Found(name, "", text) for name in programs[host, port]]
+                found += _behind(host, port, programs[host, port])
+    return found
+
+
+def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
+    """Look for all known devices.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the user's own configurations.
+
+    Returns
+    -------
+    ports : list of str
+        Names of all serial ports.
+    found : list of Found
+    faults : list of str
+        Of configurations that cannot be read.
+    """
+    from ..configuration import list_devices, load_device
+
+    devices, faults = [], []
+    for name in list_devices(folder):
+        try:
+            devices.append(load_device(name, folder))
+        except HfxError as error:
+            faults.append(str(error))
+    ports = serial_ports()
+    return [each.name for each in ports], found_devices(devices, ports), faults
+
+
+def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
+    """Devices behind a program: with Buttplug, each of its devices that one fits."""
+    from .transports.buttplug import devices_at
+
+    text, found, served = f"a program on {host}:{port}", [], None
+    for device in devices:
+        how = None if device.output is None else device.output.encoder
+        if not isinstance(how, ButtplugEncoder):
+            found.append(Found(device.id, "", text))
+            continue
+        if served is None:
+            try:
+                served = devices_at(host, port)
+            except OutputLostError:  # it answers, but not as Buttplug
+                served = []
+        fitting = [each for each in served if each.fits(how)]
+        found += [Found(device.id, "", f"{e.label} at {text}", e.label) for e in fitting]
     return found
 
 
@@ -91,6 +143,32 @@ def _is_on(device: DeviceConfig, port: FoundPort) -> bool:
     if device.brand is None or port.usb not in device.brand.usb:
         return False
     return not device.brand.serial or fnmatchcase(port.serial, device.brand.serial)
+
+
+def serial_number_of(name: str, ports: Iterable[FoundPort]) -> str:
+    """Serial number of the device on a port; empty where it has none."""
+    return next((each.serial for each in ports if each.name == name), "")
+
+
+def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[FoundPort]) -> str:
+    """Find the port of the device that was on a port when it was chosen.
+
+    Raises
+    ------
+    DeviceError
+        It is on no port, and another device is on the one that was chosen.
+    """
+    at_name = serial_number_of(name, ports)
+    if not serial_number or not at_name or at_name == serial_number:
+        return name
+    for each in ports:
+        if each.serial == serial_number:
+            return each.name
+    raise DeviceError(
+        f"Device '{device.id}' was connected with serial number {serial_number[:80]}, which is on "
+        f"no port; on {name} is another one, {at_name[:80]}. To use that, clear 'Which One' when "
+        "you connect it."
+    )
 
 
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:

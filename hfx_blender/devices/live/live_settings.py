@@ -26,6 +26,7 @@ class LiveSettings:
     host: str = ""
     path: str = ""  # of a log
     offset_ms: float = 0.0
+    unit: str = ""  # which of several: a name at a server, or the serial number of a port's device
 
 
 def load() -> dict[str, LiveSettings]:

@@ -51,7 +51,7 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         Nothing drives this device live, or it is not there.
     """
     from . import opening
-    from .discovery import port_of, serial_ports
+    from .discovery import port_of, same_port, serial_ports
 
     if settings.kind == "SIMULATOR":
         return {"kind": "simulator", **({"path": settings.path} if settings.path else {})}
@@ -67,7 +67,10 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
             f"Device '{device.id}': its configuration has no output, so it cannot be driven live."
         )
     if kind == "serial":
-        return {"kind": kind, "port": settings.port or port_of(device, serial_ports())}
+        ports = serial_ports()
+        if not settings.port:
+            return {"kind": kind, "port": port_of(device, ports)}
+        return {"kind": kind, "port": same_port(device, settings.port, settings.unit, ports)}
     target: dict[str, Any] = {"kind": kind}
     if settings.host:
         target["host"] = settings.host
@@ -75,6 +78,8 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         if not settings.port.isdecimal():
             raise DeviceError(f"Device '{device.id}': '{settings.port}' is no network port.")
         target["port"] = int(settings.port)
+    if settings.unit:
+        target["unit"] = settings.unit
     return target
 
 

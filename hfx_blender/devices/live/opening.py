@@ -34,7 +34,8 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     ----------
     target : mapping
         ``kind`` is one of :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket``
-        take ``host`` and ``port``, else those of the configuration. ``csv`` needs ``path`` and
+        take ``host`` and ``port``, else those of the configuration, and ``unit``, which of several
+        devices of a server. ``csv`` needs ``path`` and
         works for every device. ``audio`` takes ``interface`` and ``first_channel`` and works for
         every device that vibrates.
 
@@ -109,7 +110,7 @@ def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     if isinstance(how, ButtplugEncoder):
         from .transports.buttplug import ButtplugOutput
 
-        return ButtplugOutput(device, how, host, port)
+        return ButtplugOutput(device, how, host, port, str(target.get("unit", "")))
     assert isinstance(how, BhapticsEncoder)
     from .transports.bhaptics import BhapticsOutput
 

@@ -11,8 +11,21 @@ from live_process import BAND
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery
-from hfx_blender.devices.live.discovery import Found, FoundPort, answers, found_devices, port_of
+from hfx_blender.devices.live.discovery import (
+    Found,
+    FoundPort,
+    answers,
+    found_devices,
+    port_of,
+    same_port,
+)
+from hfx_blender.devices.live.transports import buttplug
 from hfx_blender.engine.rendering.device import Brand
+from hfx_blender.engine.rendering.device_output import (
+    ButtplugEncoder,
+    OutputConfig,
+    WebsocketTransport,
+)
 from hfx_blender.errors import DeviceError
 
 UNO = (0x2341, 0x0043)
@@ -51,8 +64,50 @@ def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
     on_both = found_devices([device()], PORTS)
     assert [each.port for each in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
     assert found_devices([device("OTHER-*"), replace(device(), brand=None)], PORTS) == [
-        Found(BAND, "/dev/ttyACM1", "a board")
+        Found(BAND, "/dev/ttyACM1", "a board", "OTHER-3")
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "serial", "expected"),
+    [
+        ("/dev/ttyACM0", "HFX-12", "/dev/ttyACM0"),
+        ("/dev/ttyACM0", "OTHER-3", "/dev/ttyACM1"),  # the names were exchanged
+        ("/dev/ttyACM0", "", "/dev/ttyACM0"),  # chosen without a serial number
+        ("/dev/ttyS0", "HFX-12", "/dev/ttyS0"),  # what is there has none
+        ("/dev/ttyACM7", "HFX-12", "/dev/ttyACM7"),  # unknown: opening it tells
+    ],
+)
+def test_a_board_is_found_again_under_another_name(name: str, serial: str, expected: str) -> None:
+    assert same_port(device(), name, serial, PORTS) == expected
+
+
+def test_another_board_under_the_name_of_one_that_is_gone_is_refused() -> None:
+    with pytest.raises(
+        DeviceError, match=r"GONE-1, which is on no port; on /dev/ttyACM0 .* HFX-12"
+    ):
+        same_port(device(), "/dev/ttyACM0", "GONE-1", PORTS)
+
+
+def test_each_device_of_a_buttplug_server_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    outputs = {"0": {"Output": {"Vibrate": {"Value": [0, 20]}}}}
+    names = {"0": ("Lush", "left"), "4": ("Lush", ""), "5": ("Lush", ""), "9": ("Edge", "")}
+    served = buttplug._served(
+        {
+            index: {
+                **{"DeviceIndex": int(index), "DeviceName": name, "DeviceDisplayName": display},
+                "DeviceFeatures": outputs,
+            }
+            for index, (name, display) in names.items()
+        }
+    )
+    monkeypatch.setattr(discovery, "answers", lambda host, port: True)
+    monkeypatch.setattr(buttplug, "devices_at", lambda host, port: served)
+    how = ButtplugEncoder("Lush", ((0, "Vibrate"),))
+    output = OutputConfig(how, WebsocketTransport("127.0.0.1", 12345))
+    found = found_devices([replace(device(), output=output)], [])
+    assert [each.unit for each in found] == ["Lush (left)", "Lush #4", "Lush #5"]
+    assert found[0].description == "Lush (left) at a program on 127.0.0.1:12345"
 
 
 def test_programs_are_asked_once_for_all_devices_behind_them(monkeypatch):

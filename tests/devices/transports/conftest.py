@@ -8,6 +8,8 @@ import tty
 
 import pytest
 
+from hfx_blender.devices.live.transports import buttplug, reservations
+
 
 class Terminal:
     """The other end of a serial port."""
@@ -39,3 +41,10 @@ def terminal():
     yield found
     if found.master is not None:
         found.close()
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays_reserved():
+    yield
+    reservations._reserved.clear()  # terminals' names and ports are used again
+    buttplug._had_before.clear()

@@ -10,7 +10,6 @@ from bench_devices import device, vibration
 
 from hfx_blender.devices.live.opening import open_output
 from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import serial_port
 from hfx_blender.devices.live.transports.serial_port import SerialPort, is_port_name
 from hfx_blender.engine.rendering.device_output import (
     BytesEncoder,
@@ -28,12 +27,6 @@ STOPS = b"\xaa\x55\xff" * 3
 
 def values(share):
     return np.array([10.0 * share, 175.0])
-
-
-@pytest.fixture(autouse=True)
-def no_port_stays_open():
-    yield
-    serial_port._open_ports.clear()  # terminals' names are used again
 
 
 def opened(terminal):

@@ -64,6 +64,16 @@ LOUD = np.array([5.0, 100.0, 29.0, 10.0, 200.0])  # motor, element, motor
 SILENT = np.array([0.0, 100.0, 29.0, 0.0, 100.0])
 
 
+def test_a_channel_of_a_card_is_one_devices(card: Any) -> None:
+    found = card(interface="Card", first_channel=1)
+    with pytest.raises(OutputLostError, match="channel from 2 on of Card is open already"):
+        card(interface="Card", first_channel=2)
+    assert Stream.made[-1].calls == ["close"], "never started"
+    card(interface="Card", first_channel=3).close()
+    found.close()
+    card(interface="Card", first_channel=1).close()
+
+
 def test_each_motor_has_a_channel_of_its_own_amplitude_and_frequency(card: Any) -> None:
     found = card(interface="Card", first_channel=2)
     (stream,) = Stream.made

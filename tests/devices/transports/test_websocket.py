@@ -5,6 +5,7 @@ import json
 import socket
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -307,6 +308,128 @@ def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
     output.send(np.array([5.0, 175.0, 29.0]))  # after a stop everything is said anew
     server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 5)
     output.close()
+
+
+LUSH = {"0": {"FeatureIndex": 0, "Output": {"Vibrate": {"Value": [0, 20]}}}}
+
+
+def lushes(*displays, first=0):
+    """A server's devices of one name, with these display names and ascending indices."""
+    return {
+        str(index): {
+            **{"DeviceIndex": index, "DeviceName": "Lush", "DeviceFeatures": LUSH},
+            **({"DeviceDisplayName": display} if display else {}),
+        }
+        for index, display in enumerate(displays, first)
+    }
+
+
+def lush(server, device_id="a", name="Lush", unit=""):
+    how = ButtplugEncoder(name, ((0, "Vibrate"),))
+    output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
+    target = {"kind": "websocket", **({"unit": unit} if unit else {})}
+    return open_output(replace(device(TWO[0], output=output), id=device_id), target)
+
+
+def levels(server):
+    return {
+        each["DeviceIndex"]: each["Command"]["Vibrate"]["Value"]
+        for each in received_of_kind(server, "OutputCmd")
+    }
+
+
+def test_two_devices_of_one_name_are_each_driven_by_one_of_ours(serve):
+    server = serve(intiface(devices=lushes("left", "right")))
+    one, other = lush(server, "one"), lush(server, "other")
+    assert (one.unit, other.unit) == ("Lush (left)", "Lush (right)")
+    one.send(np.array([5.0, 175.0]))
+    other.send(np.array([10.0, 175.0]))
+    server.wait(lambda: len(levels(server)) == 2)
+    assert levels(server) == {0: 10, 1: 20}
+    assert len(server.connections) == 1, "many servers take one client only"
+    with pytest.raises(OutputLostError, match=r"'Lush \(left\)' of the server is open already"):
+        lush(server, "third")
+    one.close()
+    other.send(np.array([5.0, 175.0]))
+    lush(server, "third").close()
+    other.close()
+
+
+@pytest.mark.parametrize(
+    ("displays", "name", "unit", "index"),
+    [
+        (("left", "right"), "Lush", "right", 1),
+        (("left", "right"), "Lush", "Lush (right)", 1),
+        (("left", "right"), "right", "", 1),  # the configuration has the display name
+        (("", ""), "Lush", "Lush #1", 1),
+        (("", ""), "", "#1", 1),
+        (("x", "x"), "Lush", "Lush (x) #1", 1),
+        (("", "", "wide"), "Lush", "wide", 2),
+    ],
+)
+def test_one_of_several_is_chosen_by_its_names_or_its_index(serve, displays, name, unit, index):
+    server = serve(intiface(devices=lushes(*displays)))
+    output = lush(server, name=name, unit=unit)
+    output.send(np.array([10.0, 175.0]))
+    server.wait(lambda: levels(server))
+    assert levels(server) == {index: 20}
+    output.close()
+
+
+@pytest.mark.parametrize(
+    ("displays", "unit", "told"),
+    [
+        (("left", "right"), "Lush", "no single device 'Lush'"),  # two have this name
+        (("left", "right"), "middle", r"it has: Lush \(left\) #0, Lush \(right\) #1"),
+        (("", ""), "Lush #7", "no single device 'Lush #7'"),
+    ],
+)
+def test_a_choice_that_means_no_device_or_several_is_refused(serve, displays, unit, told):
+    with pytest.raises(OutputLostError, match=told):
+        lush(serve(intiface(devices=lushes(*displays))), unit=unit)
+
+
+def test_after_a_reconnection_a_device_is_found_by_its_names_whatever_its_index(serve):
+    devices = lushes("left", "right")
+    server = serve(intiface(devices=devices))
+    lush(server, "one").close()  # left, index 0
+    devices.clear()
+    devices.update(lushes("right", "left", first=3))
+    output = lush(server, "one")
+    output.send(np.array([10.0, 175.0]))
+    server.wait(lambda: levels(server))
+    assert levels(server) == {4: 20}
+    output.close()
+
+
+def test_after_a_reconnection_no_other_device_is_taken_for_the_one_that_is_gone(serve):
+    devices = lushes("", "")
+    server = serve(intiface(devices=devices))
+    lush(server, "one").close()  # index 0
+    devices.clear()
+    devices.update(lushes("", first=1))
+    with pytest.raises(OutputLostError, match=r"no single device 'Lush #0' .* it has: Lush #1"):
+        lush(server, "one")
+
+
+def test_another_device_at_the_same_index_is_not_played_on(serve):
+    server = serve(intiface(devices=lushes("left", "right")))
+    output = lush(server)
+    output.send(np.array([5.0, 175.0]))
+    devices = lushes("right", "left")
+    server.connections[0].send(json.dumps([{"DeviceList": {"Id": 0, "Devices": devices}}]))
+    with pytest.raises(OutputLostError, match="disconnected from the server"):
+        server.wait(lambda: output.send(np.array([10.0, 175.0])))
+    output.close()
+
+
+def test_one_actuator_of_the_bhaptics_player_is_one_devices(serve):
+    server = serve()
+    output = bhaptics(server, *TWO)
+    with pytest.raises(OutputLostError, match=r"'ForearmL and VestFront' .* is open already"):
+        bhaptics(server, *TWO)
+    output.close()
+    bhaptics(server, *TWO).close()
 
 
 def test_buttplug_pings_while_nothing_is_sent(serve):

@@ -12,7 +12,7 @@ from bench_devices import device, vibration
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.opening import open_output
 from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import serial_port, wire_board
+from hfx_blender.devices.live.transports import wire_board
 from hfx_blender.engine.rendering.device_output import (
     OutputConfig,
     SerialTransport,
@@ -51,7 +51,6 @@ def board(library, terminal):
     found = LiveBoard(library, terminal)
     yield found
     found.close()
-    serial_port._open_ports.clear()
 
 
 def opened(terminal):
@@ -137,7 +136,6 @@ def test_a_board_with_too_few_channels_is_refused(library, terminal):
             opened(terminal)
     finally:
         board.close()
-        serial_port._open_ports.clear()
 
 
 def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):

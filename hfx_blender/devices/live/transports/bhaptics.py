@@ -13,6 +13,7 @@ from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.device_output import BhapticsEncoder
 from ..encoders import Channels
 from ..output import OutputLostError
+from .reservations import release, reserve, server_key
 from .websocket import WebSocket
 
 DURATION_MS: Final = 100
@@ -33,7 +34,7 @@ class BhapticsOutput:
     Raises
     ------
     OutputLostError
-        The Player does not run.
+        The Player does not run, or another device has one of the actuators.
     """
 
     def __init__(self, device: DeviceConfig, how: BhapticsEncoder, host: str, port: int) -> None:
@@ -41,9 +42,18 @@ class BhapticsOutput:
         self._dots = how.worn_dots(is_mirrored=device.is_mirrored)
         self._positions = list(dict.fromkeys(position for position, _ in self._dots))
         self._key = f"hfx-{device.id}"
+        server = server_key(host, port)
+        self._reserved = reserve(
+            (("bhaptics", server, dot) for dot in self._dots),
+            f"'{' and '.join(self._positions)}' of the bHaptics Player",
+        )
         self._sent_s = 0.0
         self._was_on: set[str] = set()
-        self._socket = WebSocket(host, port, _PATH, lambda _text: None)
+        try:
+            self._socket = WebSocket(host, port, _PATH, lambda _text: None)
+        except BaseException:
+            release(self._reserved)
+            raise
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,); at most every 20 ms, the Player's own rate."""
@@ -74,6 +84,7 @@ class BhapticsOutput:
     def close(self) -> None:
         """Leave the Player."""
         self._socket.close()
+        release(self._reserved)
 
     def _off(self, position: str) -> dict[str, Any]:
         return {"Type": "turnOff", "Key": f"{self._key}-{position}"}

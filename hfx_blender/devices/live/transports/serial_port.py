@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import os
 import re
-import threading
 from contextlib import suppress
 from typing import Any, Final
 
 from ....engine.arrays import F64
 from ..encoders import FrameEncoder
 from ..output import OutputLostError
+from .reservations import Keys, release, reserve
 
 STOPS: Final = 3
 """Number of times that stop bytes are sent: a device in the middle of a frame loses the first."""
@@ -24,9 +24,6 @@ _PORT: Final = re.compile(
     r"|/dev/serial/by-id/[A-Za-z0-9._:+-]{1,200}"
     r"|/dev/pts/[0-9]{1,6}"  # pseudo-terminals of simulated boards
 )
-
-_open_ports: set[tuple[str, int]] = set()
-_registry = threading.Lock()
 
 
 def is_port_name(name: str) -> bool:
@@ -67,7 +64,7 @@ class SerialPort:
         self.name = name
         self._rest = b""  # of a frame that was begun
         self._next = b""
-        self._key = _reserved(name)
+        self._keys = _reserved(name)
         try:
             # write_timeout=0: pyserial returns at once on Windows. Elsewhere bytes go straight
             # to the descriptor, because pyserial 3.5 spins while a port is stalled.
@@ -81,10 +78,10 @@ class SerialPort:
             if self._is_posix:
                 os.set_blocking(self._port.fileno(), False)
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            _release(self._key)
+            release(self._keys)
             raise OutputLostError(f"{name} cannot be opened ({error}).") from None
         except BaseException:  # a bare termios.error, for one
-            _release(self._key)
+            release(self._keys)
             raise OutputLostError(f"{name} cannot be opened: it is not a serial port.") from None
 
     _is_posix: Final = os.name == "posix"
@@ -132,7 +129,7 @@ class SerialPort:
         """Give the port back; it may be called again."""
         with suppress(Exception):
             self._port.close()
-        _release(self._key)
+        release(self._keys)
 
     def _push(self) -> None:
         while self._rest or self._next:
@@ -176,7 +173,7 @@ class SerialFrames:
         self._port.close()
 
 
-def _reserved(name: str) -> tuple[str, int]:
+def _reserved(name: str) -> Keys:
     """Register a port as open, by its real path and its device number.
 
     Two names may lead to one port, and the system lets two programs open it.
@@ -188,14 +185,5 @@ def _reserved(name: str) -> tuple[str, int]:
         number = os.stat(real).st_rdev if os.name == "posix" else 0
     except OSError as error:
         raise OutputLostError(f"{name} is not there ({error.strerror}).") from None
-    with _registry:
-        for path, other in _open_ports:
-            if path == real or (number and number == other):
-                raise OutputLostError(f"{name} is open already, for another device.")
-        _open_ports.add((real, number))
-    return real, number
-
-
-def _release(key: tuple[str, int]) -> None:
-    with _registry:
-        _open_ports.discard(key)
+    keys = {("port", real), *([("port number", number)] if number else [])}
+    return reserve(keys, name)

@@ -23,6 +23,7 @@ from ....engine.rendering.drive import driven
 from ..oscillators import SumOfTones
 from ..output import OutputLostError
 from ..tones import LONE, Tones
+from .reservations import Keys, release, reserve
 
 DEAD_MAN_S: Final = 0.25
 """Time without values after which a card falls silent by itself, seconds: its thread
@@ -47,7 +48,8 @@ class SoundCard:
     Raises
     ------
     OutputLostError
-        PortAudio is not installed, the device vibrates nowhere, or there is no such card.
+        PortAudio is not installed, the device vibrates nowhere, there is no such card or more than
+        one, or another device has one of the channels.
     """
 
     def __init__(self, device: DeviceConfig, interface: str = "", first_channel: int = 1) -> None:
@@ -67,6 +69,7 @@ class SoundCard:
         self._is_silent = True
         self._lost = ""
         self._is_closed = False
+        self._reserved: Keys = frozenset()
         library = _library()
         try:
             chosen = int(interface) if interface.isdecimal() else (interface or None)
@@ -79,9 +82,23 @@ class SoundCard:
                 callback=self._play,
                 finished_callback=self._finished,
             )
+            # Two names may lead to one card: PortAudio knows its number.
+            card = getattr(self._stream, "device", interface)
+            channels = range(self._first, self._first + len(kinds))
+            self._reserved = reserve(
+                (("sound card", card, channel) for channel in channels),
+                f"A channel from {first_channel} on of {self._name}",
+            )
             self._stream.start()
-        except Exception as error:  # PortAudioError, ValueError for a name that nothing has
-            raise OutputLostError(f"{self._name} cannot be opened ({error}).") from None
+        except OutputLostError:
+            self._stream.close()
+            raise
+        except (
+            Exception
+        ) as error:  # PortAudioError; ValueError for a name of no card, or of several
+            release(self._reserved)
+            told = " ".join(str(error).split())
+            raise OutputLostError(f"{self._name} cannot be opened ({told}).") from None
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,).
@@ -142,6 +159,7 @@ class SoundCard:
             self._stream.stop()
         with suppress(Exception):
             self._stream.close()
+        release(self._reserved)
 
     def _silence(self) -> None:
         if not self._is_silent:
@@ -158,6 +176,7 @@ class SoundCard:
 
     def _finished(self) -> None:
         """Note the end of the stream; unless it was closed, the card is lost."""
+        release(self._reserved)
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
 
