@@ -347,7 +347,7 @@ class DeviceThread:
         self._is_quiet.wait(PATIENCE_S)
         with self._wake:
             self._is_open = True
-            unit = str(getattr(output, "unit", ""))
+            unit = str(getattr(output, "chosen_device", ""))
             self._report("connected", self.number, text=unit)  # before anybody can arm it
             wanted = self._is_wanted and not self._is_closed
         if wanted:

@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import ipaddress
 import json
 import logging
 import math
 import os
 import re
-import socket
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -43,6 +41,7 @@ from .opening import kind_of
 from .output import OutputLostError
 from .time_on import Account, AccountUse
 from .transports.osc import addresses
+from .transports.reservations import computer
 
 KEEP_S: Final = 1.0
 """Interval of saving changed accounts, seconds."""
@@ -93,7 +92,7 @@ def identities(
     if kind in ("udp", "websocket") and kind == kind_of(device):
         assert device.output is not None
         transport = device.output.transport
-        host = _computer(str(target.get("host", getattr(transport, "host", ""))))
+        host = computer(str(target.get("host", getattr(transport, "host", ""))))
         port_number = target.get("port", getattr(transport, "port", ""))
         name = f"{kind} {host}:{port_number} {there}".rstrip()
         return (Identity(name, _network_slots(device, device.output.encoder)),)
@@ -129,27 +128,6 @@ def _real_port(name: str) -> str:
     if os.name != "posix":
         return name.upper()
     return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(name))
-
-
-def _computer(host: str) -> str:
-    """Address of a computer in one spelling; all addresses of this computer are one."""
-    name = host.strip().rstrip(".").lower()
-    try:
-        address = ipaddress.ip_address("127.0.0.1" if name == "localhost" else name)
-    except ValueError:
-        return name
-    address = getattr(address, "ipv4_mapped", None) or address
-    if address.is_loopback or address.is_unspecified or _is_own(address):
-        return "this computer"
-    return str(address)
-
-
-def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    family = socket.AF_INET if address.version == 4 else socket.AF_INET6
-    with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.bind((str(address), 0))  # only an own address can be bound; nothing is sent
-        return True
-    return False
 
 
 @dataclass(eq=False)

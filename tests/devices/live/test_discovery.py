@@ -83,9 +83,7 @@ def test_a_board_is_found_again_under_another_name(name: str, serial: str, expec
 
 
 def test_another_board_under_the_name_of_one_that_is_gone_is_refused() -> None:
-    with pytest.raises(
-        DeviceError, match=r"GONE-1, which is on no port; on /dev/ttyACM0 .* HFX-12"
-    ):
+    with pytest.raises(DeviceError, match=r"GONE-1, which is on no port; on .* HFX-12"):
         same_port(device(), "/dev/ttyACM0", "GONE-1", PORTS)
 
 

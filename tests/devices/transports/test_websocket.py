@@ -341,7 +341,7 @@ def levels(server):
 def test_two_devices_of_one_name_are_each_driven_by_one_of_ours(serve):
     server = serve(intiface(devices=lushes("left", "right")))
     one, other = lush(server, "one"), lush(server, "other")
-    assert (one.unit, other.unit) == ("Lush (left)", "Lush (right)")
+    assert (one.chosen_device, other.chosen_device) == ("Lush (left)", "Lush (right)")
     one.send(np.array([5.0, 175.0]))
     other.send(np.array([10.0, 175.0]))
     server.wait(lambda: len(levels(server)) == 2)

@@ -296,7 +296,7 @@ class ButtplugOutput:
     @property
     def chosen_device(self) -> str:
         """The device that was chosen, as the server knows it: two may have one name."""
-        return f"{self._index}"
+        return self._device.label
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,): a command for each changed one, at the device's own rate."""
@@ -352,7 +352,6 @@ class ButtplugOutput:
         if len(fitting) > 1:
             _had_before[key, device_id] = found.label
         self._device, self._ranges = found, ranges
-        self.unit = found.label
         gap_s = _seconds(found.facts.get("DeviceMessageTimingGap"))
         self._interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
         self._given = [None] * len(ranges)

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import ipaddress
+import socket
 import threading
 from collections.abc import Hashable, Iterable
+from contextlib import suppress
 
 from ..output import OutputLostError
 
@@ -52,6 +55,26 @@ def release(keys: Keys) -> None:
 
 
 def server_key(host: str, port: int) -> tuple[str, int]:
-    """Key of a server, the same for all names of this computer."""
-    host = host.lower()
-    return ("127.0.0.1" if host in ("localhost", "::1") else host), port
+    """Key of a server, the same for all spellings of its address."""
+    return computer(host), port
+
+
+def computer(host: str) -> str:
+    """Address of a computer in one spelling; all addresses of this computer are one."""
+    name = host.strip().rstrip(".").lower()
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if name == "localhost" else name)
+    except ValueError:
+        return name
+    address = getattr(address, "ipv4_mapped", None) or address
+    if address.is_loopback or address.is_unspecified or _is_own(address):
+        return "this computer"
+    return str(address)
+
+
+def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    family = socket.AF_INET if address.version == 4 else socket.AF_INET6
+    with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.bind((str(address), 0))  # only an own address can be bound; nothing is sent
+        return True
+    return False
