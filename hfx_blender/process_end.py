@@ -25,13 +25,13 @@ from . import atomic_files, import_path, own_processes
 UNNOTICED_S: Final = 1.0
 """Time for the main thread to notice a signal, seconds."""
 
-UNWINDING_S: Final = 2.5
+UNWINDING_S: Final = 2.0
 """Time from a signal to the end of the work that noticed it, seconds."""
 
-TIDYING_S: Final = 2.0
+TIDYING_S: Final = 2.6
 """Longest time for ending child processes and removing unfinished files after that, seconds."""
 
-_CHILDREN_S: Final = 1.2
+_CHILDREN_S: Final = 2.0
 _WRITING_S: Final = 0.3
 _LOOK_S: Final = 0.02
 _SIGNALS: Final = tuple(

@@ -9,10 +9,11 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final, Protocol
 
+from ..stage_folders import temporary_folder
 from .units import Outcome, Unit
 from .worker_process import WorkerProcess, do_or_retry
 
@@ -69,7 +70,13 @@ class LocalWorkers:
     def __init__(self, jobs: int, limit_s: float | None = None) -> None:
         self.slots = jobs
         self._limit_s = limit_s
-        self._workers = [WorkerProcess() for _ in range(jobs)]
+        self._stack = ExitStack()
+        variables = {}
+        # Their temporary files go with it, even if they crash or are killed.
+        with suppress(OSError):  # else each finds what it can use
+            folder = self._stack.enter_context(temporary_folder())
+            variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
+        self._workers = [WorkerProcess(variables) for _ in range(jobs)]
         self._idle: queue.LifoQueue[WorkerProcess] = queue.LifoQueue()
         for worker in self._workers:
             self._idle.put(worker)
@@ -110,3 +117,4 @@ class LocalWorkers:
         with suppress(queue.Empty):
             for _ in workers:
                 self._idle.get(timeout=max(end - time.monotonic(), 0.0))
+        self._stack.close()

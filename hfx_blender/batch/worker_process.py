@@ -12,7 +12,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import IO, Any
 
@@ -44,9 +44,16 @@ def worker_command() -> list[str]:
 
 
 class WorkerProcess:
-    """Worker process; used by one thread at a time, but closed by any."""
+    """Worker process; used by one thread at a time, but closed by any.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    variables : mapping, optional
+        Of its environment, besides those of this process.
+    """
+
+    def __init__(self, variables: Mapping[str, str] | None = None) -> None:
+        self._variables = {**(variables or {}), "PYTHONUTF8": "1"}
         self._command = worker_command()
         self._process: subprocess.Popen[str] | None = None
         self._answers: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -109,7 +116,7 @@ class WorkerProcess:
             stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            variables={"PYTHONUTF8": "1"},
+            variables=self._variables,
             **group,
         )
         self._process = process

@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -22,7 +23,7 @@ from hfx_blender.batch.options import ExportOptions
 from hfx_blender.batch.units import Outcome, Unit
 
 STAND_IN = """
-import json, os, signal, sys, time
+import json, os, signal, sys, tempfile, time
 from pathlib import Path
 def answer(**message):
     print(json.dumps(message), flush=True)
@@ -33,6 +34,10 @@ for line in sys.stdin:
     (Path(unit["folder"]) / f"{name}.{unit['kind']}.{os.getpid()}.{time.monotonic_ns()}").touch()
     tried = len(list(Path(unit["folder"]).glob(f"{name}.scene.*")))
     answer(progress=0.5)
+    if name.startswith("litter"):  # as Blender does
+        tempfile.mkdtemp(prefix="blender_")
+        os.kill(os.getpid(), getattr(signal, name.removeprefix("litter")))
+        time.sleep(1000)
     if name.startswith("hang"):
         time.sleep(1000)
     if name.startswith("segfault"):
@@ -127,6 +132,23 @@ def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -
     assert len(_tries(tmp_path, "hang")) == len(_tries(tmp_path, "bad")) == 1
     left = [path for path in (tmp_path / "stage").iterdir() if "error" in path.name]
     assert left == []
+
+
+def test_no_worker_leaves_temporary_files_however_it_ends(
+    make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A crash, a kill, and one that is ended as it takes too long."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    workers = make(limit_s=1.0)
+    names = ("litterSIGSEGV", "litterSIGKILL", "litterSIGCONT")
+    outcomes = batch.run(_units(tmp_path, *names), workers)
+    assert ["error" in outcome for outcome in outcomes] == [True] * 3
+    assert len(list(temporary.glob("*/blender_*"))) >= 3
+    workers.close()
+    assert list(temporary.iterdir()) == []
 
 
 def test_who_died_once_is_tried_again(make: Any, tmp_path: Path) -> None:
