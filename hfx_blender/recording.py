@@ -123,7 +123,7 @@ def record_track(
     The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
     later gives the same.
     With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
-    What rings on from before is evaluated first, and forgotten; what devices carry on from one
+    What rings on from before, also before the first frame, is evaluated first, and forgotten; what devices carry on from one
     sample to the next is for the whole track.
     """
     settings = {
@@ -136,8 +136,8 @@ def record_track(
     wanted = reader.sample_indices
     count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
     read = done = 0  # samples, each of which counts half after reading
-    start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
-    blocks = reader.blocks(part and (start, stop))
+    start = (first - lead_in(engine)) // BLOCK_SIZE * BLOCK_SIZE
+    blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
 
     def counted() -> Iterator[AnimationBlock]:

@@ -287,6 +287,16 @@ class SceneReader:
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
 
+    def _earlier(self, first: int) -> I64:
+        """Samples from one below 0 on, before the frames that are read, at which volumes may be
+        on."""
+        earlier = np.arange(min(first, 0), 0, dtype=np.int64)
+        in_scene = [self._is_in_scene(index) for index in earlier.tolist()]
+        earlier = earlier[np.array(in_scene, np.bool_)]
+        if not len(earlier):
+            return earlier
+        return earlier[self._may_be_on(earlier, scene_description.IN_SCENE)]
+
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
         """Test that an effect of these kinds can be on, for some samples."""
         frames = scene_description.sample_frames(self.time, indices)
@@ -320,12 +330,14 @@ class SceneReader:
         ----------
         part : (first, stop), optional
             Only samples ``first <= index < stop``, both multiples of the block size or the end.
+            Below 0 are those before the first frame that is read, as far as the scene has any.
         """
         plan = self._plan_now()
         self.stepping_note = plan.note
         wanted = self.sample_indices
         if part is not None:
             wanted = wanted[(wanted >= part[0]) & (wanted < part[1])]
+            wanted = np.concatenate([self._earlier(part[0]), wanted])
         with ExitStack() as stack:
             reading = self._pass(plan, stack, self.tolerance)
             own = None

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,9 +13,13 @@ import pytest
 
 from hfx_blender import compat
 from hfx_blender.authoring import effects
+from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.response_filters.controls import FilterKind
 from hfx_blender.engine.samples import SampleRun
+from hfx_blender.engine.tolerance import STANDARD
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.reading.scene_reader import SceneReader
 
 FPS = 25
@@ -90,6 +96,55 @@ def test_an_impact_rings_on_after_the_ball_has_left(ball: Any) -> None:
     a_sample = np.exp(-0.01 / DECAY_S)
     np.testing.assert_allclose(after[2:] / after[1:-1], a_sample)
     assert a_sample**2 < after[1] / after[0] <= a_sample
+
+
+def _skin_y() -> float:
+    """Front of the belly, at the height of the ball."""
+    model = load_model("hfx-vibration-1").vertices
+    near = (np.abs(model[:, 0]) < 0.01) & (np.abs(model[:, 2] - 1.08) < 0.012)
+    return float(model[near][:, 1].min())
+
+
+@pytest.mark.parametrize("is_stepped", [False, True])
+def test_an_impact_rings_alike_at_every_rate(ball: Any, is_stepped: bool) -> None:
+    bpy.ops.hfx.add_response_filter(kind="impact")
+    ball.hfx.response[0].decay, ball.hfx.response[0].full_speed = DECAY_S, 1.0
+    ball.animation_data_clear()
+    # 1 m/s, 4 mm deep at 0.5 s, which at 99 Hz is halfway between two samples.
+    deepest = _skin_y() - 0.05 + 0.004
+    for frame, y in ((0.0, deepest - 0.5), (12.5, deepest), (25.0, deepest - 0.5)):
+        ball.location = (0.0, y, 1.08)
+        ball.keyframe_insert("location", frame=frame)
+    for curve in compat.fcurves(ball):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    if is_stepped:
+        ball.constraints.new("LIMIT_SCALE")
+    found = []
+    for rate in (99, 200, 1000):
+        runs, reader = _runs(rate_hz=Fraction(rate), tolerance=STANDARD)
+        assert is_stepped == ("stepped no scene" not in reader.stepping_note)
+        time_s, strongest = 0.0, 0.0
+        for sample in (sample for run in runs for sample in run):
+            if time_s < sample.time_s <= 0.6 + 1e-9:
+                time_s, strongest = sample.time_s, sample.level * float(sample.weights.max())
+        found.append(strongest / np.exp(-(time_s - 0.496) / DECAY_S))
+    assert min(found) > 0.85 and min(found) >= 0.97 * max(found)
+
+
+def test_an_export_that_begins_later_has_what_rings_from_before(ball: Any, tmp_path: Path) -> None:
+    bpy.ops.hfx.add_response_filter(kind="impact")
+    ball.hfx.response[0].decay = 0.3
+    felt = []
+    for frames in (None, (15, 24)):  # it is hit at frame 11 and left at 13
+        settings = ExportSettings(("track",), frames=frames, full_precision=True)
+        export_scene(bpy.context.scene, tmp_path, "ringing", settings)
+        with TrackReader(tmp_path / "ringing.hfxtrack") as track:
+            felt.append([track.samples_at(0.605 + 0.01 * k)[0] for k in range(38)])
+    for whole, part in zip(*felt, strict=True):
+        assert part.level == pytest.approx(whole.level, rel=1e-9)
+        np.testing.assert_array_equal(part.vertices, whole.vertices)
+        np.testing.assert_array_equal(part.weights, whole.weights)
 
 
 def test_keyed_controls_are_read_alike_from_curves_and_by_stepping(ball: Any) -> None:

@@ -347,7 +347,7 @@ def test_a_path_between_two_samples(place: Callable[[np.ndarray], np.ndarray]) -
     shares = np.linspace(0.0, 1.0, 21)
     before = [place(np.array([[each]], float)) for each in (0.0, -1.0, -2.0)]
     after = [place(np.array([[each]], float)) for each in (1.0, 2.0, 3.0)]
-    found = paths.between(before, after, shares)[:, 0, 0]
+    found = paths.Path(before, after).at(shares)[:, 0, 0]
     np.testing.assert_allclose(found, place(shares), atol=1e-9)
 
 
@@ -358,6 +358,6 @@ def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:
         [np.array([[each]]) for each in (1.0,) * 3],
     )
     for count in (1, 3):
-        found = paths.between(at[0][:count], at[1][:count], shares)[:, 0, 0]
+        found = paths.Path(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
         assert found.min() >= 0.0 and found.max() <= 1.0
-    np.testing.assert_allclose(paths.between(at[0][:1], at[1][:1], shares)[:, 0, 0], shares)
+    np.testing.assert_allclose(paths.Path(at[0][:1], at[1][:1]).at(shares)[:, 0, 0], shares)

@@ -159,12 +159,11 @@ class AllocentricAreas:
         falloff: Falloff,
         moments: Moments,
         follows: Bool,
-        reported: Bool,
     ) -> SampleRun | None:
         """Contacts between samples, without the response; see :mod:`..response.between_samples`."""
         query = ContactQuery(
             *(moments.effect, falloff, moments.skin, moments.pose, moments.bounds, Counters()),
-            *(moments.rows, follows, reported),
+            *(moments.rows, follows, np.ones(len(follows), np.bool_)),
             title=f"effect '{effect.name}'",
         )
         hits = contacts.begin(query)()
@@ -244,8 +243,8 @@ class AllocentricAreas:
         near = reach.bounds(body, effect.model_id)
         falloff = effect.area.falloff
 
-        def between(moments: Moments, follows: Bool, reported: Bool) -> SampleRun | None:
-            return self._between(effect, falloff, moments, follows, reported)
+        def between(moments: Moments, follows: Bool) -> SampleRun | None:
+            return self._between(effect, falloff, moments, follows)
 
         felt = self._responses.answer(
             *(effect, body, animated, block, rows, posed, skin, pose, near, run, between),

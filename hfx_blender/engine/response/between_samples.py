@@ -20,7 +20,7 @@ from ..arrays import F32, F64, I32, I64, Bool
 from ..contact.reachable_bounds import bends_m, bounds_of
 from ..samples import SampleRun
 from ..scene import EffectBlock, PoseBlock
-from .paths import NEIGHBOURS, between
+from .paths import NEIGHBOURS, Path
 from .touches import BodyPlaces, Moments, Touches, boxes_at, strongest
 
 STEP_S: Final = 0.0005
@@ -30,16 +30,17 @@ _MOST_STEPS: Final = 100  # of an interval: at rates below 20 Hz they are longer
 _FINER: Final = 16  # parts of a step, for the beginning of a touch
 _LEAST_M: Final = 1e-4  # a smaller way beside the straight one touches no skin worth telling
 
-Contacts = Callable[[Moments, Bool, Bool], SampleRun | None]
-"""Contacts of the volume at the rows of moments, without its response. ``follows`` and
-``reported`` (n,) are as in :class:`.contact_query.ContactQuery`."""
+Contacts = Callable[[Moments, Bool], SampleRun | None]
+"""Contacts of the volume at the rows of moments, without its response. The second argument (n,)
+tells which rows follow the one before, as in :class:`.contact_query.ContactQuery`."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Touches at steps of some intervals, each with its start and its end."""
+    """Contacts at steps of some intervals, each with its start and its end, without filters."""
 
-    touches: Touches | None
+    run: SampleRun | None
+    rows: I64  # (k,) of the steps, interval by interval, that the run has samples for
     shares: F64  # (n, S + 1) of the intervals
     sums: F64  # (n, S + 1) of the weights
 
@@ -82,35 +83,44 @@ def refined(
     every = np.arange(len(chosen))
     steps = intervals.steps(every, np.tile(np.linspace(0.0, 1.0, count + 1), (len(chosen), 1)))
     touched = steps.is_touched
-    new = np.flatnonzero(begins[chosen] | (grazes[chosen] & touched.any(axis=1)))
-    first = np.where(touched.any(axis=1), touched.argmax(axis=1), count)[new]
+    is_some = touched.any(axis=1)
+    new = np.flatnonzero(begins[chosen] | (grazes[chosen] & is_some))
+    deep = np.flatnonzero(is_some) if not is_live else new[:0]
+    # Where a touch begins, and where it is deepest, a second time, closer.
+    first = np.where(is_some, touched.argmax(axis=1), count)[new]
+    most = np.where(touched, steps.sums, 0.0)[deep].argmax(axis=1)
+    low = np.concatenate([steps.shares[new, first - 1], steps.shares[deep, most - 1]])
+    at_most = np.minimum(most + 1, count)
+    high = np.concatenate([steps.shares[new, first], steps.shares[deep, at_most]])
+    which = np.concatenate([new, deep])
+    if not len(which):
+        return touches
+    finer = intervals.steps(which, np.linspace(low, high, _FINER + 1, axis=1))
+    is_in = finer.is_touched[: len(new)]
+    is_in[:, -1] = True
+    onset = finer.shares[np.arange(len(new)), is_in.argmax(axis=1)]
     onsets = np.full(len(touches), np.nan)
-    onset = _onset(intervals, new, steps.shares[new, first - 1], steps.shares[new, first])
     onsets[chosen[new]] = moments.times_s[rows[new]] - (1.0 - onset) * length_s[new]
-    if is_live or steps.touches is None:
-        return replace(touches, onsets_s=onsets)
+    touches = replace(touches, onsets_s=onsets)
+    if is_live:
+        return touches
+    deepest_at = finer.sums[len(new) :].argmax(axis=1)
+    deepest_share = finer.shares[len(new) + np.arange(len(deep)), deepest_at]
+    begun = steps.shares[new, first]
+    ends = np.concatenate([begun, deepest_share])
+    back = np.minimum(1.0 / count, ends)
+    found = intervals.answered(which, np.stack([ends - back, ends], axis=1))
+    if found is None:
+        return touches
     speeds = touches.speeds_m_s.copy()
-    speeds[chosen[new]] = steps.touches.speeds_m_s.reshape(steps.shares.shape)[new, first]
-    deep = np.flatnonzero(touched.any(axis=1))
-    at = np.where(touched, steps.sums, 0.0)[deep].argmax(axis=1)
-    ends = steps.shares[deep, at - 1], steps.shares[deep, np.minimum(at + 1, count)]
-    closer = intervals.steps(deep, np.linspace(*ends, _FINER + 1, axis=1)) if len(deep) else None
-    peaks = _Peaks(replace(touches, onsets_s=onsets, speeds_m_s=speeds))
-    for n in deep.tolist():
-        peaks.add(int(chosen[n]), steps, n)
-        if closer is not None:
-            peaks.add(int(chosen[n]), closer, int(np.searchsorted(deep, n)))
+    speeds[chosen[new]] = found.speeds_m_s[1 : 2 * len(new) : 2]
+    peaks = _Peaks(replace(touches, speeds_m_s=speeds))
+    for k, n in enumerate(deep.tolist()):
+        peaks.add(int(chosen[n]), found.set_of_row(2 * (len(new) + k) + 1))
+        if not any(each.is_in_space for each in moments.filters):
+            peaks.add_all(int(chosen[n]), steps, n)
+            peaks.add_all(int(chosen[n]), finer, len(new) + k)
     return peaks.touches(grazes)
-
-
-def _onset(intervals: _Intervals, new: I64, low: F64, high: F64) -> F64:
-    """Shares (n,) of intervals at which touches begin, between two steps."""
-    if not len(new):
-        return high
-    shares = np.linspace(low, high, _FINER + 1, axis=1)
-    touched = intervals.steps(new, shares).is_touched
-    touched[:, -1] = True
-    return np.asarray(shares[np.arange(len(new)), touched.argmax(axis=1)])
 
 
 def may_graze(moments: Moments) -> Bool:
@@ -198,6 +208,7 @@ class _Intervals:
     ) -> None:
         self._moments = moments
         self._parameters = parameters
+        self._own: dict[tuple[str, int, int, int], Path] = {}
         self._contacts = contacts
         self._rows = moments.rows[chosen]
         follows = np.concatenate([_follows(moments), [False]])
@@ -206,25 +217,46 @@ class _Intervals:
         self._after = 1 + _chain(follows, chosen + 1, 1, is_straight)
 
     def steps(self, which: I64, shares: F64) -> _Steps:
-        """Touches at shares (n, S + 1) of some of the intervals."""
+        """Contacts at shares (n, S + 1) of some of the intervals."""
+        closer = self._closer(which, shares)
+        run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
+        sums, rows = np.zeros(shares.size), np.zeros(0, np.int64)
+        if run is not None:
+            rows = np.searchsorted(closer.indices, run.indices)
+            sums[rows] = np.add.reduceat(run.weights, run.offsets[:-1])[run.set_of]
+        return _Steps(run, rows, shares, sums.reshape(shares.shape))
+
+    def answered(self, which: I64, shares: F64) -> Touches | None:
+        """Touches at shares (n, S + 1) of some of the intervals, with the filters."""
+        closer = self._closer(which, shares)
+        run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
+        if run is None:
+            return None
+        return closer.touches(run.stream, closer.effect.parameters, run)
+
+    def _closer(self, which: I64, shares: F64) -> Moments:
+        """Moments at shares (n, S + 1) of some of the intervals."""
         moments, count = self._moments, shares.shape[1]
         effect, pose = moments.effect, moments.pose
         assert effect.matrices is not None
         ends = np.repeat(self._rows[which], count)
         s = shares.ravel()
-        matrices = self._path(effect.matrices.reshape(len(effect.matrices), 1, 16), which, shares)
-        to_world = self._path(pose.to_world.reshape(len(pose.to_world), 1, 16), which, shares)
-        bones = surface = None
+        flat = effect.matrices.reshape(-1, 1, 16), pose.to_world.reshape(-1, 1, 16)
+        matrices = self._path("matrices", flat[0], which, shares)
+        to_world = self._path("to_world", flat[1], which, shares)
+        bones: F64 | None = None
+        surface: F32 | None = None
         if pose.bones is not None:
             own = pose.bones.reshape(len(pose.bones), -1, 12)
-            bones = self._path(own, which, shares).reshape(len(s), -1, 3, 4)
+            bones = self._path("bones", own, which, shares).reshape(len(s), -1, 3, 4)
         if pose.surface is not None:
-            surface = self._path(pose.surface, which, shares).astype(np.float32)
+            skin = self._path("surface", pose.surface, which, shares).reshape(len(s), -1, 3)
+            surface = skin.astype(np.float32)
         response = effect.response
         if response is not None:
             mix = s[:, None, None]
             response = (1.0 - mix) * response[ends - 1] + mix * response[ends]
-        fine = EffectBlock(
+        between_ends = EffectBlock(
             (1.0 - s) * effect.levels[ends - 1] + s * effect.levels[ends],
             self._parameters[ends],
             matrices.reshape(-1, 4, 4),
@@ -235,44 +267,36 @@ class _Intervals:
         posed = PoseBlock(np.ones(len(s), np.bool_), to_world.reshape(-1, 4, 4), bones, surface)
         rows = np.arange(len(s))
         times = moments.times_s
-        length_s = (times[ends] - times[ends - 1]) * s
-        bounds = bounds_of(moments.skin, posed, rows)
-        closer = replace(
+        return replace(
             moments,
-            effect=fine,
+            effect=between_ends,
             rows=rows,
             indices=rows + rows // count,
-            times_s=times[ends - 1] + length_s,
+            times_s=times[ends - 1] + (times[ends] - times[ends - 1]) * s,
             posed=rows,
             pose=posed,
-            bounds=bounds,
+            bounds=bounds_of(moments.skin, posed, rows),
             places=BodyPlaces(moments.skin, posed, rows),
         )
-        follows = rows % count != 0
-        run = self._contacts(closer, follows, np.ones(len(rows), np.bool_))
-        sums = np.zeros(len(rows))
-        found = None if run is None else closer.touches(run.stream, fine.parameters, run)
-        if found is not None:
-            some = np.flatnonzero(found.is_touched)
-            sets = found.set_of[some]
-            totals = np.add.reduceat(found.weights, found.offsets[:-1]) if len(sets) else sets
-            sums[some] = totals[sets]
-        return _Steps(found, shares, sums.reshape(shares.shape))
 
-    def _path(self, values: F64 | F32, which: I64, shares: F64) -> F64:
-        """Values (T, N, D) of the block at shares (n, S) of the intervals, (n, S, N, D)."""
+    def _path(self, name: str, values: F64 | F32, which: I64, shares: F64) -> F64:
+        """Values (T, N, D) of the block at shares (n, S) of some intervals, (n S, N, D)."""
         if len(values) and (values == values[0]).all():
             still = values[0].astype(np.float64)
-            return np.broadcast_to(still, (*shares.shape, *still.shape))
+            return np.broadcast_to(still, (shares.size, *still.shape))
+        # A body moves alike for all volumes.
+        known = self._own if name == "matrices" else self._moments.places.paths
         parts = []
-        sides = self._rows[which], self._before[which], self._after[which]
-        for row, before, after, mine in zip(
-            *(each.tolist() for each in sides), shares, strict=True
-        ):
-            left = [values[row - 1 - k].astype(np.float64) for k in range(before)]
-            right = [values[row + k].astype(np.float64) for k in range(after)]
-            parts.append(between(left, right, mine))
-        return np.stack(parts)
+        for n, mine in zip(which.tolist(), shares, strict=True):
+            row, before, after = (int(each[n]) for each in (self._rows, self._before, self._after))
+            key = name, row, before, after
+            if key not in known:
+                known[key] = Path(
+                    [values[row - 1 - k].astype(np.float64) for k in range(before)],
+                    [values[row + k].astype(np.float64) for k in range(after)],
+                )
+            parts.append(known[key].at(mine))
+        return np.concatenate(parts)
 
 
 def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:
@@ -292,15 +316,20 @@ class _Peaks:
         self._touches = touches
         self._found: dict[int, tuple[I32, F64]] = {}
 
-    def add(self, k: int, steps: _Steps, n: int) -> None:
-        """Take those before row ``k`` from the steps of interval ``n``, without its end."""
-        assert steps.touches is not None
-        fine, count = steps.touches, steps.shares.shape[1]
-        rows = np.flatnonzero(steps.is_touched[n] & (steps.shares[n] < 1.0))
-        for j in np.unique(fine.set_of[n * count + rows]).tolist():
-            part = slice(int(fine.offsets[j]), int(fine.offsets[j + 1]))
-            weights = fine.weights[part].astype(np.float64)
-            self._found[k] = strongest(self._found.get(k), fine.vertices[part], weights)
+    def add(self, k: int, one: tuple[I32, F32] | None) -> None:
+        """Take a set of the time before row ``k``."""
+        if one is not None and len(one[0]):
+            self._found[k] = strongest(self._found.get(k), one[0], one[1].astype(np.float64))
+
+    def add_all(self, k: int, steps: _Steps, n: int) -> None:
+        """Take all sets of the time before row ``k`` from the steps of interval ``n``."""
+        run, count = steps.run, steps.shares.shape[1]
+        if run is None or k not in self._found:
+            return
+        first, last = np.searchsorted(steps.rows, [n * count + 1, (n + 1) * count])
+        for j in np.unique(run.set_of[first:last]).tolist():
+            part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+            self.add(k, (run.vertices[part], run.weights[part]))
 
     def touches(self, grazes: Bool) -> Touches:
         """Touches with the peaks; a touch that was over at the later sample (n,) counts there."""

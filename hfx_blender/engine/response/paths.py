@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64
+from ..arrays import F64, I64, Bool
 
 NEIGHBOURS: Final = 2
 """Samples on either side of an interval, besides its ends, that its path depends on."""
@@ -20,15 +20,19 @@ NEIGHBOURS: Final = 2
 OVERLAP: Final = 2 * NEIGHBOURS + 1
 """Samples that a block shares with the one after it, at most."""
 
-_NOISE: Final = 2e-6  # metres, and entries of matrices: rounding of Blender's float32
+_NOISE: Final = 5e-5  # metres, and entries of matrices: less beside a path is none
 _SMOOTH: Final = 0.3  # of the second differences: a larger third one is a turn
 _STEADY: Final = 0.5  # of the first difference: a larger second one is not continued over a turn
 _MEETS: Final = 0.2  # of a step: continuations that stay farther apart are of a jump
 _MOMENTS: Final = 65  # at which the nearest one is looked for
 
 
-def between(before: list[F64], after: list[F64], shares: F64) -> F64:
-    """Values (S, N, D) at shares (S,) of an interval, 0 at its start and 1 at its end.
+_NODES: Final = np.arange(4) / 3.0
+"""Shares at which a path that does not turn is known: it is a cubic through these places."""
+
+
+class Path:
+    """Motion of N rows of D values over an interval, 0 at its start and 1 at its end.
 
     Parameters
     ----------
@@ -36,11 +40,40 @@ def between(before: list[F64], after: list[F64], shares: F64) -> F64:
         Values at the interval's start and the samples before it, at its end and those after it,
         the nearest first: 1 to 3 each. Each of the N rows moves on its own.
     """
+
+    def __init__(self, before: list[F64], after: list[F64]) -> None:
+        self._is_still = all((each == before[0]).all() for each in after + before[1:])
+        self._nodes, turns = _smooth(before, after)
+        self._turns = turns[:0]
+        if len(turns) and min(len(before), len(after)) > 1:
+            self._left = _Leg([each[turns] for each in before], is_steady=True)
+            self._right = _Leg([each[turns] for each in after], is_steady=True)
+            self._turn, meets = _turn(self._left, self._right)
+            self._turns, self._meets = turns, meets[:, None]
+
+    def at(self, shares: F64) -> F64:
+        """Values (S, N, D) at shares (S,)."""
+        if self._is_still:
+            return np.broadcast_to(self._nodes[0], (len(shares), *self._nodes.shape[1:]))
+        others = [np.delete(_NODES, k) for k in range(4)]
+        pairs = zip(_NODES, others, strict=True)
+        basis = [np.prod((shares[:, None] - o) / (node - o), axis=1) for node, o in pairs]
+        found: F64 = np.einsum("ks,knd->snd", np.stack(basis), self._nodes)
+        if len(self._turns):
+            s = shares[:, None, None]
+            legs = self._left.at(s), self._right.at(1.0 - s)
+            bent = np.where(s <= self._turn[:, None], *legs)
+            found[:, self._turns] = np.where(self._meets, bent, found[:, self._turns])
+        return found
+
+
+def _smooth(before: list[F64], after: list[F64]) -> tuple[F64, I64]:
+    """Places (4, N, D) at the nodes, and which rows turn: at these, those of a straight way."""
     start, end = before[0], after[0]
-    s = shares[:, None, None]
-    straight: F64 = start + s * (end - start)
+    s = _NODES[:, None, None]
+    found: F64 = start + s * (end - start)
     if len(before) == len(after) == 1:
-        return straight
+        return found, np.zeros(0, np.int64)
     left, right = _Leg(before), _Leg(after)
     # A parabola over a turn of its own side is no continuation: the straighter side is right then.
     differ = _length(left.change - right.change) > _SMOOTH * np.maximum(left.bend, right.bend)
@@ -51,20 +84,12 @@ def between(before: list[F64], after: list[F64], shares: F64) -> F64:
     reaches_start &= (len(after) > 1) & ~(differ & (right.bend >= left.bend))
     from_left = left.at(s) + s * (end - left.at(1.0))
     from_right = right.at(1.0 - s) + (1.0 - s) * (start - right.at(1.0))
-    found = np.where(reaches_end[:, None], from_left, straight)
     both = from_left + s * (from_right - from_left)
+    found = np.where(reaches_end[:, None], from_left, found)
     found = np.where(
         reaches_start[:, None], np.where(reaches_end[:, None], both, from_right), found
     )
-    turns = np.flatnonzero(~(reaches_end | reaches_start))
-    if len(turns) and min(len(before), len(after)) > 1:
-        found[:, turns] = _turning(
-            _Leg([each[turns] for each in before], is_steady=True),
-            _Leg([each[turns] for each in after], is_steady=True),
-            s,
-            straight[:, turns],
-        )
-    return found
+    return found, np.flatnonzero(~(reaches_end | reaches_start))
 
 
 class _Leg:
@@ -87,12 +112,11 @@ class _Leg:
         return values
 
 
-def _turning(left: _Leg, right: _Leg, s: F64, straight: F64) -> F64:
-    """Paths (S, N, D) that change from one leg to the other where these are nearest."""
+def _turn(left: _Leg, right: _Leg) -> tuple[F64, Bool]:
+    """Shares (N,) at which two legs are nearest to each other, and whether they meet there."""
     moments = np.linspace(0.0, 1.0, _MOMENTS)[:, None, None]
     apart = _length(left.at(moments) - right.at(1.0 - moments))
     nearest = apart.argmin(axis=0)
-    which = np.arange(len(nearest))
     turn = moments[nearest, 0, 0]
     # One step of Newton's method on the squared distance, the legs taken as straight.
     small = 0.5 / (_MOMENTS - 1)
@@ -102,10 +126,8 @@ def _turning(left: _Leg, right: _Leg, s: F64, straight: F64) -> F64:
     squared = np.einsum("nd,nd->n", way, way)
     back = -np.einsum("nd,nd->n", way, apart_low) / np.where(squared > 0.0, squared, 1.0)
     turn = np.clip(low + np.clip(back, -1.0, 2.0) * 2.0 * small, 0.0, 1.0)
-    path = np.where(s <= turn[:, None], left.at(s), right.at(1.0 - s))
     longest = np.maximum(_length(left.step), _length(right.step))
-    meets = apart[nearest, which] <= _MEETS * longest
-    return np.where(meets[:, None], path, straight)
+    return turn, apart[nearest, np.arange(len(nearest))] <= _MEETS * longest
 
 
 def _length(values: F64) -> F64:

@@ -27,6 +27,7 @@ from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.outside import distances_m
 from ..volume.placing_matrix import inverse_placement, world_bounds
+from .paths import Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,14 @@ class Touches:
         }
         return replace(self, **columns)
 
+    def set_of_row(self, k: int) -> tuple[I32, F32] | None:
+        """Vertices of the k-th time, and their weights; None if it is not touched."""
+        j = int(self.set_of[k])
+        if j < 0 or not self.is_touched[k]:
+            return None
+        part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
+        return self.vertices[part], self.weights[part]
+
 
 _COLUMNS: Final = (
     *("indices", "times_s", "levels", "parameters", "controls", "values", "is_touched"),
@@ -80,6 +89,7 @@ class BodyPlaces:
         self._pose = pose
         self._rows = rows  # whose pose is known
         self._known: dict[int, F64] = {}
+        self.paths: dict[tuple[str, int, int, int], Path] = {}  # of the pose, between samples
 
     def of(self, cluster: int) -> F64:
         """World places (3, number of rows, number of vertices)."""
