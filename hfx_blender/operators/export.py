@@ -270,7 +270,8 @@ def _draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 def _draw_wrapped(layout: bpy.types.UILayout, text: str, icon: str) -> None:
-    for number, line in enumerate(textwrap.wrap(printable(text), _POPUP_LINE)):
+    sentence = printable(text[:1].upper() + text[1:])
+    for number, line in enumerate(textwrap.wrap(sentence, _POPUP_LINE)):
         layout.label(text=line, icon="BLANK1" if number else icon)
 
 

@@ -205,13 +205,14 @@ class SceneReader:
         new: dict[str, Unfelt] = {}
         lost: list[unfelt.LostClip] = []
         for effect, state in states.items():
-            of_it = [*unfelt.lost_clips(scene, time, effect, state)]
-            lost += of_it
+            lost_of_it = [*unfelt.lost_clips(scene, time, effect, state)]
+            lost += lost_of_it
+            clipless = unfelt.of_lost_clips(lost_of_it, state)
             why = found.dormant.get(effect)
-            if of_it and sum(each.is_whole for each in of_it) == len(state.playing):
-                why = dormant.OFF
-            if why is not None:
-                new[effect.name] = unfelt.of_dormant(why, state, self.is_part)
+            if clipless is not None:
+                new[effect.name] = clipless
+            elif why is not None:
+                new[effect.name] = unfelt.of_dormant(why, self.is_part)
             elif (powerless := unfelt.why_powerless(effect, frames)) is not None:
                 new[effect.name] = Unfelt(powerless)
         self.unfelt = {**reasons, **new}

@@ -110,11 +110,19 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
     return tuple(found)
 
 
-def of_dormant(why: str, state: Activation, is_part: bool) -> Unfelt:
+def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
+    """Reason for an effect of whose clips nothing is felt; expected, as the clips are told."""
+    if not lost or len(lost) < len(state.playing) or not all(each.is_whole for each in lost):
+        return None
+    if all(each.why == "between" for each in lost):
+        return Unfelt("has no clip that reaches a sample", is_expected=True)
+    return Unfelt("has no clip within the frames of the scene", is_expected=True)
+
+
+def of_dormant(why: str, is_part: bool) -> Unfelt:
     """Reason for an effect that is dormant; ``is_part``: only some frames are exported."""
     is_expected = why in (dormant.MUTED, dormant.CLIPS_MUTED)
-    is_timed = why == dormant.OFF
-    return Unfelt(why, is_expected or (is_part and is_timed) or (is_timed and bool(state.playing)))
+    return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:

@@ -47,7 +47,7 @@ WAYS: dict[str, tuple[Callable[[Any], None], str]] = {
     "intensity 0": (_drain, "has intensity 0"),
     "intensity keyed at 0": (_key_at_nothing, "has intensity 0"),
     "muted clip": (_mute_its_clip, "has clips, all of them muted"),
-    "later": (_play_it_later, "is not on at any exported time"),
+    "later": (_play_it_later, "has no clip within the frames of the scene"),
     "not solo": (_play_another_alone, "is muted"),
 }
 

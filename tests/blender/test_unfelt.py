@@ -81,6 +81,12 @@ def test_a_clip_outside_the_scene_is_a_warning(
     assert line["felt"] == (felt is not None)
     if felt is not None:
         assert (line["from_s"], line["to_s"]) == pytest.approx(felt)
+    else:
+        assert line["reason"] == (
+            "has no clip that reaches a sample"
+            if "between" in where
+            else "has no clip within the frames of the scene"
+        )
     assert _line(report, "Ball")["felt"]
 
 
