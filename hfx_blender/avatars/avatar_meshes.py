@@ -82,6 +82,19 @@ def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
     return None
 
 
+def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
+    """Test for an object that a constraint holds to an armature, and no bone deforms or carries."""
+    if armature_of(mesh) is not None or bone_of(armature, mesh) is not None:
+        return False
+    targets = [
+        target
+        for each in mesh.constraints
+        for target in (each, *getattr(each, "targets", ()))
+        if not each.mute
+    ]
+    return any(getattr(target, "target", None) == armature for target in targets)
+
+
 def choosing(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, list[bpy.types.Object]]:
@@ -89,7 +102,7 @@ def choosing(
     chosen, in steps.
     """
     from ..engine.body.model import load_avatar
-    from ..engine.retargeting import skin_parts
+    from ..engine.retargeting import props, skin_parts
     from . import kept_fits
 
     if len(meshes) < 2:
@@ -99,7 +112,8 @@ def choosing(
         yield 0.5 * number / len(meshes)
         targets.append(read_mesh(armature, mesh))
     body = _of_the_body(armature, dict(zip(meshes, targets, strict=True)), mapping)
-    meshes, targets, layer = list(body), list(body.values()), layer_of(armature)
+    meshes, layer = list(body), layer_of(armature)
+    targets, _ = props.without_props(load_avatar(), list(body.values()), mapping)
     key = kept_fits.key_of("meshes", targets, mapping, layer)
     kept = kept_fits.read(key)
     if kept is None:

@@ -136,7 +136,8 @@ def choosing_meshes(
         if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
     ]
     if selected:
-        return _largest_first(selected)
+        skin = [mesh for mesh in selected if not avatar_meshes.is_held(armature, mesh)]
+        return _largest_first(skin or selected)
     return (yield from choosing_again(context, armature, mapping_of))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..engine.body.model import load_avatar, load_model
 from ..engine.body.rigs.mapping import BoneMapping
-from ..engine.retargeting import by_bones, retarget, skin_parts
+from ..engine.retargeting import by_bones, props, retarget, skin_parts
 from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.layers import Layer
 from ..engine.retargeting.quality import PartQuality, Quality, joint_faults
@@ -58,6 +58,11 @@ def fitting(
     """
     targets = yield from within(avatar_meshes.reading(armature, meshes), 0.0, 0.1)
     targets, notes = _facing_out(meshes, targets)
+    targets, left_out = props.without_props(load_avatar(), targets, mapping)
+    carried = _named(meshes, targets, left_out)
+    shown = [number for number, target in enumerate(targets) if len(target.triangles)]
+    if shown and left_out:  # meshes that are props as a whole are no part of the avatar's skin
+        meshes, targets = [meshes[k] for k in shown], [targets[k] for k in shown]
     rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
     names, layer = [mesh.name for mesh in meshes], avatar_meshes.layer_of(armature)
     hashes = [load_model(model_id).content_hash for model_id in model_ids()]
@@ -74,7 +79,7 @@ def fitting(
         tuple(meshes),
         tuple(found.models),
         tuple(found.qualities),
-        (*(() if found.by_bones else notes), *found.warnings),  # bones have no normals
+        (*(() if found.by_bones else notes), *carried, *found.warnings),  # bones: no normals
         mapping.report,
         found.by_bones,
     )
@@ -160,6 +165,19 @@ def _facing_out(
                 "Recalculate Outside"
             )
     return turned, notes
+
+
+def _named(
+    meshes: Sequence[bpy.types.Object], targets: Sequence[TargetAvatar], held: Sequence[props.Prop]
+) -> list[str]:
+    """Sentences about props that are loose pieces of a mesh, one for each bone."""
+    return [
+        f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
+        f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "
+        "are held or carried and no skin"
+        for prop in held
+        if len(targets[prop.mesh].triangles)
+    ]
 
 
 def _why_rigid(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:

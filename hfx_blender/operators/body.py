@@ -99,12 +99,18 @@ class _FittingOperator(StepwiseOperator):
         from ..avatars import bodies, bone_table
 
         mapping_of = cache(bone_table.mapping_of)
+        selected = [
+            obj
+            for obj in context.selected_objects
+            if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
+        ]
         meshes = yield from within(choosing(context, body, mapping_of), 0.0, 0.3)
         steps = bodies.adding_body(body, next(iter(meshes), None), meshes[1:], mapping_of)
         for warning in (yield from within(steps, 0.3, 1.0)):
             self.report({"WARNING"}, printable(f"{body.name}: {warning}"))
         taken = avatar_meshes.meshes_of(body)
-        others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
+        there = dict.fromkeys((*avatar_meshes.meshes_on(context, body), *selected))
+        others = [mesh for mesh in there if mesh not in taken]
         shown = f", shown by {_quoted(taken)}" if taken else ""
         rest = f"; left out, as they show no skin: {_quoted(others)}" if others else ""
         return f"'{body.name}' is a haptic body{shown}{rest}"

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Props of an avatar, which its rig moves and which are no skin: weapons, backpacks, wings.
+
+A prop is a connected piece of the surface, or a whole mesh on one bone, that sticks out of the
+body and follows only bones that are no part of it, or one hand, finger or forearm alone. Clothes
+and hair are none, nor is the only skin of a region: a hand that is a mesh of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..arrays import F64, I64
+from ..body.model import Avatar
+from .bone_regions import region_of
+from .canonical_pose import matrices, posed
+from .joints import skeletons_of
+from .skin_parts import joined
+from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, owners_of, weld
+
+_REACH_M: Final = 0.12
+"""Distance from the body beyond which something sticks out of it (of a body 1.8 m tall)."""
+
+_BESIDE_M: Final = 0.06
+"""Distance from the body beyond which a surface lies beside it."""
+
+_MOSTLY: Final = 0.5
+"""Share of the surface beside the body from which a piece sticks out of it."""
+
+_ALONE: Final = 0.99
+"""Skin weight from which a vertex follows a bone alone."""
+
+_WORN: Final = re.compile(
+    "hair|bang|braid|tail_?hair|pony|cloth|skirt|cape|cloak|mantle|coat|dress|sleeve|scarf|robe|"
+    "ribbon|hood|collar|jacket|shirt|pants|belt|tassel|\u9aea|\u30b9\u30ab\u30fc\u30c8|\u30de\u30f3\u30c8|\u8896",
+    re.IGNORECASE,
+)
+"""Words of bones that move hair and clothes, which layers decide about."""
+
+_HOLDING: Final = ("hand", "finger", "forearm")
+
+
+@dataclass(frozen=True)
+class Prop:
+    """Prop that was left out of an avatar's skin."""
+
+    mesh: int  # which of the avatar's meshes it is of
+    bone: str
+    share: float  # of the mesh's surface, 0..1
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    triangles: I64  # (n,) of the union
+    bone: str
+    region: str
+
+
+def without_props(
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping
+) -> tuple[list[TargetAvatar], list[Prop]]:
+    """Leave out the triangles of props from the meshes of an avatar, and tell which they are."""
+    union = joined(targets)
+    candidates = _candidates(targets, union, mapping) if len(union.triangles) else []
+    if not candidates:
+        return list(targets), []
+    try:
+        whole = skeletons_of(avatar, union, mapping)
+        rest = _left(union, candidates)
+        bodies = skeletons_of(avatar, rest, mapping) if len(rest.triangles) else whole
+        body = posed(avatar, matrices(avatar, bodies))
+    except InputError:  # without them it is no body
+        return list(targets), []
+    from scipy.spatial import cKDTree
+
+    off_m, _ = cKDTree(body).query(bodies.points)
+    areas = areas_of(bodies.points, union.triangles)
+    held = [each for each in candidates if _sticks_out(each, union, off_m, areas)]
+    held.sort(key=lambda each: float(off_m[union.triangles[each.triangles]].max()))
+    while held:
+        try:
+            lost = set(skeletons_of(avatar, _left(union, held), mapping).absent)
+        except InputError:
+            return list(targets), []
+        lost -= set(whole.absent)
+        needed = next((each for each in held if each.region in lost), None)
+        if needed is None:
+            break
+        held.remove(needed)
+    return _split(targets, held, areas)
+
+
+def _candidates(
+    targets: Sequence[TargetAvatar], union: TargetAvatar, mapping: RigMapping
+) -> list[_Candidate]:
+    """Find what follows no bone of the body, or one bone of an arm's end alone.
+
+    Pieces that follow the same bone beside the body belong together, and so does a mesh that
+    follows one bone alone.
+    """
+    canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
+    owners = owners_of(union, canonical)
+    parents = {bone.name: bone.parent for bone in union.bones}
+    carrying = set()
+    for name in canonical:
+        at: str | None = name
+        while at is not None and at not in carrying:
+            carrying.add(at)
+            at = parents.get(at)
+    is_body = np.array([name in carrying for name in union.bone_names])
+    regions = [region_of(owner) if owner else "torso" for owner in owners]
+    weights = union.weights
+    vertex = np.repeat(np.arange(len(union.vertices)), np.diff(weights.offsets))
+    is_single = np.zeros(len(union.vertices), np.bool_)
+    single = np.full(len(union.vertices), -1)
+    alone = weights.values >= _ALONE
+    is_single[vertex[alone]], single[vertex[alone]] = True, weights.bones[alone]
+    on_body = np.zeros(len(union.vertices))
+    np.add.at(on_body, vertex, weights.values * is_body[weights.bones])
+    strongest = np.zeros(len(union.vertices), np.int64)
+    order = np.lexsort((weights.values, vertex))
+    strongest[vertex[order]] = weights.bones[order]
+    is_bare = np.diff(weights.offsets) == 0
+
+    piece = connected_pieces(weld(union.vertices)[union.triangles])
+    mesh = np.repeat(np.arange(len(targets)), [len(target.triangles) for target in targets])
+    groups: dict[tuple[str, int, int, int], list[I64]] = {}
+    for own in _rows_of(piece):
+        corners = np.unique(union.triangles[own])
+        bone = int(strongest[corners[0]])
+        if is_bare[corners].any():
+            continue
+        if (on_body[corners] < 1.0 - _ALONE).all():
+            bones = {union.bone_names[k] for k in np.unique(strongest[corners])}
+            if regions[bone] != "head" and not any(map(_WORN.search, bones)):
+                groups.setdefault(("beside", int(mesh[own[0]]), bone, -1), []).append(own)
+        elif is_single[corners].all() and (single[corners] == bone).all():
+            if regions[bone].rstrip("12345.LR") in _HOLDING:
+                whole = union.triangles[mesh == mesh[own[0]]]
+                is_whole = bool((single[whole] == bone).all())
+                number = -1 if is_whole else int(piece[own[0]])
+                groups.setdefault(("held", int(mesh[own[0]]), bone, number), []).append(own)
+    return [
+        _Candidate(np.concatenate(rows), union.bone_names[key[2]], regions[key[2]])
+        for key, rows in groups.items()
+    ]
+
+
+def _rows_of(piece: I64) -> list[I64]:
+    """Triangles of each piece."""
+    order = np.argsort(piece, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
+
+
+def _left(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:
+    kept = np.ones(len(union.triangles), np.bool_)
+    for each in out:
+        kept[each.triangles] = False
+    return replace(union, triangles=union.triangles[kept])
+
+
+def _sticks_out(candidate: _Candidate, union: TargetAvatar, off_m: F64, areas: F64) -> bool:
+    own = off_m[union.triangles[candidate.triangles]]
+    area = areas[candidate.triangles]
+    beside = float(area[own.mean(axis=1) > _BESIDE_M].sum())
+    return bool(own.max() > _REACH_M) or beside > _MOSTLY * float(area.sum())
+
+
+def _split(
+    targets: Sequence[TargetAvatar], held: Sequence[_Candidate], areas: F64
+) -> tuple[list[TargetAvatar], list[Prop]]:
+    """Leave triangles of the union out of the meshes that they are of."""
+    counts = [len(target.triangles) for target in targets]
+    mesh = np.repeat(np.arange(len(targets)), counts)
+    starts = np.cumsum(counts) - counts
+    kept: npt.NDArray[np.bool_] = np.ones(len(mesh), np.bool_)
+    props = []
+    for each in held:
+        kept[each.triangles] = False
+        number = int(mesh[each.triangles[0]])
+        share = areas[each.triangles].sum() / max(float(areas[mesh == number].sum()), 1e-30)
+        props.append(Prop(number, each.bone, float(share)))
+    left = [
+        replace(target, triangles=target.triangles[kept[start : start + count]])
+        for target, start, count in zip(targets, starts, counts, strict=True)
+    ]
+    return left, props
