@@ -22,6 +22,7 @@ import addon_wheels
 import native_build
 import native_wheel
 from addon_wheels import PLATFORMS, PYTHONS, WheelError
+from hfx_blender.atomic_files import atomic_file
 from native_build import BuildError
 
 ROOT = Path(__file__).resolve().parent
@@ -85,8 +86,7 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
     content |= {f"licences/{path.name}": path.read_bytes() for path in own if path.exists()}
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / ("-".join(filter(None, (identity["id"], identity["version"], tag))) + ".zip")
-    temporary = target.with_suffix(".zip.tmp")
-    with zipfile.ZipFile(temporary, "w") as archive:
+    with atomic_file(target) as file, zipfile.ZipFile(file, "w") as archive:
         for name in sorted(content):
             entry = zipfile.ZipInfo(name, _TIME)
             stored = name.endswith(".whl")
@@ -94,7 +94,6 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
             entry.create_system = 3  # Unix, also when built on Windows
             entry.external_attr = 0o100644 << 16
             archive.writestr(entry, content[name], compresslevel=9)
-    temporary.replace(target)
     return target
 
 

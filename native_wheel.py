@@ -16,6 +16,7 @@ import zipfile
 from pathlib import Path
 
 import native_build
+from hfx_blender.atomic_files import atomic_file
 from native_build import ROOT, Target
 
 NAME = "hfx_native"
@@ -49,15 +50,14 @@ def make(target: Target, folder: Path, zig: Path) -> Path:
     content[f"{information}/RECORD"] = _record(content, f"{information}/RECORD").encode()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{NAME}-{version}-{tag}.whl"
-    new = path.with_suffix(".whl.new")
-    with zipfile.ZipFile(new, "w") as archive:
+    with atomic_file(path) as file, zipfile.ZipFile(file, "w") as archive:
         for name, data in content.items():
             entry = zipfile.ZipInfo(name, _TIME)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3  # Unix, also when built on Windows
             entry.external_attr = (0o100755 if data is library else 0o100644) << 16
             archive.writestr(entry, data, compresslevel=9)
-    return new.replace(path)
+    return path
 
 
 def _metadata(version: str) -> str:

@@ -68,12 +68,23 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
     Raises
     ------
     OutputError
-        One of the names is that of a folder, a device or a pipe, or a folder cannot be made;
-        nothing was moved.
+        One of the names is that of a folder, a device or a pipe, a folder cannot be made, or a
+        file cannot be moved; none was, and no folder is new.
     """
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     for target in targets:
         refuse_taken(target)
-    for below in dict.fromkeys(target.parent for target in targets):
-        make_folder(below)
-    return move(files, folder, base)
+    new: list[Path] = []
+    try:
+        for below in dict.fromkeys(target.parent for target in targets):
+            new += [each for each in (below, *below.parents) if not each.exists()][::-1]
+            make_folder(below)
+        return move(files, folder, base)
+    except (OSError, OutputError) as error:
+        for each in reversed(new):
+            with suppress(OSError):
+                each.rmdir()
+        if isinstance(error, OutputError):
+            raise
+        where = getattr(error, "filename2", None) or folder
+        raise OutputError(f"{where}: cannot be written ({error.strerror or error}).") from error

@@ -79,7 +79,7 @@ def keep(
     folder = folder_of(unit)
     make_folder(folder)
     named = [(path_of(path.parent, unit.piece, path.suffix), path) for path in files]
-    placed = place([path.replace(name) for name, path in named], folder)
+    renamed = [path.replace(name) for name, path in named]
     record = {
         "piece": list(unit.piece),
         "samples": None if part is None else list(part),
@@ -87,11 +87,13 @@ def keep(
         "made_from": made_from,
         "files": [
             {"name": path.name, "bytes": path.stat().st_size, "sha256": sha256_of(path)}
-            for path in placed
+            for path in renamed
         ],
     }
-    with atomic_file(path_of(folder, unit.piece, ".json")) as file:
+    record_file = path_of(Path(unit.stage), unit.piece, ".json")
+    with atomic_file(record_file) as file:
         file.write((json.dumps(record, indent=1) + "\n").encode())
+    place([*renamed, record_file], folder)
     return record
 
 

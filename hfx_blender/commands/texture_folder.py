@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import blender_session
+from ..atomic_files import inputs_kept
 from ..console import Console
 from ..errors import InputError, UsageError, refuse_no_file
 
@@ -49,7 +50,8 @@ def _watch(options: argparse.Namespace, console: Console, keep: Keep) -> int:
         for picture in watched.settled():
             try:
                 if not is_made(picture, options.output):
-                    made.append(keep(_generated(picture, options), options, console))
+                    with inputs_kept([picture]):
+                        made.append(keep(_generated(picture, options), options, console))
             except InputError as error:
                 faults.append(str(error))
                 console.warn(f"left out: {error}")

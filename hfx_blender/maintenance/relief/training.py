@@ -35,7 +35,7 @@ _AVERAGED: Final = 0.98
 """Share of the mean over time that is kept at each of them; that mean is what is stored."""
 
 _MODULE: Final = "maintenance.relief.training"
-_MEETING: Final = "meeting"  # file by which the processes find each other
+_MEETING: Final = ".hfx-relief-training"  # file by which the processes find each other
 _LATEST: Final = "latest.npz"
 
 
