@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..arrays import F64
 from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
+from . import uncertainty
 from .bone_regions import REGIONS, words_of
 from .surface import Places
 from .target import areas_of
@@ -84,6 +85,9 @@ class Quality:
     feet_forward: float  # 0..1, share of the feet that point where the body faces
     joints_mm: Mapping[str, float] = field(default_factory=dict)  # joint -> skin's distance from it
     absent: Sequence[str] = ()  # regions that the avatar has no skin of
+    uncertain_mm: Mapping[str, float] = field(
+        default_factory=dict
+    )  # place -> how far it may be off
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -106,6 +110,7 @@ class Quality:
                 f"the avatar has no skin of {words_of(self.absent)}: there the haptic body has the "
                 "standard shape, on the bones of the rig"
             )
+        found += uncertainty.sentence(self.uncertain_mm)
         return tuple(found)
 
 
@@ -132,6 +137,7 @@ def judge(
     joints_m: Mapping[str, float],
     is_there: npt.NDArray[np.bool_],
     absent: Sequence[str],
+    uncertain_m: Mapping[str, float],
 ) -> Quality:
     """Judge the fit of a model's placed vertices.
 
@@ -151,6 +157,8 @@ def judge(
         The avatar has skin of the vertex's region; others are not judged.
     absent : sequence of str
         Regions that the avatar has no skin of.
+    uncertain_m : mapping of place to float
+        See :func:`.uncertainty.uncertain_m`.
     """
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
     known = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
@@ -180,7 +188,10 @@ def judge(
     is_right_side = (ends[target_shares.argmax(axis=1)] != other)[limb]
     sides = float(is_right_side.mean()) if limb.any() else 1.0
     joints_mm = {joint: 1000.0 * off for joint, off in joints_m.items()}
-    return Quality(model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent))
+    uncertain_mm = {place: 1000.0 * off for place, off in uncertain_m.items()}
+    return Quality(
+        model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent), uncertain_mm
+    )
 
 
 def _areas(points: F64, model: PerceptualModel) -> F64:

@@ -8,7 +8,7 @@ The canonical avatar is posed onto the target's rest pose and pulled onto its sk
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ from ...stepwise import within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
-from . import hinges
+from . import hinges, uncertainty
 from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of
 from .layers import Layer, leaving_out
@@ -58,6 +58,7 @@ class Warp:
     limbs: Limbs
     posed: F64  # (V, 3) where the rig's joints alone put the vertices
     same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
+    uncertain_m: Mapping[str, float]  # place -> how far it may be off, of a body 1.8 m tall
 
 
 def warping(
@@ -82,7 +83,7 @@ def warping(
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
     points = avatar.vertices.astype(np.float64)
-    bodies, _ = hinges.placed(bodies, points, triangles, target.triangles)
+    bodies, estimates = hinges.placed(bodies, points, triangles, target.triangles)
     if bodies.absent:
         target = with_mapped_bones(target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
@@ -93,7 +94,7 @@ def warping(
     out = yield from within(layers, 0.1, 0.3)
     moved = matrices(avatar, _without(bodies, surface, out), _LARGEST_HEAD)
     start = posed(avatar, moved)
-    same = _same_mesh(avatar, target)
+    same, uncertain_m = _same_mesh(avatar, target), {}
     if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[out])):
         vertices = start = bodies.points[same]
     else:
@@ -103,11 +104,15 @@ def warping(
         if fields is not None:
             shaping = shape(fields, moved, start, triangles, bodies, surface, limbs)
             vertices = yield from within(shaping, 0.3, 0.65)
-        pulling = pull(vertices, triangles, shares, limbs.axes, surface)
+        shaped = vertices
+        pulling = pull(shaped, triangles, shares, limbs.axes, surface)
         vertices = yield from within(pulling, 0.65, 1.0)
         vertices = limbs.with_joints_joined(vertices, start)
+        uncertain_m = uncertainty.uncertain_m(avatar, bodies, estimates, start, shaped, vertices)
     normals = vertex_normals(vertices, triangles)
-    return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
+    return Warp(
+        target, mapping, bodies, surface, vertices, normals, limbs, start, same, uncertain_m
+    )
 
 
 def _without(bodies: Skeletons, surface: TargetSurface, out: npt.NDArray[np.bool_]) -> Skeletons:
@@ -160,7 +165,10 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     rest, _ = carried(model, warped.posed, warped.normals)
     joints = warped.limbs.offsets_m(nearest, rest, places.points, warped.surface)
     feet_forward, absent = warped.bodies.feet_forward, warped.bodies.absent
-    quality = judge(model, places, shares, distance, feet_forward, joints, is_there, absent)
+    quality = judge(
+        *(model, places, shares, distance, feet_forward, joints, is_there, absent),
+        warped.uncertain_m,
+    )
     return fitted, quality
 
 

@@ -54,7 +54,9 @@ class Figure:
     knees_m: float = 0.0  # how far the rig's knees lie below the skin's
     elbows_m: float = 0.0
     triangles: float = 0.4  # share that is left
+    hips_m: float = 0.0  # how far the rig's hips lie above the skin's
     is_blurred: bool = False  # skin weights of a broad brush
+    is_bound_anew: bool = False  # skin weights made from the rig's own joints
     seed: int = 1
     space: F64 = field(default_factory=lambda: np.eye(4))
 
@@ -77,6 +79,8 @@ def made(figure: Figure) -> Variant:
     if figure.is_blurred:
         person = _blurred(person)
     person = _with_joints_beside(person, figure)
+    if figure.is_bound_anew:
+        person = _bound_anew(person)
     person = replace(_renamed(person, figure.rig), places=person.places)
     if figure.rig is ENGINE:
         person = _with_flat_twists(person)
@@ -256,11 +260,37 @@ def _with_joints_beside(person: Variant, figure: Figure) -> Variant:
         for side in "LR":
             way = heads[f"{last}.{side}"] - heads[f"{first}.{side}"]
             moved[f"{joint}.{side}"] = off * way / np.linalg.norm(way)
+            moved[f"upperleg01.{side}"] = np.array([0.0, 0.0, figure.hips_m])
     bones = tuple(
         RigBone(b.name, b.parent, np.asarray(b.head) + moved.get(b.name, 0.0), np.asarray(b.tail))
         for b in person.target.bones
     )
     return replace(person, target=replace(person.target, bones=bones))
+
+
+def _bound_anew(person: Variant) -> Variant:
+    """The skin of each limb passes from one bone to the next at the rig's joint."""
+    from foreign_avatars import sparse
+
+    target = person.target
+    heads = {bone.name: np.asarray(bone.head) for bone in target.bones}
+    owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
+    dense = np.zeros((len(target.vertices), len(target.bone_names)))
+    np.add.at(dense, (owners, target.weights.bones), target.weights.values)
+    for upper, lower, last in (
+        ("upperleg", "lowerleg", "foot"),
+        ("upperarm", "lowerarm", "wrist"),
+    ):
+        for side in "LR":
+            names = [f"{limb}{half}.{side}" for limb in (upper, lower) for half in ("01", "02")]
+            columns = [target.bone_names.index(name) for name in names]
+            whole = dense[:, columns].sum(axis=1)
+            way = heads[f"{last}.{side}"] - heads[names[0]]
+            along = (target.vertices - heads[names[2]]) @ way / np.linalg.norm(way)
+            below = np.clip(0.5 + along / 0.08, 0.0, 1.0)
+            dense[:, columns] = 0.0
+            dense[:, columns[0]], dense[:, columns[2]] = whole * (1.0 - below), whole * below
+    return replace(person, target=replace(target, weights=sparse(dense)))
 
 
 def _with_flat_twists(person: Variant) -> Variant:

@@ -44,7 +44,8 @@ def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
     """Median distance from the truth of each part's vertices."""
     model = load_model(MODEL_ID)
     fitted, quality = retarget.fit(model, warped)
-    assert quality.warnings == ()
+    # Limbs that are stretched unlike any person's leave their hinges in doubt.
+    assert all("knee" in warning for warning in quality.warnings), quality.warnings
     error = np.linalg.norm(fitted.vertices - variant.truth(model), axis=1)
     error *= 1000.0 * variant.target.metres
     return {

@@ -13,7 +13,7 @@ from strangers import BIPED, CENTIMETRES, ENGINE, Figure, made
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
-from hfx_blender.engine.retargeting import hinges, retarget
+from hfx_blender.engine.retargeting import hinges, retarget, uncertainty
 from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.turns import apply
 
@@ -79,3 +79,59 @@ def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
                 place = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
                 mark = int(np.linalg.norm(points - place, axis=1).argmin())
                 assert np.linalg.norm(fitted.vertices[mark] - truth[mark]) < 0.025, (bone, side)
+
+
+UNCERTAIN = {
+    # Weights that were made from joints 45 mm too low say nothing of the kneecap.
+    "knee": (
+        Figure("bound anew", ENGINE, knees_m=0.045, is_bound_anew=True),
+        ("lowerleg01", (0.0, -0.06, 0.0)),
+    ),
+    "heel": (
+        Figure("platforms", clothes=("platforms", "trousers"), girths=MUSCLES),
+        ("foot", (0.0, 0.053, -0.041)),
+    ),
+    "belly": (
+        Figure("half body", clothes=("cut at the waist",), hips_m=0.1),
+        ("spine04", (0.0, -0.15, 0.0)),
+    ),
+}
+
+
+@pytest.mark.parametrize("place", UNCERTAIN)
+def test_a_place_that_is_far_off_is_named_with_how_far(place: str) -> None:
+    figure, (bone, offset) = UNCERTAIN[place]
+    person, avatar = made(figure), load_avatar()
+    mapping = map_bones(person.target.bones)  # type: ignore[arg-type]
+    warped = variants.warp(avatar, person.target, mapping)
+    off_mm = {}
+    for side in "LR" if place != "belly" else ("",):
+        name = f"{bone}.{side}".rstrip(".")
+        near = canonical_heads()[name] + offset
+        mark = int(np.linalg.norm(avatar.vertices - near, axis=1).argmin())
+        truth = apply(np.linalg.inv(warped.bodies.to_target), person.places[mark])
+        off_mm[f"{place}.{side}".rstrip(".")] = 1000.0 * np.linalg.norm(
+            warped.vertices[mark] - truth
+        )
+    limit = uncertainty.HINGE_MM if place == "knee" else uncertainty.PLACE_MM
+    assert max(off_mm.values()) > limit  # else this figure shows nothing
+    _, quality = retarget.fit(load_model("hfx-temperature-1"), warped)
+    (told,) = [fault for fault in quality.whole_faults if "uncertain" in fault]
+    for name, off in off_mm.items():
+        if off > limit:
+            assert quality.uncertain_mm[name] >= off, (name, off)
+            words = {"L": "left ", "R": "right "}.get(name[-1], "") if "." in name else ""
+            assert f"{words}{place} {quality.uncertain_mm[name]:.0f} mm" in told
+
+
+def test_a_plain_figure_has_no_uncertain_place() -> None:
+    person = made(Figure("plain"))
+    mapping = map_bones(person.target.bones)  # type: ignore[arg-type]
+    warped = variants.warp(load_avatar(), person.target, mapping)
+    assert not uncertainty.sentence({p: 1000.0 * u for p, u in warped.uncertain_m.items()})
+
+
+def test_uncertain_places_are_named_the_worst_first() -> None:
+    told = uncertainty.sentence({"knee.L": 26.0, "elbow.R": 24.0, "heel.R": 53.4, "belly": 39.0})
+    assert told == ["these places are uncertain: right heel 53 mm, left knee 26 mm"]
+    assert uncertainty.sentence({"knee.L": 25.0, "crown": 40.0}) == []
