@@ -16,6 +16,7 @@ from hfx_blender.engine.rendering.frequency import Partial
 from hfx_blender.errors import InputError
 from hfx_blender.formats import (
     ahap,
+    checking,
     conversion,
     haptic,
     he,
@@ -316,3 +317,10 @@ def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_
     assert read.frequency_hz.at([0.5, 1.0, 1.5, 5.0]) == pytest.approx(
         [117.5, 145.0, 172.5, 125.0], abs=1.6
     )
+
+
+def test_a_file_too_large_to_be_read_again_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(checking, "MAX_BYTES", 100)
+    found = written("haptic", [signal(LOUD)], tmp_path)
+    assert len(found.files) == 1
+    assert any("is not measured" in each and "larger than" in each for each in found.notes)
