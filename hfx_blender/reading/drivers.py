@@ -44,49 +44,67 @@ class RetriedDrivers:
     """
 
     def __init__(self, reached: Iterable[bpy.types.ID], *, tags: bool) -> None:
-        self._curves = [
-            (owner, curve)
-            for owner, curve in drivers_of(reached)
-            if not curve.mute and _drives(owner, curve)
-        ]
-        # Their results that are no numbers are told on the standard error stream only.
-        self._scripted = [
-            (owner, curve)
-            for owner, curve in self._curves
-            if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression
-        ]
+        self._owners = [owner for owner in reached if next(drivers_of([owner]), None) is not None]
         self._tags = tags
-        self._messages: IO[bytes] | None = tempfile.TemporaryFile() if self._scripted else None
+        self._messages: IO[bytes] | None = None
         self.failures: tuple[str, ...] = ()
         """Drivers that failed at the last time, as sentences."""
+        self._collect()
+
+    def _collect(self) -> None:
+        """Keep references to the drivers: finding each of a rig's again costs more than posing."""
+        self._counts = list(map(_count, self._owners))
+        pairs = [
+            (owner, curve)
+            for owner, curve in drivers_of(self._owners)
+            if not curve.mute and _drives(owner, curve)
+        ]
+        self._pairs = [(owner, _sentence(owner, curve)) for owner, curve in pairs]
+        self._drivers = [curve.driver for _, curve in pairs]
+        self._failed = [*range(len(pairs))]
+        # Their results that are no numbers are told on the standard error stream only.
+        self._scripted = [
+            k
+            for k, driver in enumerate(self._drivers)
+            if driver.type == "SCRIPTED" and not driver.is_simple_expression
+        ]
+        if self._scripted and self._messages is None:
+            self._messages = tempfile.TemporaryFile()
 
     def evaluate(self, work: Callable[[], object]) -> None:
         """Call ``work``, in which Blender evaluates the drivers, and note those that failed."""
-        if not self._curves:
+        if not self._owners:
             work()
             return
-        for owner, curve in self._curves:
-            if not curve.driver.is_valid:
-                curve.driver.is_valid = True
+        if list(map(_count, self._owners)) != self._counts:  # a handler made or removed some
+            self._collect()
+        for k in self._failed:
+            if not self._drivers[k].is_valid:
+                self._drivers[k].is_valid = True
                 if self._tags:
-                    owner.update_tag()
+                    self._pairs[k][0].update_tag()
         with _errors_to(self._messages):
             work()
-        failed = [pair for pair in self._curves if not pair[1].driver.is_valid]
-        failed += self._endless()
-        self.failures = tuple(_sentence(*pair) for pair in failed)
+        if list(map(_count, self._owners)) != self._counts:
+            self._collect()
+        self._failed = [k for k, driver in enumerate(self._drivers) if not driver.is_valid]
+        self.failures = tuple(self._pairs[k][1] for k in (*self._failed, *self._endless()))
 
-    def _endless(self) -> list[tuple[bpy.types.ID, bpy.types.FCurve]]:
+    def _endless(self) -> list[int]:
         """Drivers whose last result was no finite number; Blender takes 0 for it."""
         if self._messages is None:
             return []
         self._messages.seek(0)
         text = self._messages.read().decode(errors="replace")
         return [
-            (owner, curve)
-            for owner, curve in self._scripted
-            if f"'{curve.driver.expression}' evaluates to" in text
+            k for k in self._scripted if f"'{self._drivers[k].expression}' evaluates to" in text
         ]
+
+
+def _count(owner: bpy.types.ID) -> int:
+    """Number of drivers of some data."""
+    data = owner.animation_data
+    return 0 if data is None else len(data.drivers)
 
 
 def _drives(owner: bpy.types.ID, curve: bpy.types.FCurve) -> bool:

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from hfx_blender.reading.drivers import RetriedDrivers
+
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 
@@ -148,3 +150,21 @@ def test_what_drives_nothing_or_is_not_felt_is_not_told(scene: Any, ball: Any) -
     evaluation = oracle.evaluate(scene, rate_hz=25)
     assert _felt(evaluation) == [*range(25)]
     assert _failures(evaluation) == {}
+
+
+def test_drivers_that_a_handler_removes_meanwhile(scene: Any, ball: Any) -> None:
+    _drive(ball, "hfx.intensity", FAILS_FROM_12["division by zero"])
+    _drive(ball, "location", "1 / (frame - frame)", 0)
+    drivers = RetriedDrivers([ball], tags=True)
+    drivers.evaluate(lambda: scene.frame_set(3))
+    assert ["location" in text for text in drivers.failures] == [True]
+
+    def remove() -> None:
+        scene.frame_set(13)
+        ball.driver_remove("location", 0)
+
+    drivers.evaluate(remove)
+    assert ["intensity" in text for text in drivers.failures] == [True]
+    ball.driver_remove("hfx.intensity")
+    drivers.evaluate(lambda: scene.frame_set(14))
+    assert drivers.failures == ()

@@ -302,3 +302,40 @@ def test_two_thousand_effects_stay_readable() -> None:
     (line,) = unfelt_lines(_report(2000, False))
     assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
     assert line.endswith("and 1994 more") and felt_lines(_report(2000, False)) == ()
+
+
+class _Layout:
+    """Layout that keeps what is drawn, in its order."""
+
+    def __init__(self) -> None:
+        self.drawn: list[str] = []
+
+    def label(self, text: str, icon: str) -> None:
+        self.drawn.append(f"{icon} {text}")
+
+    def operator(self, name: str, **_options: str) -> Any:
+        self.drawn.append(name)
+        return type("Settings", (), {})()
+
+    def separator(self) -> None:
+        pass
+
+
+def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
+    from hfx_blender.operators import export
+
+    _clip(touch, 3.0, 4.0, "Beat")
+    bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
+    layout = _Layout()
+    export._draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
+    lines = [line for line in layout.drawn if not line.startswith("BLANK1")]
+    assert [line[:30] for line in lines] == [
+        "ERROR Clip 'Beat' of 'Touch' (",
+        "hfx.extend_scene",
+        "DOT Touch (pressure) was not f",
+        "DOT Ball (vibration) felt by A",
+        "FILE_TICK Wrote scene.hfxtrack",
+        "wm.path_open",
+    ]
+    (written,) = export.last_written
+    assert written.warned == ", 1 warning"
