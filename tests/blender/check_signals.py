@@ -263,7 +263,7 @@ def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -
             is_for_all=rng.random() < 1 / 3,  # as a farm does
         )
         shutil.rmtree(folder / f"{k}")
-        if k % 50 == 49:
+        if k % 20 == 19:
             sys.stderr.write(found.text() + "\n")
     return found
 
