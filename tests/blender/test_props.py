@@ -210,7 +210,13 @@ def test_gloves_sleeves_hats_and_clothes_on_bones_of_their_own_are_none(
     rig, skin = anna
     meshes = [
         worn(skin, "Glove", is_right_hand, 0.01, HAND),
-        worn(skin, "Bracer", lambda bone, _place: "RightForeArm" in bone, 0.02, "mixamorig:RightForeArm"),
+        worn(
+            skin,
+            "Bracer",
+            lambda bone, _place: "RightForeArm" in bone,
+            0.02,
+            "mixamorig:RightForeArm",
+        ),
     ]
     head = joint(rig, HEAD)
     hat = box("Hat", head + Vector((0.0, 0.0, 0.3)), (0.5, 0.5, 0.2))
