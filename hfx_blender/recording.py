@@ -123,8 +123,8 @@ def record_track(
     The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
     later gives the same.
     With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
-    What rings on from before, also before the first frame, is evaluated first, and forgotten; what devices carry on from one
-    sample to the next is for the whole track.
+    What rings on from before, also before the first frame, is evaluated first, and forgotten; what
+    devices carry on from one sample to the next is for the whole track.
     """
     settings = {
         "record": sorted(record),

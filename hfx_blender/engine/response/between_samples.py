@@ -20,6 +20,7 @@ from ..arrays import F32, F64, I32, I64, Bool
 from ..contact.reachable_bounds import bends_m, bounds_of
 from ..samples import SampleRun
 from ..scene import EffectBlock, PoseBlock
+from ..volume.mesh import MeshVolume
 from .paths import NEIGHBOURS, Path
 from .touches import BodyPlaces, Moments, Touches, boxes_at, strongest
 
@@ -71,7 +72,8 @@ def refined(
     grazes = np.zeros(len(touches), np.bool_)
     deepest = grazes
     if not is_live:
-        grazes = ~touches.is_touched & ~before & follows & may_graze(moments)
+        grazes = ~touches.is_touched & ~before & follows
+        grazes &= _may_touch(moments, grazes & may_graze(moments), contacts)
         deepest = _is_deepest(touches, follows)
     chosen = np.flatnonzero(begins | grazes | deepest)
     if not len(chosen):
@@ -148,6 +150,32 @@ def may_graze(moments: Moments) -> Bool:
             overlaps &= (boxes[row, 1] + reach[:, None] >= low).all(axis=1)
             found[k] |= bool((overlaps & (reach > _LEAST_M)).any())
     return found
+
+
+def _may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
+    """Select rows (n,) at which a volume larger by half of its way, and all beside, is touched."""
+    effect, chosen = moments.effect, np.flatnonzero(grazes)
+    if not len(chosen) or any(isinstance(each, MeshVolume) for each in effect.shapes):
+        return grazes
+    assert effect.matrices is not None
+    bounds, rows = moments.bounds, moments.rows
+    at, boxes = np.searchsorted(bounds.rows, rows), boxes_at(effect, rows)
+    beside = bends_m(boxes, _follows(moments))[chosen] + bounds.bends_m[at[chosen]].max(axis=1)
+    ways = np.abs(boxes[chosen] - boxes[chosen - 1]).max(axis=(1, 2))
+    moved = np.abs(bounds.low[at[chosen]] - bounds.low[at[chosen - 1]]).max(axis=(1, 2))
+    more = np.zeros(len(rows))
+    for part in (chosen, chosen - 1):
+        more[part] = np.maximum(more[part], beside + 0.5 * (ways + moved))
+    grown = effect.matrices.copy()
+    lengths = np.maximum(np.linalg.norm(grown[rows, :3, :3], axis=1), 1e-9)
+    grown[rows, :3, :3] *= (1.0 + more[:, None] / lengths)[:, None, :]
+    near = np.union1d(chosen, chosen - 1)
+    larger = replace(moments, effect=replace(effect, matrices=grown), rows=rows[near])
+    run = contacts(larger, np.zeros(len(near), np.bool_))
+    is_near = np.zeros(len(rows), np.bool_)
+    if run is not None:
+        is_near[np.isin(moments.indices[rows], run.indices)] = True
+    return grazes & (is_near | np.concatenate([[False], is_near[:-1]]))
 
 
 def _meets(boxes: F64, bodies: F64, reach: float) -> Bool:
