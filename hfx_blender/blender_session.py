@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import sys
@@ -77,6 +78,7 @@ def _temporary_folder() -> Iterator[None]:
         with suppress(OSError):  # no folder, or a full one: Blender finds what it can use
             _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
             remove_at_end(_temporary, remove_tree)
+            atexit.register(remove_temporary_files)
     if _temporary is None:
         yield
         return

@@ -52,6 +52,13 @@ def test_what_the_user_keeps_there_stays_where_blender_uses_it_itself(tmp_path: 
     assert (tmp_path / "theirs" / "thesis").read_text() == "precious"
 
 
+def test_a_script_that_ends_by_itself_leaves_nothing(tmp_path: Path) -> None:
+    script = "from hfx_blender import blender_session; blender_session.start()"
+    variables = {**own_processes.environment(), "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=variables, timeout=120)
+    assert done.returncode == 0 and list(tmp_path.iterdir()) == []
+
+
 def test_what_blender_made_is_gone_and_the_environment_is_the_users(tmp_path: Path) -> None:
     (tmp_path / "thesis").write_text("precious")
     (tmp_path / "link").symlink_to(tmp_path)
