@@ -13,7 +13,7 @@ from ..result_files import listed
 
 SUFFIX: Final = ".report.json"
 _MOST_BYTES: Final = 64 << 20
-_LISTS: Final = ("files", "felt", "unrendered", "warnings", "notes")
+_LISTS: Final = ("files", "felt", "effects", "unrendered", "warnings", "notes")
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:

@@ -19,7 +19,11 @@ from .scene_description import sample_frames
 from .visibility import is_keyed
 
 MUTED = "is muted"
-CLIPS_MUTED = "has clips, all of them muted"
+CLIPS_OFF = (
+    "has clips, all of them muted",
+    "has clips, none of them on the NLA track that is solo",
+    "has clips, but its NLA is turned off",
+)
 OFF = "is not on at any exported time"
 
 _INTENSITY = "hfx.intensity"
@@ -44,12 +48,20 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
     if state is activation.SILENCED:
         return MUTED
     if state.source is activation.ActivationSource.OFF:
-        return CLIPS_MUTED
+        return _why_clips_are_off(effect)
     if not state.may_be_on(frames).any():
         return OFF
     if _is_powerless(effect, frames):
         return "has intensity 0"
     return None
+
+
+def _why_clips_are_off(effect: bpy.types.Object) -> str:
+    data = effect.animation_data
+    muted, not_solo, off = CLIPS_OFF
+    if not data.use_nla:
+        return off
+    return not_solo if any(track.is_solo for track in data.nla_tracks) else muted
 
 
 def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:

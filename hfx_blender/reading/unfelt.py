@@ -121,7 +121,7 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
 
 def of_dormant(why: str, is_part: bool) -> Unfelt:
     """Reason for an effect that is dormant; ``is_part``: only some frames are exported."""
-    is_expected = why in (dormant.MUTED, dormant.CLIPS_MUTED)
+    is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 

@@ -178,6 +178,16 @@ def _mute_its_clip(effect: Any) -> None:
     _clip(effect, 0.0, 1.0).mute = True
 
 
+def _play_another_track_alone(effect: Any) -> None:
+    _clip(effect, 0.0, 1.0)
+    effect.animation_data.nla_tracks.new().is_solo = True
+
+
+def _turn_the_nla_off(effect: Any) -> None:
+    _clip(effect, 0.0, 1.0)
+    effect.animation_data.use_nla = False
+
+
 def _drain(effect: Any) -> None:
     effect.hfx.intensity = 0.0
 
@@ -202,6 +212,12 @@ def _hide(effect: Any) -> None:
         (_mute, "is muted", True),
         (_play_another_alone, "is muted", True),
         (_mute_its_clip, "has clips, all of them muted", True),
+        (
+            _play_another_track_alone,
+            "has clips, none of them on the NLA track that is solo",
+            True,
+        ),
+        (_turn_the_nla_off, "has clips, but its NLA is turned off", True),
         (_drain, "has intensity 0", False),
         (_no_pressure, "has pressure 0", False),
         (_drain_over_time, "has pressure 0", False),
