@@ -18,6 +18,7 @@ from . import import_path, resources
 _START: Final = Path(__file__).resolve().with_name("child_process.py")
 _started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
 _LOOK_S: Final = 0.01
+_ended: list[bool] = []  # not empty: this process ends, and starts no other
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
@@ -56,8 +57,10 @@ def start(
     Raises
     ------
     OSError
-        It cannot be started.
+        It cannot be started, or this process is ending.
     """
+    if _ended:
+        raise OSError("this process is ending")
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
     process = subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
     _started[process.pid] = weakref.ref(process)
@@ -65,7 +68,11 @@ def start(
 
 
 def end_all(limit_s: float) -> None:
-    """End all processes that were started here; those that do not end within a time are killed."""
+    """End all processes that were started here; those that do not end within a time are killed.
+
+    No other is started afterwards: this process ends.
+    """
+    _ended.append(True)
     known = [reference() for reference in list(_started.values())]
     running = [process for process in known if process is not None and process.poll() is None]
     if os.name == "nt":  # there it would be a kill; they end with their input

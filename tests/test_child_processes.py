@@ -73,6 +73,16 @@ def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
     assert (done.stdout, done.stderr) == ("['-c', 'x', 'y']\n", "")
 
 
+def test_no_process_is_started_by_one_that_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_processes, "_ended", [])
+    command = processes.program("import time; time.sleep(100)")
+    with own_processes.start(command) as running:
+        own_processes.end_all(30.0)
+        assert running.wait(30)
+        with pytest.raises(OSError, match="ending"):
+            own_processes.start(command)
+
+
 def test_only_one_place_starts_processes() -> None:
     starters = {"subprocess": {"Popen", "run", "call", "check_call", "check_output", "getoutput"}}
     for path in PACKAGE.rglob("*.py"):
