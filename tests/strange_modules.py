@@ -8,7 +8,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 RAN = "IT RAN"
-OTHERS = """numpy scipy trimesh serial bpy mathutils addon_utils bl_ui hfx_blender
+OTHERS = """numpy scipy trimesh serial sounddevice bpy mathutils addon_utils bl_ui hfx_blender
 _distutils_hack sitecustomize usercustomize startup_file""".split()
 # Python imports this one before it looks at its own options; nobody can prevent that.
 NOT_OURS = {"encodings"}
