@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from check_spatial import Shares, compare
+from check_spatial import Shares, clip_of, compare
 from core_library import Body, Clip
 from small_clip import write_small_clip
-from walkers import walk
+from walkers import RATE_HZ, bouncing, stage, walk
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model, load_skeleton
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering.render import render
+from hfx_blender.engine.response_filters.controls import Filter, FilterKind, Operation
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -47,6 +48,48 @@ def test_a_walker_feels_volumes_as_the_engine_at_tolerance_paper(
     assert shares.within >= 0.999 * shares.samples
     assert shares.values == shares.values_within  # at level 0: what actuators are given
     assert (shares.values > 0) == (level == 0)
+
+
+HITS = ((0.2, 1.05, 0.02), (0.4, 1.25, 0.012))
+RINGING = stage(FilterKind.IMPACT, Operation.MULTIPLY, 1.0, 0.0, 0.15, 1.0)
+
+
+@pytest.mark.parametrize(
+    "filters",
+    [
+        (RINGING,),
+        (
+            stage(FilterKind.SPEED, Operation.MULTIPLY, 0.5, 0.0, 2.0),
+            stage(FilterKind.IMPACT, Operation.ADD, 0.7, 0.02, 0.1, 1.0),
+            stage(FilterKind.IMPACT, Operation.ADD, 0.2, 0.0, 0.4, 1.0),
+        ),
+        (RINGING, stage(FilterKind.PROXIMITY, Operation.MAXIMUM, 0.3, 0.05, 1.5)),
+    ],
+)
+def test_two_impacts_ring_as_in_the_engine(
+    filters: tuple[tuple[Filter, np.ndarray], ...], tmp_path: Path
+) -> None:
+    shares = Shares()
+    compare(bouncing(HITS, filters), tmp_path, 2, shares)
+    assert shares.samples > 80
+    assert shares.within == shares.samples
+
+
+def test_an_impact_rings_at_the_weights_of_its_deepest_frame(tmp_path: Path) -> None:
+    made = bouncing(HITS[:1], (RINGING,))
+    path, bones = clip_of(made, tmp_path, 0)
+    body = Body(Clip(path.read_bytes()))
+    body.set_bones(made.matrices[0, bones])
+    for row in range(60):
+        body.set_volume(0, made.block.effects[0].matrices[row, :3])
+        body.trigger(0, 1.0)
+        body.evaluate(1.0 / RATE_HZ if row else 0.0)
+        since = row / RATE_HZ - 0.18  # 20 mm deep at 0.2 s, at 1 m/s
+        if row >= 25:  # the ball has left
+            # As deep as at 0.2 s, frame 18: a circle of the ball of this many vertices at least.
+            assert np.count_nonzero(body.weights(0)) > 5
+            assert set(body.weights(0)) == {0.0, 1.0}
+            assert body.level(0) == pytest.approx(np.exp(-since / 0.15), rel=0.01)
 
 
 def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> None:

@@ -137,6 +137,48 @@ def _volume(
     return effect, block
 
 
+def bouncing(
+    hits: tuple[tuple[float, float, float], ...],
+    filters: tuple[tuple[Filter, F64], ...],
+    *,
+    radius_m: float = 0.03,
+    count: int = 70,
+) -> Walk:
+    """A still body whose belly a ball hits: times, heights and depths of its bounces, at 1 m/s.
+
+    Every vertex that it reaches is inside to the full: it has no falloff.
+    """
+    model = load_model("hfx-vibration-1")
+    times = np.arange(count) / RATE_HZ
+    matrices = np.tile(np.diag([radius_m] * 3 + [1.0]), (count, 1, 1))
+    nearest = np.abs(times[:, None] - [time_s for time_s, _, _ in hits]).argmin(axis=1)
+    for k, (time_s, z, depth_m) in enumerate(hits):
+        belly = (np.abs(model.vertices[:, 0]) < 0.01) & (np.abs(model.vertices[:, 2] - z) < 0.012)
+        skin = float(model.vertices[belly, 1].min())
+        rows = nearest == k
+        away = np.abs(times[rows] - time_s) - depth_m
+        matrices[rows, 1, 3], matrices[rows, 2, 3] = skin - radius_m - away, z
+    area = HapticVolume(Falloff(), tuple(each for each, _ in filters))
+    effect = EffectDescription("ball", "Ball", "vibration", model.id, area)
+    response = np.tile(np.array([values for _, values in filters]), (count, 1, 1))
+    animated = EffectBlock(
+        np.ones(count),
+        np.tile(_PARAMETERS["vibration"], (count, 1)),
+        matrices,
+        (Sphere(),),
+        response=response,
+    )
+    names = load_skeleton().bone_names
+    still = np.tile(np.eye(4)[:3], (count, len(names), 1, 1))
+    pose = PoseBlock(np.ones(count, np.bool_), np.tile(np.eye(4), (count, 1, 1)), still)
+    scene = SceneDescription(
+        TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 0, 0, count - 1),
+        (BodyDescription("b", "Anna", SkinBinding(names)),),
+        (effect,),
+    )
+    return Walk(scene, AnimationBlock(np.arange(count), (animated,), (pose,)), still)
+
+
 def _way(count: int, random: np.random.Generator) -> F64:
     """Placing of a body of its own size that walks a curve, (T, 4, 4)."""
     scale, bend = random.uniform(0.7, 1.2), random.uniform(-0.6, 0.6)
