@@ -29,6 +29,9 @@ _AROUND_M: Final = 0.14
 """Farthest that skin is from a hinge whose weights tell where the hinge is."""
 
 _ALONG_M: Final = 0.12
+_LEAST_M: Final = 0.008
+"""Distance by which estimates differ on avatars of which the rig is right."""
+
 _FEWEST: Final = 6
 _STEP_M: Final = 0.001
 
@@ -125,7 +128,9 @@ def placed(
             found = [0.0, share * float(theirs.lengths.sum()) - float(theirs.lengths[0])]
             if crossings[0] is not None and crossings[1] is not None:
                 found.append(crossings[1] - crossings[0])
-                joints[name] = theirs.moved(float(np.median(found)))
+                along_m = float(np.median(found))
+                if abs(along_m) > _LEAST_M:
+                    joints[name] = theirs.moved(along_m)
             estimates[name] = np.array(found)
     return replace(bodies, joints=joints), estimates
 
