@@ -84,8 +84,8 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         console.result({"error": str(error)})
         return error.exit_code
     except process_end.TerminatedError as ended:
-        process_end.answered()
         console.warn(f"hfx: {ended}")
+        process_end.answered()
         return ended.exit_code
     except KeyboardInterrupt:  # in the process of another program
         console.warn("hfx: interrupted; nothing half written was left behind")

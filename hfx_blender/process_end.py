@@ -171,7 +171,7 @@ def _end_by_force(number: int) -> NoReturn:
 
 def _end(number: int) -> NoReturn:
     text = f"hfx: {farewell(number)}\n".encode()
-    if _state.writes_farewell:
+    if _state.writes_farewell and not _state.is_answered:  # else the main thread has written it
         # Past sys.stderr, whose lock the main thread may hold.
         _in_time(lambda: os.write(2, text), _WRITING_S)
     os._exit(128 + number)
