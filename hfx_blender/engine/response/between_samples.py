@@ -269,9 +269,10 @@ class _Intervals:
         assert effect.matrices is not None
         ends = np.repeat(self._rows[which], count)
         s = shares.ravel()
-        flat = effect.matrices.reshape(-1, 1, 16), pose.to_world.reshape(-1, 1, 16)
-        matrices = self._path("matrices", flat[0], which, shares)
-        to_world = self._path("to_world", flat[1], which, shares)
+        # Column by column: what bounces may go on turning as it did.
+        columns = effect.matrices.transpose(0, 2, 1), pose.to_world.transpose(0, 2, 1)
+        matrices = self._path("matrices", columns[0], which, shares).transpose(0, 2, 1)
+        to_world = self._path("to_world", columns[1], which, shares).transpose(0, 2, 1)
         bones: F64 | None = None
         surface: F32 | None = None
         if pose.bones is not None:
@@ -287,12 +288,12 @@ class _Intervals:
         between_ends = EffectBlock(
             (1.0 - s) * effect.levels[ends - 1] + s * effect.levels[ends],
             self._parameters[ends],
-            matrices.reshape(-1, 4, 4),
+            np.ascontiguousarray(matrices),
             effect.shapes,
             None if effect.shape_index is None else effect.shape_index[ends],
             response=response,
         )
-        posed = PoseBlock(np.ones(len(s), np.bool_), to_world.reshape(-1, 4, 4), bones, surface)
+        posed = PoseBlock(np.ones(len(s), np.bool_), np.ascontiguousarray(to_world), bones, surface)
         rows = np.arange(len(s))
         times = moments.times_s
         return replace(
