@@ -49,6 +49,14 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
     return list(_bad_of(owner.hfx, stored, ""))
 
 
+def stored_at(owner: bpy.types.ID, *names: str) -> Any:
+    """Value below ``owner.hfx`` as it is stored; None where nothing is."""
+    value: Any = _stored(owner).get("hfx")
+    for name in names:
+        value = value.get(name) if hasattr(value, "keys") else None
+    return value
+
+
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
     """Numeric property, within its limits; NaN stays NaN."""
     limits = group.bl_rna.properties[name]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import bpy
 
-from .. import compat
+from .. import compat, stored_values
 from ..errors import InputError, is_endless
 from ..file_hash import FRAMES, MOST_FILES, holds_too_many, is_elsewhere, is_of_a_kind
 
@@ -127,6 +127,9 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False
+        # As it is stored: Blender forgets a value of another type where a property is read.
+        if not stored_values.stored_at(obj, "surface", "scan_path"):
+            continue
         surface = obj.hfx.surface
         if obj.hfx.kind == "SURFACE" and surface.source == "SCAN" and surface.scan_path:
             yield obj, surface.scan_path, False  # its relief is in the .blend
