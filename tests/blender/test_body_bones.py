@@ -206,7 +206,7 @@ def test_bones_that_an_avatar_lacks_are_left_open(anna: tuple[Any, Any], tmp_pat
         (b'{"format": "something"}', "its format is 'something'"),
         (b'{"format": "hfx bone mapping", "version": 99}', "newer than 1"),
         (b'{"format": "hfx bone mapping", "version": 1, "bones": 3}', "not a bone mapping"),
-        (None, "No such file"),
+        (None, "there is no such file"),
     ],
 )
 def test_a_bad_file_is_told_and_the_table_stays(
