@@ -245,8 +245,11 @@ def test_a_material_without_relief_is_felt_by_its_colour_or_told_flat(plane: Any
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: bpy.ops.hfx.load_surface_image(filepath="/nowhere/x.png"), "cannot read it"),
-        (lambda: bpy.ops.hfx.load_scan(filepath="/nowhere/x.ply"), "cannot be read"),
+        (
+            lambda: bpy.ops.hfx.load_surface_image(filepath="/nowhere/x.png"),
+            "there is no such file",
+        ),
+        (lambda: bpy.ops.hfx.load_scan(filepath="/nowhere/x.ply"), "there is no such file"),
         (lambda: bpy.ops.hfx.load_scan(filepath="/nowhere/x.stl"), "expected a point cloud"),
         (lambda: bpy.ops.hfx.import_texture(filepath="/nowhere/x.texture.json"), "x.texture.json"),
         (lambda: bpy.ops.hfx.export_texture(filepath="/nowhere/x.texture.json"), "cannot be"),

@@ -143,7 +143,7 @@ def test_a_damaged_picture_is_refused_at_any_byte(tmp_path: Path) -> None:
         ({"tiles": 1}, "tiles"),
         ({"steps": {"amplitude_g": 0.0, "frequency_hz": 40.0}}, "amplitude_g"),
         ({"layers": {"intensity": "../a.png", "sharpness": "b.png"}}, "same folder"),
-        ({"layers": {"intensity": "none.png", "sharpness": "none.png"}}, "cannot be read"),
+        ({"layers": {"intensity": "none.png", "sharpness": "none.png"}}, "there is no such file"),
         ({"unknown": 1}, "unknown"),
     ],
 )

@@ -265,11 +265,11 @@ def test_a_port_that_cannot_be_opened_may_be_tried_again(
 
     released: list[Any] = []
     monkeypatch.setattr(serial, "Serial", refuse)
-    monkeypatch.setattr(serial_port, "_reserved", lambda name: (name, 7))
-    monkeypatch.setattr(serial_port, "_release", released.append)
+    monkeypatch.setattr(serial_port, "_reserved", lambda name: frozenset({(name, 7)}))
+    monkeypatch.setattr(serial_port, "release", released.append)
     with pytest.raises(OutputLostError, match="cannot be opened"):
         serial_port.SerialPort("/dev/ttyACM0", 9600)
-    assert released == [("/dev/ttyACM0", 7)]
+    assert released == [frozenset({("/dev/ttyACM0", 7)})]
 
 
 def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
@@ -354,12 +354,12 @@ def test_a_board_is_not_asked_for_ever() -> None:
 
 def test_a_buttplug_server_is_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(buttplug, "ANSWER_S", -1.0)
-    output = buttplug.ButtplugOutput.__new__(buttplug.ButtplugOutput)
-    output._received = threading.Condition()
-    monkeypatch.setattr(output, "_check", lambda: None)
+    server = buttplug.Server.__new__(buttplug.Server)
+    server._received = threading.Condition()
+    monkeypatch.setattr(server, "check", lambda: None)
     answers = iter([None, None, {}])  # it would come too late
     with pytest.raises(OutputLostError, match="does not answer"):
-        output._answer(lambda: next(answers), "a server")
+        server._answer(lambda: next(answers), "a server")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="descriptors")

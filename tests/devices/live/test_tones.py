@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import sys
 import types
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -180,12 +181,14 @@ class Stream:
 
 
 @pytest.fixture
-def card(monkeypatch: pytest.MonkeyPatch) -> SoundCard:
+def card(monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundCard]:
     fake = types.ModuleType("sounddevice")
     fake.OutputStream = Stream
     monkeypatch.setitem(sys.modules, "sounddevice", fake)
     Stream.made.clear()
-    return SoundCard(PAD)
+    opened = SoundCard(PAD)
+    yield opened
+    opened.close()
 
 
 def through(card: Any, frame: np.ndarray) -> None:

@@ -93,9 +93,8 @@ class SoundCard:
         except OutputLostError:
             self._stream.close()
             raise
-        except (
-            Exception
-        ) as error:  # PortAudioError; ValueError for a name of no card, or of several
+        except Exception as error:
+            # PortAudioError; ValueError for a name of no card, or of several.
             release(self._reserved)
             told = " ".join(str(error).split())
             raise OutputLostError(f"{self._name} cannot be opened ({told}).") from None
