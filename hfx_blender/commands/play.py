@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .. import json_kinds
 from ..console import Console
-from ..errors import DeviceError, InputError, UsageError
+from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from ..devices.live.approval import DeviceScript
@@ -105,23 +105,34 @@ def run(options: argparse.Namespace, console: Console) -> int:
             settings = _settings(name, options)
             _connect(client, name, device, settings, script)
             offset_ms = max(offset_ms, settings.offset_ms)
-        failed = play(
-            source,
-            client,
-            from_s=options.begin,
-            offset_s=offset_ms / 1000.0,
-            progress=progress,
-            connected=lambda: _write_note(address_note, console),
-        )
+        try:
+            failed = play(
+                source,
+                client,
+                from_s=options.begin,
+                offset_s=offset_ms / 1000.0,
+                progress=progress,
+                connected=lambda: _write_note(address_note, console),
+            )
+        except DeviceError as error:
+            raise _fault_of_log(options.path, client) or error from error
         units = {name: client.devices[name].unit for name in names}
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
-        raise DeviceError(" ".join(map(fault_of, failed)))
+        raise _fault_of_log(options.path, client) or DeviceError(" ".join(map(fault_of, failed)))
     on = ", ".join(f"{name}: {units[name]}" if units[name] else name for name in names)
     console.say(f"{options.file}: played {length_s:.2f} s on {on}")
     result = {"file": str(options.file), "devices": names, "seconds": round(length_s, 3)}
     console.result({**result, "units": units} if any(units.values()) else result)
     return 0
+
+
+def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
+    """The fault of the file of ``--path``, which is none of a device."""
+    for state in client.devices.values():
+        if path is not None and state.state == "lost" and state.text.startswith(f"{path} "):
+            return OutputError(f"{state.text.removesuffix('.')}.")
+    return None
 
 
 def _write_note(text: str, console: Console) -> None:

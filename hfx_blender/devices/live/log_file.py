@@ -28,6 +28,63 @@ _FLAGS: Final = (
 )
 
 
+class LogFile:
+    """Log that is written without a buffer; a new file that cannot be written is removed.
+
+    Parameters
+    ----------
+    path : Path
+    is_ours : callable, optional
+        See :func:`open_log`.
+
+    Raises
+    ------
+    OutputLostError
+        The file cannot be opened.
+    """
+
+    def __init__(self, path: Path, is_ours: Callable[[bytes], bool] | None = None) -> None:
+        self._path = path
+        self._is_new = not os.path.lexists(path)
+        self._fault: OSError | None = None
+        self._file = os.fdopen(open_log(path, is_ours), "wb", 0)
+
+    @property
+    def is_closed(self) -> bool:
+        return self._file.closed
+
+    def write(self, content: bytes) -> None:
+        """Write all of ``content``.
+
+        Raises
+        ------
+        OutputLostError
+            It cannot be written, or something before it could not.
+        """
+        left = memoryview(content)
+        try:
+            while left and self._fault is None:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self._fault = error
+        if self._fault is not None:
+            raise OutputLostError(f"{self._path} cannot be written ({self._fault.strerror}).")
+
+    def empty(self) -> None:
+        """Begin the log anew."""
+        self._file.seek(0)
+        self._file.truncate()
+
+    def close(self) -> None:
+        """Close the file, and remove it if it is new and could not be written."""
+        with suppress(OSError):
+            state = os.fstat(self._file.fileno()) if not self.is_closed else None
+            self._file.close()
+            if self._fault is not None and self._is_new and state is not None:
+                if os.path.samestat(state, os.lstat(self._path)):
+                    self._path.unlink()
+
+
 def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
     """Open an empty file, and only that: its descriptor.
 

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from ...engine.arrays import F64
-from .log_file import open_log
+from .log_file import LogFile
 from .output import OutputLostError
 
 MAX_BYTES: Final = 64 << 20
@@ -36,7 +35,7 @@ class Simulator:
 
     def __init__(self, path: Path | None = None) -> None:
         self._size = 0
-        self._file = None if path is None else os.fdopen(open_log(path, _is_log), "wb", 0)
+        self._file = None if path is None else LogFile(path, _is_log)
 
     def send(self, values: F64) -> None:
         self._write({"time_s": time.monotonic(), "values": values.tolist()})
@@ -50,18 +49,14 @@ class Simulator:
             self._file.close()
 
     def _write(self, content: dict[str, object]) -> None:
-        if self._file is None or self._file.closed:
+        if self._file is None or self._file.is_closed:
             return
         line = json.dumps(content).encode() + b"\n"
-        try:
-            if self._size + len(line) > MAX_BYTES:
-                self._file.seek(0)
-                self._file.truncate()
-                self._size = 0
-            self._file.write(line)
-            self._size += len(line)
-        except (OSError, ValueError) as error:
-            raise OutputLostError(f"the simulator's file cannot be written ({error})") from None
+        if self._size + len(line) > MAX_BYTES:
+            self._file.empty()
+            self._size = 0
+        self._file.write(line)
+        self._size += len(line)
 
 
 def _is_log(content: bytes) -> bool:

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import signal
 import socket
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +140,40 @@ def test_a_full_log_begins_anew_and_is_a_log_still(tmp_path, monkeypatch):
     output.close()
     assert 0 < path.stat().st_size <= 1000
     opened("simulator", path).close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX limits of files' sizes")
+@pytest.mark.parametrize("kind", ["simulator", "csv"])
+@pytest.mark.parametrize("most", [0, 600])
+@pytest.mark.parametrize("is_there", [False, True])
+def test_nothing_is_left_of_a_new_log_that_cannot_be_written(tmp_path, kind, most, is_there):
+    if is_there and kind == "csv":
+        pytest.skip("a CSV log begins a new file")
+    path = tmp_path / "log"
+    if is_there:
+        path.touch()
+    with largest_file(most):
+        with pytest.raises(OutputLostError) as raised:
+            output = opened(kind, path)
+            try:
+                output.stop()
+                for _ in range(20):
+                    output.send(VALUES)
+            finally:
+                output.close()
+    assert str(raised.value) == f"{path} cannot be written ({os.strerror(errno.EFBIG)})."
+    assert path.exists() == is_there
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Context in which no file of this process becomes larger, bytes."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)

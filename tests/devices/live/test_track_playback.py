@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -61,6 +62,26 @@ def test_a_track_is_felt_at_its_times_and_ends_in_silence(track: Path, tmp_path:
     assert loud[0] - rows[0]["time_s"] > 0.45
     assert rows[-1]["time_s"] - loud[-1] > 0.4
     assert "stop" in rows[-1]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX limits of files' sizes")
+@pytest.mark.parametrize("kind", ["simulator", "log"])
+def test_a_log_that_cannot_be_written_is_no_fault_of_a_device(
+    track: Path, tmp_path: Path, kind: str
+) -> None:
+    import resource
+
+    log = tmp_path / "band.log"
+    command = [*arguments(track, "--path", str(log)), "--to", kind]
+    done = subprocess.run(
+        [sys.executable, "-m", "hfx_blender.cli", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200)),
+    )
+    why = os.strerror(errno.EFBIG)
+    assert (done.returncode, done.stderr) == (3, f"hfx: {log} cannot be written ({why}).\n")
+    assert not log.exists()
 
 
 def test_ctrl_c_and_a_kill_end_in_silence(tmp_path: Path) -> None:

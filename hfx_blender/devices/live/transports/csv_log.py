@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Final
 from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ..encoders import Channels
-from ..log_file import open_log
+from ..log_file import LogFile
 from ..output import OutputLostError
 
 MAX_BYTES: Final = 256 << 20
@@ -39,9 +38,13 @@ class CsvLog:
         self._began_s = time.monotonic()
         self._left = MAX_BYTES
         self._path = path
-        self._file = os.fdopen(open_log(path), "wb", 0)
+        self._file = LogFile(path)
         units = [f"{actuator}.{control}" for actuator, control in self._channels.names]
-        self._write(",".join(["time_s", "event", *units]))
+        try:
+            self._write(",".join(["time_s", "event", *units]))
+        except OutputLostError:
+            self.close()
+            raise
 
     def send(self, values: F64) -> None:
         """Write a row for values (columns,)."""
@@ -54,8 +57,7 @@ class CsvLog:
 
     def close(self) -> None:
         """End the log."""
-        with suppress(OSError):
-            self._file.close()
+        self._file.close()
 
     def _row(self, event: str, values: F64) -> None:
         now = time.monotonic() - self._began_s
@@ -66,7 +68,4 @@ class CsvLog:
         self._left -= len(content)
         if self._left < 0:
             raise OutputLostError(f"{self._path} is full: a log takes {MAX_BYTES >> 20} MiB.")
-        try:
-            self._file.write(content)
-        except (OSError, ValueError) as error:
-            raise OutputLostError(f"{self._path} cannot be written ({error}).") from None
+        self._file.write(content)
