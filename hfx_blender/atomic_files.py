@@ -337,6 +337,17 @@ def refuse_taken(path: Path) -> None:
         raise OutputError(
             f"{path}: cannot be written (it is a file that is read for it; choose another name)."
         )
+    refuse_device(path)
+
+
+def refuse_device(path: Path) -> None:
+    """Refuse the name of a device, a pipe or an open file.
+
+    Raises
+    ------
+    OutputError
+        It is.
+    """
     is_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
     if is_open_file or (path.exists() and not path.is_file()):
         raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")

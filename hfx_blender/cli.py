@@ -114,7 +114,12 @@ def _exit_code_of(console: Console) -> int:
     """Exit code of finished work, by whether its results could be printed."""
     if console.fault is None:
         return 0
-    console.warn(f"hfx: standard output: cannot be written ({console.fault.strerror}).")
+    return _unprinted(console, console.fault)
+
+
+def _unprinted(console: Console, fault: OSError) -> int:
+    """Tell that results could not be printed, and give the exit code."""
+    console.warn(f"hfx: standard output: cannot be written ({fault.strerror}).")
     return OutputError.exit_code
 
 
@@ -165,7 +170,9 @@ def main() -> None:
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
     except OSError as error:  # of argparse's output past the console
-        code = 0 if is_unread(error) else OutputError.exit_code
+        code = 0
+        if not is_unread(error):
+            code = _unprinted(Console(), error)
     blender_session.leave(code)
 
 

@@ -30,8 +30,8 @@ def make_folder(folder: Path) -> None:
 def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
     """Context with a folder beside the results that is removed afterwards in any case.
 
-    ``folder`` is made; if it is new and nothing came into it, it is gone as well. The new one
-    is in it, or in ``within``, a folder of the same file system.
+    ``folder`` and its parents are made; those that are new and into which nothing came are gone
+    as well. The new one is in it, or in ``within``, a folder of the same file system.
 
     Raises
     ------
@@ -39,13 +39,16 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         The folder cannot be written to, or something within the block could not be written.
     """
     made = ExitStack()
+    new: list[Path] = []
     try:
-        is_new = not folder.exists()
+        new = _missing(folder)
+        for each in new:
+            made.enter_context(unfinished(each, Path.rmdir))
         folder.mkdir(parents=True, exist_ok=True)
-        if is_new:
-            made.enter_context(unfinished(folder, Path.rmdir))
         stage = made.enter_context(stage_folder(within or folder, name))
     except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
+        made.close()
+        _remove_empty(new)
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
     try:
@@ -57,9 +60,19 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     except OutputError as error:  # the user knows the file by its final name
         raise OutputError(with_final_names(str(error), stage, folder)) from error
     finally:
-        if is_new:
-            with suppress(OSError):  # it holds the results, unless there are none
-                folder.rmdir()
+        _remove_empty(new)  # they hold the results, unless there are none
+
+
+def _missing(folder: Path) -> list[Path]:
+    """A folder and its parents that are not there, the outermost first."""
+    return [each for each in (folder, *folder.parents) if not each.exists()][::-1]
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    """Remove folders, the last first, but those that hold something."""
+    for folder in reversed(folders):
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
@@ -77,13 +90,11 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
     new: list[Path] = []
     try:
         for below in dict.fromkeys(target.parent for target in targets):
-            new += [each for each in (below, *below.parents) if not each.exists()][::-1]
+            new += _missing(below)
             make_folder(below)
         return move(files, folder, base)
     except (OSError, OutputError) as error:
-        for each in reversed(new):
-            with suppress(OSError):
-                each.rmdir()
+        _remove_empty(new)
         if isinstance(error, OutputError):
             raise
         where = getattr(error, "filename2", None) or folder

@@ -17,9 +17,10 @@ from typing import Any
 
 from .. import export_report
 from ..atomic_files import atomic_file
-from ..errors import InputError
+from ..engine.track import SUFFIX as TRACK_SUFFIX
+from ..errors import InputError, OutputError
 from ..file_hash import sha256_of
-from ..stage_folders import remove_abandoned
+from ..stage_folders import remove_abandoned, with_final_names
 from ..staging import make_folder, place
 from . import inputs, journal
 from .units import Unit
@@ -41,6 +42,13 @@ def folder_of(unit: Unit) -> Path:
 def path_of(folder: Path, piece: tuple[int, int], suffix: str) -> Path:
     """A file of a piece (number from 1, count)."""
     return folder / f"{piece[0]}-of-{piece[1]}{suffix}"
+
+
+def final_track(unit: Unit) -> Path:
+    """Final name of the track of a unit: of its piece, or of its whole scene."""
+    if unit.piece is None:
+        return Path(unit.folder) / f"{unit.stem}{TRACK_SUFFIX}"
+    return path_of(folder_of(unit), unit.piece, TRACK_SUFFIX)
 
 
 def keep(
@@ -91,9 +99,12 @@ def keep(
         ],
     }
     record_file = path_of(Path(unit.stage), unit.piece, ".json")
-    with atomic_file(record_file) as file:
-        file.write((json.dumps(record, indent=1) + "\n").encode())
-    place([*renamed, record_file], folder)
+    try:
+        with atomic_file(record_file) as file:
+            file.write((json.dumps(record, indent=1) + "\n").encode())
+        place([*renamed, record_file], folder)
+    except OutputError as error:
+        raise OutputError(with_final_names(str(error), Path(unit.stage), folder)) from error
     return record
 
 

@@ -19,7 +19,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.tolerance import parse as parse_tolerance
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track.layout import SAMPLES_PER_CHUNK
-from ..errors import HfxError, InputError, fault_of_file
+from ..errors import HfxError, InputError, OutputError, fault_of_file
 from . import inputs, pieces, ranges
 from .options import ExportOptions
 from .units import Outcome, Unit, failure
@@ -204,7 +204,13 @@ def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
     assert unit.part is not None
     track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"  # others may try it, too
-    found = export.record_part(unit.part, track, track.with_suffix(_VOLUMES), progress)
+    volumes = track.with_suffix(_VOLUMES)
+    try:
+        found = export.record_part(unit.part, track, volumes, progress)
+    except OutputError as error:  # the user knows the files by their final names
+        final = pieces.final_track(unit)
+        text = str(error).replace(str(volumes), str(final.with_suffix(_VOLUMES)))
+        raise OutputError(text.replace(str(track), str(final))) from error
     return {
         "track": str(found.track),
         "volumes": str(found.volumes),

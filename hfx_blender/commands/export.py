@@ -383,11 +383,34 @@ def _check(options: argparse.Namespace) -> None:
     if options.report is not None:
         with inputs_kept(options.scenes):
             refuse_taken(options.report)
+        _refuse_result(options)
     for path in (*options.scenes, options.output):
         blender_session.refuse_name(path)
     same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]
     if same:
         raise UsageError(f"several scenes are named '{same[0]}': their results would collide")
+
+
+def _refuse_result(options: argparse.Namespace) -> None:
+    """Refuse a report of the command that has the name of a result of a scene.
+
+    Raises
+    ------
+    UsageError
+        It has, whichever of the formats is written.
+    """
+    from ..export_report import REPORT_SUFFIX
+    from ..formats.registry import FORMATS, suffixes
+
+    folder = Path(os.path.realpath(options.output))
+    report = Path(os.path.realpath(options.report.parent)) / options.report.name
+    of_results = (REPORT_SUFFIX, *suffixes(options.formats or FORMATS))
+    for stem in [path.stem for path in options.scenes] or [_open_stem()]:
+        is_there = report.parent == folder or folder / stem in report.parents
+        is_result = report.name.startswith(f"{stem}.") and report.name.endswith(of_results)
+        is_piece = report.parent == pieces_folder(folder, stem) and "-of-" in report.name
+        if (is_there and is_result) or is_piece:
+            raise UsageError(f"--report {options.report}: is a result of this export")
 
 
 def _names(text: str) -> list[str]:

@@ -128,9 +128,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
-    """The fault of the file of ``--path``, which is none of a device."""
+    """The fault of a file of ``--path`` that cannot be written, which is none of a device."""
+    fault = f"{path} cannot be written"
     for state in client.devices.values():
-        if path is not None and state.state == "lost" and state.text.startswith(f"{path} "):
+        if path is not None and state.state == "lost" and state.text.startswith(fault):
             return OutputError(f"{state.text.removesuffix('.')}.")
     return None
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from .. import file_limits
-from ..atomic_files import inputs_kept
+from ..atomic_files import inputs_kept, refuse_device
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
@@ -21,7 +21,7 @@ from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
 from ..staging import place, staging
 from ..stepwise import finish
-from . import csv_raster, npz_raster, raster_rules, wav
+from . import csv_raster, glb, npz_raster, raster_rules, wav
 from .credits import Credits
 from .curves import CurveTolerance
 from .files import format_of, read_signals
@@ -98,6 +98,7 @@ def convert(
     ScriptError
         The device's script may not run, or has failed.
     """
+    refuse_device(target)  # with --to, a suffix may be added to it
     kind, stem = _target(target, to)
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
@@ -108,8 +109,20 @@ def convert(
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
+        _refuse_others_models(written.files, target)
         files = place(written.files, target.parent)
     return replace(written, files=files)
+
+
+def _refuse_others_models(files: Sequence[Path], target: Path) -> None:
+    """Refuse to replace a body model beside the target, which nobody named, unless it is ours."""
+    for path in files:
+        final = target.parent / path.name
+        if path.suffix == glb.SUFFIX and final.is_file() and not glb.is_ours(final):
+            raise OutputError(
+                f"{final}: cannot be written (a file of this name is there that HFX did not make); "
+                f"'{target.name}' needs this name: choose another target."
+            )
 
 
 def _target(target: Path, to: str | None) -> tuple[str, str]:

@@ -117,6 +117,16 @@ def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None)
         file.write(document.encoded())
 
 
+def is_ours(path: Path) -> bool:
+    """Test that HFX made a GLB file, by its beginning."""
+    start = Document().encoded()[20:].split(b"}")[0]
+    try:
+        with path.open("rb") as file:
+            return file.read(20 + len(start))[20:] == start
+    except OSError:
+        return False
+
+
 def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
     """Add extensions of the whole file: used, never required."""
     document.json["extensions"] = dict(extensions)

@@ -14,9 +14,22 @@ import numpy as np
 from ..engine.body.model import load_model
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
+from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, NothingFeltError, UsageError
-from . import ahap, csv_raster, haptic, he, jsonl_samples, losses, npz_raster, openxr, tact, wav
+from . import (
+    ahap,
+    csv_raster,
+    glb,
+    haptic,
+    he,
+    jsonl_samples,
+    losses,
+    npz_raster,
+    openxr,
+    tact,
+    wav,
+)
 from .clip import writing as clip_writing
 from .clip.baked import Played
 from .clip.container import SUFFIX as CLIP_SUFFIX
@@ -315,6 +328,20 @@ PLAYED_FORMATS: Final[dict[str, PlayedFormat]] = {
 
 FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, *PLAYED_FORMATS, "glb")
 """Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
+
+
+def suffixes(names: Sequence[str]) -> tuple[str, ...]:
+    """Ends of the names of the files that formats of :data:`FORMATS` write, also beside others."""
+    formats: dict[str, DeviceFormat | TrackFormat | PlayedFormat] = {
+        **DEVICE_FORMATS,
+        **TRACK_FORMATS,
+        **PLAYED_FORMATS,
+    }
+    of_others = {"track": TRACK_SUFFIX, "glb": glb.SUFFIX}
+    found = [of_others[name] if name in of_others else formats[name].suffix for name in names]
+    found += [glb.SUFFIX] if HJIF_SUFFIX in found else []
+    found += [wav.SIDECAR_SUFFIX] if any(each.endswith(wav.SUFFIX) for each in found) else []
+    return tuple(dict.fromkeys(found))
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:

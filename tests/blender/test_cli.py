@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -153,7 +154,54 @@ def test_output_that_nobody_reads_is_no_defect(blend: Path, tmp_path: Path) -> N
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_help_that_cannot_be_written_is_no_success() -> None:
     with open("/dev/full", "w") as full:
-        assert process("--help", stdout=full).returncode == 3
+        done = process("--help", stdout=full)
+    why = os.strerror(errno.ENOSPC)
+    assert done.returncode == 3
+    assert done.stderr == f"hfx: standard output: cannot be written ({why}).\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX limits of files' sizes")
+@pytest.mark.parametrize(
+    ("more", "name"),
+    [
+        (("--piece", "1/1"), "small.pieces/1-of-1.hfxtrack"),
+        (("--piece", "1/1", "--record", "positions"), "small.pieces/1-of-1.hfxtrack"),
+        ((), "small.hfxtrack"),
+    ],
+)
+def test_an_export_to_a_full_disk_leaves_no_folder(
+    blend: Path, tmp_path: Path, more: tuple[str, ...], name: str
+) -> None:
+    import resource
+
+    folder = tmp_path / "new" / "deep"
+    done = process(
+        *("export", blend, "-o", folder, *more),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
+    )
+    why = os.strerror(errno.EFBIG)
+    assert done.stderr == f"hfx: small.blend: {folder / name}: cannot be written ({why}).\n"
+    assert done.returncode == 3 and names_in(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "report",
+    ["out/small.report.json", "out/small.hfxtrack", "out/x/../small.insoles.csv",
+     "out/small/A/insoles/small.A.insoles.csv", "out/small.pieces/1-of-1.json"],
+)  # fmt: skip
+def test_a_report_with_the_name_of_a_result_is_refused_at_once(
+    blend: Path, tmp_path: Path, here: Here, report: str
+) -> None:
+    code, _, err = here("export", blend, "-o", "out", "--report", report, *BRIEF)
+    assert code == 2 and "is a result of this export" in err
+    assert names_in(tmp_path) == []
+
+
+def test_a_report_beside_the_results_may_have_the_name_of_the_scene(
+    blend: Path, tmp_path: Path, here: Here
+) -> None:
+    assert here("export", blend, "-o", ".", "--report", "small.summary.json", *BRIEF)[0] == 0
+    assert "small.summary.json" in names_in(tmp_path)
 
 
 # What it says

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -430,3 +431,29 @@ def test_a_step_is_no_error_of_the_keyframes(tmp_path):
     amplitude, hertz = losses.errors_of(step, few, 2e-6)
     assert amplitude <= 0.01 and hertz <= 1.0 + 1e-9
     np.testing.assert_allclose(few.amplitude.at([0.5, 1.5]), [0.2, 0.9], atol=0.01)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_device_as_target_is_refused_with_a_format_too(tmp_path, capsys):
+    with track_of(tmp_path, "vibration", "volume", BEAT) as track:
+        assert cli.run(["convert", str(track.path), "/dev/full", "--to", "jsonl"]) == 3
+    assert capsys.readouterr().err == (
+        "hfx: /dev/full: cannot be written (it is a device or a pipe, not a file).\n"
+    )
+    assert not list(Path("/dev").glob("full.*"))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"mine", b"", b'glTF\2\0\0\0\0\0\0\0\0\0\0\0JSON{"asset":{"generator":"Khronos"}}'],
+)
+def test_a_model_of_somebody_elses_beside_the_target_stays(tmp_path, capsys, content):
+    with track_of(tmp_path, "vibration", "volume", BEAT) as track:
+        model = tmp_path / "b.hfx-vibration-1.glb"
+        model.write_bytes(content)
+        assert cli.run(["convert", str(track.path), str(tmp_path / "b.hjif")]) == 3
+        assert str(model) in capsys.readouterr().err
+        assert model.read_bytes() == content and not (tmp_path / "b.hjif").exists()
+        model.unlink()
+        for _ in range(2):  # ours is replaced
+            assert cli.run(["convert", str(track.path), str(tmp_path / "b.hjif")]) == 0
