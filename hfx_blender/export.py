@@ -23,12 +23,13 @@ from .devices.script_rendering import Rendered, rendering
 from .engine.arrays import write_npz
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
+from .engine.felt_times import FeltTimes
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import misfits, renderers_of_track
 from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
-from .engine.scene import AnimationBlock
+from .engine.scene import AnimationBlock, HapticVolume, SceneDescription
 from .engine.tolerance import Tolerance
 from .engine.track import SUFFIX, TrackHeader, TrackReader
 from .engine.track.excerpt import write_excerpt
@@ -243,6 +244,7 @@ class SceneExport:
             tolerance=self.tolerance,
             threads=min(settings.threads, _THREADS),
         )
+        times = FeltTimes()
         renderers = yield from record_track(
             self.reader,
             engine,
@@ -252,8 +254,9 @@ class SceneExport:
             full_precision=settings.full_precision,
             watch=seen.add if seen.is_any else None,
             part=part,
+            times=times,
         )
-        return Recorded.of(self.reader, engine), renderers
+        return Recorded.of(self.reader, engine, times), renderers
 
     def _blocks_at(self, sample: int) -> Iterable[AnimationBlock]:
         start = sample // BLOCK_SIZE * BLOCK_SIZE
@@ -272,13 +275,17 @@ class SceneExport:
         stem = track.with_name(track.name.removesuffix(SUFFIX))
         tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
         with TrackReader(track) as whole:
-            felt = felt_effects(whole)
+            felt = felt_effects(whole, recorded.times)
             effects, missed = told_effects(
                 whole,
                 self.reader.unfelt,
                 recorded.warnings,
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
+                times=recorded.times,
+                answering=_with_response(self.reader.description),
+                far=recorded.reading.get("far", {}),
+                always_on=self.reader.always_on,
             )
             if settings.per_clip:
                 written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
@@ -351,6 +358,15 @@ class SceneExport:
         for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)
+
+
+def _with_response(scene: SceneDescription) -> set[str]:
+    """Ids of the volumes that have a contact response."""
+    return {
+        each.id
+        for each in scene.effects
+        if isinstance(each.area, HapticVolume) and each.area.response
+    }
 
 
 def export_scene(

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from .engine.felt_times import FeltTimes
 from .engine.rendering.raster import Raster, unrendered
-from .engine.track import TrackHeader, TrackReader
+from .engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from .file_hash import sha256_of
-from .reading_counters import Unfelt, as_reported
+from .reading_counters import Unfelt, as_reported, powerless_reason
 from .result_files import listed
 from .sentences import counted
 
@@ -63,8 +66,11 @@ class ExportReport:
         }
 
 
-def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
-    """Summary of each effect on each body over a whole track."""
+def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[dict[str, Any], ...]:
+    """Summary of each effect on each body over a whole track.
+
+    With ``times``, samples whose strength is 0 count for the vertices only.
+    """
     names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)
@@ -74,14 +80,30 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
             "body": bodies[summary.stream.body_id],
             "modality": summary.stream.modality,
             "kind": names[summary.stream.effect_id].kind,
-            "seconds": round(summary.sample_count * period_s, 6),
-            "first_s": summary.first_s,
-            "last_s": summary.last_s,
+            "seconds": round(strong.sample_count * period_s, 6),
+            "first_s": strong.first_s,
+            "last_s": strong.last_s,
             "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
             "peak_level": summary.peak_level,
         }
         for summary in track.summary()
+        for strong in [_with_strength(summary, track.header, times)]
     )
+
+
+def _with_strength(
+    summary: StreamSummary, header: TrackHeader, times: FeltTimes | None
+) -> StreamSummary:
+    """Summary with the number and the times of those samples only whose strength is not 0."""
+    if times is None:
+        return summary
+    stream = summary.stream
+    span = times.felt.get(stream.effect_id, {}).get(stream.body_id)
+    if span is None:
+        return replace(summary, sample_count=0, first_s=None, last_s=None)
+    count, first, last = span
+    first_s, last_s = header.time.times_s(np.array([first, last])).tolist()
+    return replace(summary, sample_count=count, first_s=first_s, last_s=last_s)
 
 
 def told_effects(
@@ -91,6 +113,10 @@ def told_effects(
     *,
     is_part: bool = False,
     instances: Collection[str] = (),
+    times: FeltTimes | None = None,
+    answering: Collection[str] = (),
+    far: Collection[str] = (),
+    always_on: Collection[str] = (),
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Each effect of a scene: when it is felt on any body, or the reason why it is not.
 
@@ -106,28 +132,50 @@ def told_effects(
         Only some frames of the scene were recorded: effects that are felt at others are expected.
     instances : collection of str
         Ids of effects that are instances: one of them may pass by, if another is felt.
+    times : FeltTimes, optional
+        Samples at which effects are on, and have a strength.
+    answering : collection of str
+        Ids of volumes with a contact response.
+    far : collection of str
+        Names of volumes of which only the place was read at some samples, as they are near no skin.
+    always_on : collection of str
+        Names of effects that nothing turns on or off.
 
     Returns
     -------
     tuple of dict
         For the report.
     tuple of str
-        Warnings about effects that reach no body.
+        Warnings about effects that are not felt.
     """
-    times: dict[str, list[tuple[float, float]]] = {}
+    spans_of: dict[str, list[tuple[float, float]]] = {}
+    powerless = set()
     for summary in track.summary():
-        if summary.first_s is not None and summary.last_s is not None:
-            span = (summary.first_s, summary.last_s)
-            times.setdefault(summary.stream.effect_id, []).append(span)
-    swarms = {each.rpartition(":")[0] for each in instances if each in times}
+        strong = _with_strength(summary, track.header, times)
+        if strong.first_s is not None and strong.last_s is not None:
+            span = (strong.first_s, strong.last_s)
+            spans_of.setdefault(summary.stream.effect_id, []).append(span)
+        elif summary.sample_count:
+            powerless.add(summary.stream.effect_id)
+    swarms = {each.rpartition(":")[0] for each in instances if each in spans_of}
     told, missed = [], []
     for effect in track.header.effects:
         line: dict[str, Any] = {"effect": effect.name, "modality": effect.modality}
-        spans = times.get(effect.id)
+        spans = spans_of.get(effect.id)
         known = unfelt.get(effect.name)
         if known is None and spans is None:
             is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
-            known = Unfelt(_MISSED.get(effect.kind, _NEVER_ON), is_part or is_one_of_many)
+            if effect.id in powerless:
+                reason = powerless_reason(effect.modality, effect.is_contact)
+            else:
+                reason = _why_missed(
+                    effect,
+                    times,
+                    effect.id in answering,
+                    effect.name in far,
+                    effect.name in always_on,
+                )
+            known = Unfelt(reason, is_part or is_one_of_many)
             is_told = any(f"'{effect.name}'" in text for text in warnings)
             if not known.is_expected and not is_told:
                 missed.append((effect.name, known.reason))
@@ -141,12 +189,37 @@ def told_effects(
     return tuple(told), _of_missed(missed)
 
 
-_MISSED = {"volume": "touches no body"}
+_NO_TOUCH = "touches no body"
 _NEVER_ON = "is never on"
+_MISSED = {
+    "volume": _NO_TOUCH,
+    "painted": "covers no vertex of the body",
+    "spot": "covers no vertex of the body",
+    "actuators": "drives no actuator",
+}
 _SEVERAL = {
-    _MISSED["volume"]: "effects that touch no body are not felt",
+    _NO_TOUCH: "effects that touch no body are not felt",
     _NEVER_ON: "effects that are never on are not felt",
 }
+
+
+def _why_missed(
+    effect: TrackEffect,
+    times: FeltTimes | None,
+    has_response: bool,
+    is_far: bool,
+    is_always_on: bool,
+) -> str:
+    """Reason why an effect has no sample at all."""
+    # Where a volume is near no skin, its level may not have been read.
+    is_unread = is_far and is_always_on
+    if times is not None and effect.id not in times.is_on and not is_unread:
+        if effect.id in times.no_number:
+            return "has a value that is no number wherever it would be on"
+        return f"{_NO_TOUCH}, or {_NEVER_ON}" if is_far else _NEVER_ON
+    if has_response:
+        return f"{_NO_TOUCH}, or its contact response gives nothing"
+    return _MISSED.get(effect.kind, _NEVER_ON)
 
 
 def _felt_or_not(
@@ -161,13 +234,17 @@ def _felt_or_not(
 
 def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     """Warnings about effects, each with the reason, that are not felt."""
-    if len(missed) == 1:
-        return (f"effect '{missed[0][0]}' {missed[0][1]}: it is not felt",)
-    reasons = dict.fromkeys(why for _, why in missed)
+    reasons: dict[str, list[str]] = {}
+    for name, why in missed:
+        reasons.setdefault(why, []).append(name)
     return tuple(
         text
-        for why in reasons
-        for text in counted([name for name, each in missed if each == why], _SEVERAL[why])
+        for why, names in reasons.items()
+        for text in (
+            (f"effect '{names[0]}' {why}: it is not felt",)
+            if len(names) == 1
+            else counted(names, _SEVERAL.get(why, f"effects are not felt, as each {why}"))
+        )
     )
 
 

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
+from .engine.modality import neutral_temperature_c
+
 
 @dataclass(frozen=True)
 class Unfelt:
@@ -14,6 +16,16 @@ class Unfelt:
 
     reason: str
     is_expected: bool = False  # the user asked for it: no warning
+
+
+_STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind speed"}
+
+
+def powerless_reason(modality: str, is_contact: bool) -> str:
+    """Reason why an effect without strength is not felt; it goes on after the effect's name."""
+    if modality == "temperature":
+        return f"has the neutral temperature, {neutral_temperature_c(is_contact):g} °C"
+    return f"has {_STRENGTHS[modality]} 0"
 
 
 @dataclass

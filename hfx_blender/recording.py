@@ -16,6 +16,7 @@ from . import __version__
 from .engine.body.model import load_model
 from .engine.counters import Counters
 from .engine.evaluate import Engine
+from .engine.felt_times import FeltTimes
 from .engine.overlapping import overlapped, sequentially
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import renderers_of
@@ -41,9 +42,10 @@ class Recorded:
     faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
     notes: tuple[str, ...]
     stepping: str
+    felt_times: dict[str, Any] | None = None  # fields of FeltTimes; None: by an earlier version
 
     @classmethod
-    def of(cls, reader: SceneReader, engine: Engine) -> Self:
+    def of(cls, reader: SceneReader, engine: Engine, times: FeltTimes) -> Self:
         """Collect the facts of a recording that has just ended."""
         return cls(
             engine.counters.as_dict(),
@@ -51,6 +53,7 @@ class Recorded:
             {text: sorted(samples) for text, samples in reader.faults.items()},
             (*reader.notes, *engine.notes),
             reader.stepping_note,
+            asdict(times),
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -74,13 +77,23 @@ class Recorded:
             counted.add(Counters(**part.engine))
             read.add(ReadingCounters(**part.reading))
         notes = dict.fromkeys(note for part in parts for note in part.notes)
+        times = FeltTimes()
+        for part in parts:
+            times.add(part.times or FeltTimes())
+        is_complete = all(part.felt_times is not None for part in parts)
         return cls(
             counted.as_dict(),
             read.as_dict(),
             {text: sorted(samples) for text, samples in faults.items()},
             tuple(notes),
             parts[0].stepping,
+            asdict(times) if is_complete else None,
         )
+
+    @property
+    def times(self) -> FeltTimes | None:
+        """Samples at which effects are on and felt; None if they were not counted."""
+        return None if self.felt_times is None else FeltTimes(**self.felt_times)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -113,6 +126,7 @@ def record_track(
     full_precision: bool = False,
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
+    times: FeltTimes | None = None,
 ) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
     """Evaluate a scene block by block, record it, and pass the samples to renderers.
 
@@ -125,6 +139,7 @@ def record_track(
     With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
     What rings on from before, also before the first frame, is evaluated first, and forgotten; what
     devices carry on from one sample to the next is for the whole track.
+    ``times`` counts the samples at which effects are on and felt.
     """
     settings = {
         "record": sorted(record),
@@ -139,6 +154,7 @@ def record_track(
     start = (first - lead_in(engine)) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
+    effects = reader.description.effects
 
     def counted() -> Iterator[AnimationBlock]:
         nonlocal read
@@ -157,6 +173,10 @@ def record_track(
                     runs = writer.append(felt)
                     for _, renderer in renderers:
                         renderer.add(runs)
+                    if times is not None:
+                        times.add_runs(effects, runs)
+                        for block, _ in some:
+                            times.add_levels(effects, block)
                     yield [block for block, _ in some]
         finished.extend(renderers)
 

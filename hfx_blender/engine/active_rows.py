@@ -131,14 +131,27 @@ def of_read(rows: I64, pose: PoseBlock) -> I64:
     return rows if pose.valid.all() else rows[pose.valid[rows]]
 
 
-def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
-    """Select the rows, ascending, at which the pose is known; count a warning for the others."""
+def with_pose(
+    rows: I64,
+    posed: I64,
+    body: BodyDescription,
+    counters: Counters,
+    *,
+    needs_pose: bool = False,
+) -> I64:
+    """Select the rows, ascending, at which the pose is known; count a warning for the others.
+
+    ``needs_pose``: painted effects are not felt without a pose, either.
+    """
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # all up to the last
     known = np.isin(rows, posed)
     if not known.all():
         counters.warn(
-            f"body '{body.name}': its pose is not a finite number; it feels nothing there",
+            f"body '{body.name}': its pose is no usable number; "
+            + ("nothing is" if needs_pose else "no volume is")
+            + " felt there"
+            + ("" if needs_pose else ", painted effects go on"),
             int(np.count_nonzero(~known)),
         )
     return rows[known]

@@ -17,13 +17,14 @@ import bpy
 from ..authoring import clips, responses
 from ..background_scenes import scene_objects
 from ..engine.arrays import F64
+from ..engine.felt_times import NEUTRAL_WITHIN_C
 from ..engine.modality import neutral_temperature_c
 from ..engine.scene import Clip, TimeBase
-from ..reading_counters import Unfelt
+from ..reading_counters import Unfelt, powerless_reason
 from ..sentences import named
 from ..stored_values import limited
 from . import dormant, stepping, visibility
-from .activation import Activation, spans_of_value
+from .activation import Activation, ActivationSource, spans_of_value
 from .reached import is_instancer, reached_from
 
 _STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind_speed"}
@@ -125,6 +126,16 @@ def of_dormant(why: str, is_part: bool) -> Unfelt:
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 
+def is_always_on(effect: bpy.types.Object, state: Activation) -> bool:
+    """Test for an effect that nothing turns on or off, and nothing hides, at any time."""
+    return (
+        state.source is ActivationSource.ALWAYS_ON
+        and not visibility.is_keyed(effect)
+        and not visibility.is_keyed(effect, "hfx.intensity")
+        and stepping.foreign_handler() is None
+    )
+
+
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
     """Reason why nothing is felt of an effect that is on: certainly no strength at these frames of
     the animation.
@@ -134,18 +145,20 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
         return None
     if stepping.foreign_handler() is not None:
         return None  # it may set anything
+    is_contact = hfx.temperature_reference == "CONTACT"
+    reason = powerless_reason(hfx.modality, is_contact)
     if hfx.modality == "temperature":
-        neutral = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
+        neutral = neutral_temperature_c(is_contact)
         is_still = not visibility.is_keyed(effect, "hfx.temperature")
-        is_neutral = is_still and abs(limited(hfx, "temperature") - neutral) < 1e-3
-        return f"has the neutral temperature, {neutral:g} °C" if is_neutral else None
+        deviation = abs(limited(hfx, "temperature") - neutral)
+        return reason if is_still and deviation < NEUTRAL_WITHIN_C else None
     name = _STRENGTHS[hfx.modality]
     spans = spans_of_value(effect, f"hfx.{name}")
     if spans is not None:
         is_nothing = not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
     else:
         is_nothing = not visibility.is_keyed(effect, f"hfx.{name}") and limited(hfx, name) <= 0.0
-    return f"has {name.replace('_', ' ')} 0" if is_nothing else None
+    return reason if is_nothing else None
 
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Any
 import hfx_scenes
 import pytest
 
-from hfx_blender import cli
+from hfx_blender import cli, compat
 from hfx_blender.authoring import clips, effects
 from hfx_blender.export_report import ExportReport
 from hfx_blender.report import MOST_LINES, felt_lines, unfelt_lines
@@ -271,6 +271,139 @@ def test_felt_in_one_part_only_is_felt(touch: Any, tmp_path: Path) -> None:
         assert cli.run(["export", str(path), "-o", str(out), *words, "--strict"]) == 0
     one, whole = (json.loads((tmp_path / f"out{k}/parts.report.json").read_text()) for k in (2, 0))
     assert one["effects"] == whole["effects"] and _line(one, "Ball")["felt"]
+
+
+# What the samples show
+
+
+def _volume(modality: str) -> Any:
+    """A volume 'Still', which stands in the body all the time."""
+    effect = effects.add_volume(bpy.context.scene, modality, "SPHERE", "Still")
+    effect.location.z, effect.hfx.radius = 1.1, 0.3
+    return effect
+
+
+def _drive(effect: Any, name: str, expression: str) -> None:
+    driver = effect.driver_add(name).driver
+    driver.type, driver.expression = "SCRIPTED", expression
+
+
+@pytest.mark.parametrize(
+    ("modality", "name", "expression", "reason"),
+    [
+        ("painted", "pressure", "0*frame", "has pressure 0"),
+        ("pressure", "pressure", "0*frame", "has pressure 0"),
+        ("vibration", "amplitude", "0*frame", "has amplitude 0"),
+        ("wind", "wind_speed", "min(frame, 0)", "has wind speed 0"),
+        ("temperature", "temperature", "24", "has the neutral temperature, 24 °C"),
+    ],
+)
+def test_driven_to_nothing(
+    touch: Any,
+    told: Any,
+    modality: str,
+    name: str,
+    expression: str,
+    reason: str,
+) -> None:
+    effect = touch if modality == "painted" else _volume(modality)
+    _drive(effect, f"hfx.{name}", expression)
+    title, report = effect.name, told()
+    line = _line(report, title)
+    assert (line["felt"], line["reason"], line["expected"]) == (False, reason, False)
+    assert report["warnings"] == [f"effect '{title}' {reason}: it is not felt"]
+    assert report["strict"] == 3
+    (felt,) = (each for each in report["felt"] if each["effect"] == title)
+    assert (felt["seconds"], felt["first_s"], felt["last_s"]) == (0.0, None, None)
+
+
+def test_a_single_key_of_the_neutral_temperature(touch: Any, told: Any) -> None:
+    effect = _volume("temperature")
+    effect.hfx.temperature = 24.0
+    effect.keyframe_insert("hfx.temperature", frame=1)
+    report = told()
+    assert _line(report, "Still")["reason"] == "has the neutral temperature, 24 °C"
+    assert report["strict"] == 3
+
+
+def test_a_failing_driver_of_an_amplitude(touch: Any, told: Any) -> None:
+    _drive(_volume("vibration"), "hfx.amplitude", "sqrt(-1 - frame)")
+    report = told()
+    assert not _line(report, "Still")["felt"] and report["strict"] == 3
+
+
+@pytest.mark.parametrize("words", [(), ("--split", "10")])
+def test_felt_until_its_strength_ends(touch: Any, told: Any, words: tuple[str, ...]) -> None:
+    """5 kPa up to frame 19, 0 from frame 20 on: 20 samples of 0.04 s."""
+    for frame, pressure in ((0, 5.0), (19, 5.0), (20, 0.0)):
+        touch.hfx.pressure = pressure
+        touch.keyframe_insert("hfx.pressure", frame=frame)
+    report = told(*words)
+    line = _line(report)
+    assert (line["from_s"], line["to_s"]) == pytest.approx((0.0, 19 / FPS))
+    (felt,) = (each for each in report["felt"] if each["effect"] == "Touch")
+    assert (felt["seconds"], felt["last_s"]) == pytest.approx((20 / FPS, 19 / FPS))
+    assert report["warnings"] == [] and report["strict"] == 0
+
+
+def _fail_intensity(effect: Any) -> None:
+    _drive(effect, "hfx.intensity", "1/0")
+
+
+def _drive_intensity(effect: Any) -> None:
+    _drive(effect, "hfx.intensity", "0*frame")
+
+
+def _drive_hidden(effect: Any) -> None:
+    _drive(effect, "hide_viewport", "frame < 500")
+
+
+def _without_influence(effect: Any) -> None:
+    strip = _clip(effect, 0.2, 1.0)
+    strip.use_animated_influence = True
+    strip.influence = 0.0
+
+
+def _begin_after_the_last_sample(effect: Any) -> None:
+    _clip(effect, 1.99, 3.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _fail_intensity,
+        _drive_intensity,
+        _drive_hidden,
+        _without_influence,
+        _begin_after_the_last_sample,
+    ],
+)
+def test_a_volume_that_is_never_on(touch: Any, told: Any, change: Callable[[Any], None]) -> None:
+    change(_volume("pressure"))
+    report = told()
+    # While a volume is hidden, its level is not read.
+    is_unread = change in (_drive_hidden, _without_influence)
+    reason = "touches no body, or is never on" if is_unread else "is never on"
+    assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+
+
+def test_an_intensity_that_is_no_number(touch: Any, told: Any) -> None:
+    effect = _volume("pressure")
+    effect.keyframe_insert("hfx.intensity", frame=1)
+    (curve,) = compat.fcurves(effect)
+    curve.keyframe_points[0].co.y = float("nan")
+    report = told()
+    assert "touch" not in _line(report, "Still")["reason"] and report["strict"] == 3
+
+
+def test_a_contact_response_that_gives_nothing(touch: Any, told: Any) -> None:
+    """Nothing strikes: ball and body stand still."""
+    effect = _volume("vibration")
+    bpy.context.view_layer.objects.active = effect
+    bpy.ops.hfx.add_response_filter(kind="impact")
+    report = told()
+    reason = "touches no body, or its contact response gives nothing"
+    assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
 
 
 # Bodies

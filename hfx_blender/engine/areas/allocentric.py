@@ -66,7 +66,7 @@ class AllocentricAreas:
         """Begin the contacts of a volume with a body; the returned function finishes them."""
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
-        rows = with_pose(of_read(rows, pose), posed, body, self._builder.counters)
+        rows = self._with_pose(rows, pose, posed, body)
         if volume.has_impacts and len(rows):
             rows = _with_beside(rows, posed, animated, block)
         if not len(rows):
@@ -193,7 +193,7 @@ class AllocentricAreas:
     ) -> SampleRun | None:
         """Evaluate a surface that a body moves over."""
         pose = block.poses[self._builder.body_index[body.id]]
-        rows = with_pose(of_read(rows, pose), reach.posed(body), body, self._builder.counters)
+        rows = self._with_pose(rows, pose, reach.posed(body), body)
         if not len(rows):
             return None
         skin = self._builder.skins.of(body, effect.model_id)
@@ -219,6 +219,11 @@ class AllocentricAreas:
             depth_m=felt.distance_m if "depth" in self._builder.record else None,
         )
         return replace(run, parameters=felt.parameters)
+
+    def _with_pose(self, rows: I64, pose: PoseBlock, posed: I64, body: BodyDescription) -> I64:
+        """Rows at which a body was read and its pose is known."""
+        read, builder = of_read(rows, pose), self._builder
+        return with_pose(read, posed, body, builder.counters, needs_pose=builder.wants_motion)
 
     def answered(
         self,

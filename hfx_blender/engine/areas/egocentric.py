@@ -44,7 +44,7 @@ class EgocentricAreas:
             body, pose = self._builder.scene.bodies[k], block.poses[k]
             if not pose.valid[rows].all():
                 raise ValueError("positions of painted vertices need a reader with_positions")
-            rows = with_pose(rows, posed_rows(pose), body, self._builder.counters)
+            rows = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
             if not len(rows):
                 return None
         sets = np.arange(len(rows)) if self._builder.record else np.zeros(len(rows), np.int64)
@@ -84,7 +84,7 @@ class EgocentricAreas:
         body, pose = self._builder.scene.bodies[k], block.poses[k]
         with_motion = self._builder.wants_motion
         if with_motion:
-            known = with_pose(rows, posed_rows(pose), body, self._builder.counters)
+            known = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
             rows, focus = known, focus[np.isin(rows, known)]
         if not len(rows):
             return None
