@@ -20,6 +20,7 @@ response_filters  parameters and values of contact response filters
 scene             the scene description: the input
 keyed_scene       upcoming state of a keyed scene, to be evaluated elsewhere
 samples           haptic samples: the result of an evaluation
+felt_times        samples at which effects are on, and have a strength
 serialization     scenes and blocks for another process
 reference         the definition of a contact, in plain numpy: read it first
 active_rows       rows of a block that count
