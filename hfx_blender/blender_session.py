@@ -17,6 +17,7 @@ from . import own_processes
 from .atomic_files import remove_at_end
 from .errors import HfxError, InputError, OutputError, is_endless
 from .json_kinds import title_of
+from .process_end import check
 from .process_end import end_on_signals as end_on_signals
 from .process_end import leave as leave
 from .stage_folders import remove_tree
@@ -63,6 +64,7 @@ def start() -> Any:
         from . import register
 
         register()
+    check()  # of signals that arrived while Blender started
     return bpy
 
 
