@@ -22,8 +22,9 @@ import addon_wheels
 import native_build
 import native_wheel
 from addon_wheels import PLATFORMS, PYTHONS, WheelError
-from hfx_blender.atomic_files import atomic_file
 from native_build import BuildError
+
+from hfx_blender.files.atomic import atomic_file
 
 ROOT = Path(__file__).resolve().parent
 PACKAGE = ROOT / "hfx_blender"

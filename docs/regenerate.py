@@ -6,7 +6,7 @@
 needs matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation
 of ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two
 with ``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
-MakeHuman's data (``tests/engine/body/retarget_report.py`` tells where from), takes long, and is
+MakeHuman's data (``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and is
 made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
 printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
 BUSY.json``.
@@ -52,7 +52,7 @@ def main() -> None:
         devices()
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
-        module = "hfx_blender.maintenance.demo.sensation_assets"
+        module = "hfx_tools.demo.sensation_assets"
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "bodies" in subjects:
         bodies()
@@ -88,14 +88,14 @@ def demo() -> None:
 def bodies() -> None:
     """The tables of spacing in ``body-models.md``."""
     from hfx_blender.engine.body import model_library
-    from hfx_blender.maintenance.body_building import stats
+    from hfx_tools.body_building import stats
 
     replace_part(DOCS / "body-models.md", "spacing", stats.as_markdown(model_library.manifest()))
 
 
 def surfaces() -> None:
     """Renderer against measured roughness (picture, table), judge of strokes, words."""
-    from hfx_blender.maintenance.bench import textile_correlation, texture, texture_chart, words
+    from hfx_tools.bench.surfaces import textile_correlation, texture, texture_chart, words
 
     result = textile_correlation.correlation(20)
     chart = texture_chart.svg(result)
@@ -119,7 +119,8 @@ def devices() -> None:
 
 def trade(scene: str, short: bool) -> None:
     """Measure a scene's plot, CSV and table in ``trade.md``."""
-    from hfx_blender.maintenance.bench import machine, trade_report
+    from hfx_tools.bench import machine
+    from hfx_tools.bench.trade import trade_report
 
     command = ["bench", "trade", scene, *(["--short"] if short else [])]
     done = hfx(*command, "--json", "-o", str(PICTURES))
@@ -142,7 +143,8 @@ def trade(scene: str, short: bool) -> None:
 
 def safety(records: list[dict[str, Any]]) -> None:
     """The table of silence in ``live.md``."""
-    from hfx_blender.maintenance.bench import machine, safety
+    from hfx_tools.bench import machine
+    from hfx_tools.bench.safety import safety
 
     caption = f"Measured on {machine.as_one_line([each['machine'] for each in records])}."
     table = safety.as_markdown(records)

@@ -17,10 +17,10 @@ SAMPLES = 8
 
 
 def main() -> None:
-    from hfx_blender import blender_session
+    from hfx_blender.processes import blender_session
 
     bpy = blender_session.start()
-    from hfx_blender.maintenance.demo import board
+    from hfx_tools.demo import board
 
     bpy.ops.wm.read_homefile(use_empty=True)
     board.build(bpy.context)

@@ -26,9 +26,9 @@ from pathlib import Path
 import numpy as np
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports.serial_port import SerialPort
-from hfx_blender.devices.live.transports.wire_board import WireBoard
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports.serial_port import SerialPort
+from hfx_blender.devices.transports.wire_board import WireBoard
 
 SKETCH = Path(__file__).parent / "hfx_pwm"
 CORE = Path("/usr/share/arduino/hardware/arduino/avr")

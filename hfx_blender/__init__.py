@@ -25,17 +25,22 @@ from __future__ import annotations
 import atexit
 from types import ModuleType
 
-from . import registration
+from .blender import registration
 
 __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import blender_events, handlers, operators, preferences, properties, ui
-    from .playback import live, preview, timeline_clips
+    from . import operators, ui
+    from .authoring import handlers
+    from .blender import events
+    from .playback.live import live
+    from .playback.preview import preview
+    from .playback.timeline import timeline_clips
+    from .properties import objects, preferences
 
     return (
-        *(blender_events, preferences, properties, operators, ui, handlers),
+        *(events, preferences, objects, operators, ui, handlers),
         *(preview, timeline_clips, live),
     )
 
@@ -49,7 +54,7 @@ def register() -> None:
     Blender's Python module takes itself down after Python. What is still registered then hangs or
     crashes 4.5, so a script that only ends takes it back; a whole Blender does so by itself.
     """
-    from .blender_session import inside_blender
+    from .processes.blender_session import inside_blender
 
     _register()
     if not inside_blender():

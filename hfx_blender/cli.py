@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 # isort: off
-from . import import_path  # noqa: F401  first: cleans sys.path in the process of hfx
+from .processes import import_path  # noqa: F401  first: cleans sys.path in the process of hfx
 
 # isort: on
 import argparse
@@ -17,11 +17,13 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
 
-from . import __version__, blender_session, file_limits, process_end
-from .atomic_files import inputs_kept
+from . import __version__
 from .commands import left_out
-from .console import Console, is_unread
+from .commands.console import Console, is_unread
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
+from .files import limits
+from .files.atomic import inputs_kept
+from .processes import blender_session, process_end
 
 EPILOG = """\
 exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
@@ -73,7 +75,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             with (
-                file_limits.raised(getattr(options, "largest", 1.0)),
+                limits.raised(getattr(options, "largest", 1.0)),
                 inputs_kept(_named_files(options)),
             ):
                 code = int(options.run(options, console))

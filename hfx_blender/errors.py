@@ -4,7 +4,7 @@
 import stat
 from pathlib import Path
 
-from .printable import printable
+from .text import printable
 
 
 class HfxError(Exception):

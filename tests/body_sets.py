@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hfx_blender.engine.body import model
-from hfx_blender.maintenance.body_building import model_file, model_set
+from hfx_tools.body_building import model_file, model_set
 
 
 def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:

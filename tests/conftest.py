@@ -50,18 +50,16 @@ def patient_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Live devices miss no deadline, however busy the machine is."""
     import patient_host
 
-    from hfx_blender import own_processes
+    from hfx_blender.processes import start
 
-    monkeypatch.setattr(
-        own_processes, "command", partial(patient_host.command, of=own_processes.command)
-    )
+    monkeypatch.setattr(start, "command", partial(patient_host.command, of=start.command))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> Iterator[None] | None:
     # Blender's module sometimes hangs while Python takes it down; all results are out by now.
     if "bpy" in sys.modules:
-        from hfx_blender import blender_session
+        from hfx_blender.processes import blender_session
 
         temporary = sys.modules["bpy"].app.tempdir.rstrip(os.sep)
         if os.path.basename(temporary).startswith("blender_"):  # not the user's own folder

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from hfx_blender import atomic_files
+from hfx_blender.files import atomic
 
 _ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EDQUOT)
 
@@ -57,9 +57,9 @@ def faulty_disk(failing: int | None = None) -> Iterator[Disk]:
 
     with pytest.MonkeyPatch.context() as patch:
         for name in ("fsync", "replace"):
-            patch.setattr(atomic_files.os, name, counted(getattr(os, name)))
-        atomic_files._WatchedFile.__bases__ = (Raw,)
+            patch.setattr(atomic.os, name, counted(getattr(os, name)))
+        atomic._WatchedFile.__bases__ = (Raw,)
         try:
             yield disk
         finally:
-            atomic_files._WatchedFile.__bases__ = (io.FileIO,)
+            atomic._WatchedFile.__bases__ = (io.FileIO,)

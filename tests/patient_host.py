@@ -10,9 +10,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from hfx_blender import own_processes
-from hfx_blender.devices.live import device_thread, host, render_process, script_process
-from hfx_blender.maintenance import processes
+from hfx_blender.devices.host import device_thread, host
+from hfx_blender.devices.workers import render_process, script_process
+from hfx_blender.processes import start
+from hfx_tools import processes
 
 VARIABLE = "HFX_TEST_PATIENCE_S"
 """Seconds, where a test wants a deadline to be missed."""
@@ -20,15 +21,15 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
     """Command line in place of ``own_processes.command``."""
-    if module == "devices.live.host":
+    if module == "devices.host.host":
         return processes.program(Path(__file__).read_text(encoding="utf-8"), *arguments)
     return of(module, *arguments)
 
 
 def use() -> None:
     """Devices of this process are patient from now on."""
-    before = own_processes.command
-    own_processes.command = lambda *which: command(*which, of=before)  # type: ignore[assignment]
+    before = start.command
+    start.command = lambda *which: command(*which, of=before)  # type: ignore[assignment]
 
 
 if __name__ == "__main__":

@@ -14,15 +14,15 @@ _distutils_hack sitecustomize usercustomize startup_file""".split()
 NOT_OURS = {"encodings"}
 
 CHILDREN = (
-    "batch.export_worker",
-    "maintenance.demo.avatar_pictures",
-    "devices.live.host",
-    "devices.live.render_worker",
-    "devices.live.script_worker",
-    "engine.texture.relief_worker",
+    "export.batch.export_worker",
+    "hfx_tools.demo.avatar_pictures",
+    "devices.host.host",
+    "devices.workers.render_worker",
+    "devices.workers.script_worker",
+    "engine.texture.relief.relief_worker",
     "generation.worker",
-    "maintenance.relief.data_set",
-    "maintenance.relief.training",
+    "hfx_tools.relief.data_set",
+    "hfx_tools.relief.training",
 )
 """Modules that are run as processes."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hfx_blender.engine.body import model_library
-from hfx_blender.maintenance.body_building import stats, thresholds
+from hfx_tools.body_building import stats, thresholds
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hfx_blender"

@@ -11,27 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import file_limits, resources
-from hfx_blender.batch import worker_process
-from hfx_blender.devices import strict_json
-from hfx_blender.devices.live import device_thread, host
+from hfx_blender.devices.host import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.spatial_sound import distance, layouts, propagation
-from hfx_blender.formats import (
-    ahap,
-    ahap_rules,
-    checking,
-    haptic,
-    he,
-    he_rules,
-    openxr,
-    signal_raster,
-    tact_rules,
-    wav,
-    waveforms,
-)
+from hfx_blender.export.batch import worker_process
+from hfx_blender.files import json_shapes, limits, resources, strict_json
+from hfx_blender.formats.ahap import ahap, ahap_rules
+from hfx_blender.formats.device_files import haptic, openxr
+from hfx_blender.formats.he import he, he_rules
 from hfx_blender.formats.hjif import envelopes, semantics
+from hfx_blender.formats.rasters import signal_raster
+from hfx_blender.formats.sound import wav, waveforms
+from hfx_blender.formats.tact import tact_rules
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 CLIPS = DOCS.parent / "players" / "conformance"
@@ -79,18 +71,18 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     (
         "formats/index.md",
         r"references of HJIF stand for \| (\S+) \|",
-        lambda: file_limits.UNFOLDED.default,
+        lambda: limits.UNFOLDED.default,
     ),
-    ("formats/index.md", r"for each event \| (\S+) \|", lambda: file_limits.OVERLAP.default),
+    ("formats/index.md", r"for each event \| (\S+) \|", lambda: limits.OVERLAP.default),
     (
         "formats/index.md",
         r"(\d+) MiB, or (\d+) times its own",
-        lambda: (file_limits.UNPACKED.default / 2**20, file_limits.PACKING),
+        lambda: (limits.UNPACKED.default / 2**20, limits.PACKING),
     ),
     (
         "formats/index.md",
         r"JSON \| (\d+) MiB; a device, a path or a layout (\d+) MiB",
-        lambda: (checking.MAX_BYTES / 2**20, strict_json.MAX_BYTES / 2**20),
+        lambda: (json_shapes.MAX_BYTES / 2**20, strict_json.MAX_BYTES / 2**20),
     ),
     (
         "formats/index.md",
@@ -122,7 +114,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     ("formats/hjif.md", r"\((\d+) s at 24 frames and 100 s", lambda: envelopes.MAX_POSITION // 600),
     ("formats/hjif.md", r"level 1 up to (\d+) channels", lambda: semantics.MAX_CHANNELS[1]),
     ("players.md", r"holds (\d+) clips with the values", lambda: len([*CLIPS.glob("*.hfxclip")])),
-    ("formats/index.md", r"at a time \| (\d+) GiB", lambda: file_limits.MEMORY.default / 2**30),
+    ("formats/index.md", r"at a time \| (\d+) GiB", lambda: limits.MEMORY.default / 2**30),
     (
         "device-configuration.md",
         r"at most (\d+) MiB of UTF-8, nested at most (\d+) deep",

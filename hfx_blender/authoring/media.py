@@ -7,10 +7,10 @@ from pathlib import Path
 
 import bpy
 
-from .. import compat
+from ..blender import compat
+from ..blender.scene_units import fps_of, metres_of
 from ..errors import InputError, refuse_no_file
-from ..scene_units import fps_of, metres_of
-from . import effects
+from .effects import effects
 
 START = "hfx_video_start"
 """ID property of a screen or a world: the frame at which its video begins."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..stored_values import limited, limited_row
+from ..blender.stored_values import limited, limited_row
 
 if TYPE_CHECKING:
     import numpy as np

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import bpy
 from mathutils import Matrix
 
-from .. import compat
+from ..blender import compat
+from ..blender.scene_units import metres_of
+from ..engine.stepwise import within
 from ..errors import InputError
-from ..scene_units import metres_of
-from ..stepwise import within
 
 if TYPE_CHECKING:
     import numpy as np

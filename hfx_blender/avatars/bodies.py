@@ -13,13 +13,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from .. import compat
+from ..blender import compat
+from ..blender.scene_units import fps_of, metres_of
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
-from ..scene_units import fps_of, metres_of
 from . import avatar_meshes, body_binding, bone_table, retargeting, skinned_mesh
 
 _LARGE_BONES = (

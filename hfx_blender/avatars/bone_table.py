@@ -13,7 +13,6 @@ from pathlib import Path
 
 import bpy
 
-from ..atomic_files import atomic_file
 from ..engine.body.rigs.mapping import (
     BoneMapping,
     from_json,
@@ -23,6 +22,7 @@ from ..engine.body.rigs.mapping import (
 )
 from ..engine.body.rigs.rig import canonical_parents
 from ..errors import InputError, refuse_no_file
+from ..files.atomic import atomic_file
 from .avatar_meshes import read_bones, skin_by_bone
 from .human_bones import human_bones_of
 

@@ -18,8 +18,8 @@ from ..engine.retargeting.layers import Layer
 from ..engine.retargeting.quality import PartQuality, Quality, joint_faults
 from ..engine.retargeting.target import TargetAvatar
 from ..engine.scene import FittedModel
+from ..engine.stepwise import within
 from ..errors import InputError
-from ..stepwise import within
 from . import avatar_meshes, kept_fits
 from .retargeting import Fit, arrays_of, fitted_of, model_ids, worst_first
 

@@ -18,14 +18,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from .. import resources
-from ..atomic_files import atomic_file
 from ..engine.arrays import write_npz
 from ..engine.body.model import load_avatar
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import shape_fields
 from ..engine.retargeting.target import TargetAvatar
 from ..errors import HfxError
+from ..files import resources
+from ..files.atomic import atomic_file
 
 _MOST: Final = 32
 """Number of kept fits, about 4 MB each; beyond it the one that was not used for longest goes."""

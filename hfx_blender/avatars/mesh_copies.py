@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import compat
+from ..blender import compat
 from ..engine.arrays import F64, I32, I64
 
 _VERTEX: Final = "hfx_vertex"

@@ -6,9 +6,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..blender.scene_units import metres_of
 from ..engine.body.model import PerceptualModel
 from ..engine.body.parts import PARTS
-from ..scene_units import metres_of
 from . import retargeting, skinned_mesh
 
 SHOWN = "hfx_shown_body"

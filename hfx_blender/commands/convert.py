@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..console import Console
 from ..errors import InputError
+from .console import Console
 from .largest import add_largest
 
 
@@ -57,8 +57,8 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Convert, and report what was left out."""
     from ..errors import UsageError
-    from ..formats.conversion import convert
-    from ..formats.curves import CurveTolerance
+    from ..formats.signals.curves import CurveTolerance
+    from .conversion import convert
 
     if not 0.0 < options.tolerance <= 50.0:
         raise UsageError(f"--tolerance {options.tolerance:g}: expected more than 0, up to 50")

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..console import Console
 from ..errors import InputError, refuse_no_file
+from .console import Console
 from .info import describe_device
 
 if TYPE_CHECKING:
@@ -78,8 +78,8 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 
 
 def _find(_options: argparse.Namespace, console: Console) -> int:
-    from .. import resources
     from ..devices.live.discovery import found_at
+    from ..files import resources
 
     ports, found, faults = found_at(resources.user_devices())
     for fault in faults:
@@ -115,7 +115,7 @@ def _check(options: argparse.Namespace, console: Console) -> int:
 
 
 def _import(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.node_map import import_node_map
+    from ..devices.configurations.node_map import import_node_map
 
     name = options.name or options.file.stem.lower().replace(" ", "_")
     made = import_node_map(options.file, name)
@@ -152,8 +152,8 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
 
 def _own_scripts(console: Console) -> list[DeviceScript]:
     """Scripts beside configurations in the user's own folder."""
-    from .. import resources
     from ..devices.live import approval
+    from ..files import resources
 
     found = []
     for path in sorted(resources.user_devices().glob("*.py")):

@@ -12,19 +12,19 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from .. import blender_session
-from ..atomic_files import atomic_file, inputs_kept, refuse_taken
-from ..batch.local_workers import LocalWorkers, ThisProcess, Workers
-from ..batch.options import ExportOptions
-from ..batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_folder
-from ..batch.units import Outcome, Unit
-from ..console import Console
 from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
+from ..export.batch.local_workers import LocalWorkers, ThisProcess, Workers
+from ..export.batch.options import ExportOptions
+from ..export.batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_folder
+from ..export.batch.units import Outcome, Unit
+from ..files.atomic import atomic_file, inputs_kept, refuse_taken
 from ..formats.clip import COARSEST, DETAIL
-from ..own_processes import cores
-from ..printable import printable
+from ..processes import blender_session
+from ..processes.start import cores
+from ..text import printable
+from .console import Console
 from .patterns import expanded
 
 SOME_FAILED = 5
@@ -146,8 +146,8 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Export each scene; one that fails does not stop the others."""
-    from ..batch import batch
-    from ..staging import staging
+    from ..export.batch import batch
+    from ..files.staging import staging
 
     options.scenes = expanded(options.scenes)
     _check(options)
@@ -399,7 +399,7 @@ def _refuse_result(options: argparse.Namespace) -> None:
     UsageError
         It has, whichever of the formats is written.
     """
-    from ..export_report import REPORT_SUFFIX
+    from ..export.report import REPORT_SUFFIX
     from ..formats.registry import FORMATS, suffixes
 
     folder = Path(os.path.realpath(options.output))

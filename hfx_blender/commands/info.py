@@ -7,12 +7,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .. import blender_session
-from ..console import Console
+from ..blender.scene_units import fps_of
 from ..errors import InputError, refuse_no_file
-from ..json_kinds import title_of
-from ..printable import printable
-from ..scene_units import fps_of
+from ..files.kinds import title_of
+from ..processes import blender_session
+from ..text import printable
+from .console import Console
 from .largest import add_largest
 from .own_files import kind_of
 
@@ -63,8 +63,8 @@ def _blend(path: Path) -> dict[str, Any]:
     blender_session.open_blend(path)
     import bpy
 
-    from ..authoring.effects import bodies_of, effects_of
-    from ..reading.activation import activation_of
+    from ..authoring.effects.effects import bodies_of, effects_of
+    from ..reading.description.activation import activation_of
 
     return {
         "file": str(path),
@@ -93,8 +93,8 @@ def _blend(path: Path) -> dict[str, Any]:
 
 def _where(effect: Any) -> dict[str, Any]:
     """Facts about the place of an effect."""
-    from ..authoring import paths
-    from ..authoring.effects import area
+    from ..authoring.effects.effects import area
+    from ..authoring.paths import paths
 
     hfx = effect.hfx
     if hfx.kind == "PAINTED":
@@ -108,7 +108,7 @@ def _where(effect: Any) -> dict[str, Any]:
 
 def _track(path: Path) -> dict[str, Any]:
     from ..engine.track import TrackReader
-    from ..export import felt_effects
+    from ..export.scene_export import felt_effects
 
     with TrackReader(path) as track:
         header = track.header
@@ -154,7 +154,7 @@ def _model(path: Path) -> dict[str, Any]:
 
 def _device(path: Path) -> dict[str, Any]:
     from ..devices.configuration import load_device
-    from ..devices.strict_json import read
+    from ..files.strict_json import read
 
     content = read(path).value
     if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):

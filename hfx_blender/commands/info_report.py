@@ -6,10 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from ..devices.strict_json import Node, read
 from ..errors import InputError
-from ..json_kinds import refuse_another
-from ..result_files import listed
+from ..export.result_files import listed
+from ..files.kinds import refuse_another
+from ..files.strict_json import Node, read
 
 SUFFIX: Final = ".report.json"
 _MOST_BYTES: Final = 64 << 20

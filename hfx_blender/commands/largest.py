@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .. import file_limits
+from ..files import limits
 
 
 def add_largest(parser: Any) -> None:
@@ -26,8 +26,8 @@ def _times(text: str) -> float:
         found = float(text)
     except ValueError:
         found = 0.0
-    if not 0.0 < found <= file_limits.MOST_TIMES:
+    if not 0.0 < found <= limits.MOST_TIMES:
         raise argparse.ArgumentTypeError(
-            f"'{text}': expected more than 0, up to {file_limits.MOST_TIMES:g}"
+            f"'{text}': expected more than 0, up to {limits.MOST_TIMES:g}"
         )
     return found

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import file_suffixes
+from ..files import suffixes
 from .info_report import SUFFIX, facts_of_report
 
 
@@ -31,7 +31,7 @@ def kind_of(path: Path) -> OwnFile | None:
 
 
 def _effect(path: Path) -> dict[str, Any]:
-    from ..authoring import effect_file
+    from ..authoring.effects import effect_file
 
     sensation = effect_file.load(path)
     return {
@@ -51,7 +51,7 @@ def _effect(path: Path) -> dict[str, Any]:
 
 
 def _path(path: Path) -> dict[str, Any]:
-    from ..authoring import path_file
+    from ..authoring.paths import path_file
 
     recipe = path_file.load(path)
     return {
@@ -67,6 +67,6 @@ def _path(path: Path) -> dict[str, Any]:
 
 _KINDS = {
     SUFFIX: OwnFile("report", "report of an export", facts_of_report),
-    file_suffixes.EFFECT: OwnFile("effect", "effects", _effect),
-    file_suffixes.PATH: OwnFile("path", "path on the skin", _path),
+    suffixes.EFFECT: OwnFile("effect", "effects", _effect),
+    suffixes.PATH: OwnFile("path", "path on the skin", _path),
 }

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from .. import json_kinds
-from ..console import Console
 from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError
+from ..files import kinds
+from .console import Console
 
 if TYPE_CHECKING:
     from ..devices.live.approval import DeviceScript
@@ -174,20 +174,20 @@ def _opened(
     """The file, and the devices with the scripts that they need for it: a clip's values are those
     that scripts gave.
     """
-    from .. import resources
     from ..devices.configuration import load_device
     from ..devices.live import live_targets
     from ..devices.live.played_track import PlayedTrack
     from ..devices.live.playhead import latencies_ms
+    from ..files import resources
     from ..formats.clip.container import SUFFIX
-    from ..formats.clip.played_clip import PlayedClip
+    from .played_clip import PlayedClip
 
     if options.file.name.lower().endswith(SUFFIX):
         found = {name: load_device(name, resources.user_devices()) for name in names}
         clip = PlayedClip(options.file, found, options.body)
         return clip, {name: (device, None) for name, device in found.items()}
     if options.file.suffix.lower() == ".json":
-        title = json_kinds.title_of(options.file)
+        title = kinds.title_of(options.file)
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_targets.named(name) for name in names}
@@ -202,9 +202,9 @@ def _connect(
     settings: LiveSettings,
     script: DeviceScript | None,
 ) -> None:
-    from .. import resources
     from ..devices.configuration import is_file
     from ..devices.live import live_targets
+    from ..files import resources
 
     client.connect(
         name,

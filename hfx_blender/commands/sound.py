@@ -7,11 +7,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .. import blender_session
-from ..atomic_files import inputs_kept
-from ..console import Console
 from ..errors import UsageError, refuse_no_file
-from ..staging import make_folder
+from ..files.atomic import inputs_kept
+from ..files.staging import make_folder
+from ..processes import blender_session
+from .console import Console
 from .largest import add_largest
 
 
@@ -81,7 +81,7 @@ def settings_of(options: argparse.Namespace) -> Any:
     from ..engine.spatial_sound.distance import Hearing
     from ..engine.spatial_sound.layouts import parse
     from ..engine.spatial_sound.panner import Panner
-    from ..sound import SoundSettings
+    from ..export.sound import SoundSettings
 
     try:
         hearing = Hearing(
@@ -98,9 +98,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Open the scene, and write its sound."""
     bpy = blender_session.start()
 
-    from ..formats.sound_wav import SUFFIX
-    from ..reading import linked_files
-    from ..sound import write_sound
+    from ..blender import linked_files
+    from ..export.sound import write_sound
+    from ..formats.sound.sound_wav import SUFFIX
 
     settings = settings_of(options)
     refuse_no_file(options.scene)

@@ -7,10 +7,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .. import file_limits
-from ..console import Console
 from ..errors import InputError, UsageError, refuse_no_file
+from ..files import limits
 from . import left_out, texture_generate, texture_source
+from .console import Console
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -92,7 +92,7 @@ def add_parser(commands: Any) -> None:
 def _build(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
-    from ..formats import texture_map
+    from ..formats.pictures import texture_map
 
     source = texture_source.read(options)
     stem = options.output or Path(source.name)
@@ -119,12 +119,12 @@ def check_folder(path: Path) -> None:
 def _stroke(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
-    from ..devices import surface_calibration
     from ..devices.configuration import load_device
-    from ..devices.stroke_device import StrokeDevice
+    from ..devices.configurations import surface_calibration
+    from ..devices.configurations.stroke_device import StrokeDevice
     from ..engine.texture.stroke_rendering import render_stroke
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
-    from ..formats import stroke_files
+    from ..formats.signals import stroke_files
 
     for path in options.output:
         stroke_files.check(path)
@@ -219,10 +219,10 @@ def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
 
 
 def _refuse_lasting(seconds: float) -> None:
-    from ..formats.stroke_files import WAV_RATE_HZ
+    from ..formats.signals.stroke_files import WAV_RATE_HZ
 
-    file_limits.SECONDS.check(seconds, "Stroke", "it lasts")
-    file_limits.MEMORY.check(8.0 * WAV_RATE_HZ * seconds, "Stroke", "its waveform would take")
+    limits.SECONDS.check(seconds, "Stroke", "it lasts")
+    limits.MEMORY.check(8.0 * WAV_RATE_HZ * seconds, "Stroke", "its waveform would take")
 
 
 def _table(path: Path) -> Any:

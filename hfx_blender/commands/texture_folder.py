@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from .. import blender_session
-from ..atomic_files import inputs_kept
-from ..console import Console
 from ..errors import InputError, UsageError, refuse_no_file
+from ..files.atomic import inputs_kept
+from ..processes import blender_session
+from .console import Console
 
 if TYPE_CHECKING:
     from ..engine.arrays import F64
@@ -83,7 +83,7 @@ def pixels(path: Path) -> F64:
     blender_session.start()
     import bpy
 
-    from ..authoring import image_values
+    from ..authoring.surfaces import image_values
 
     image = image_values.load(os.path.abspath(path))
     try:

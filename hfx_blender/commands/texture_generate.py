@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
-from ..console import Console
 from ..errors import UsageError
 from . import left_out, texture_folder, texture_source
+from .console import Console
 
 if TYPE_CHECKING:
     from ..formats.written import Written
@@ -156,9 +156,9 @@ def keep(surface: Generated, options: argparse.Namespace, console: Console) -> d
 def _blend(written: Written, options: argparse.Namespace) -> tuple[Path, ...]:
     if options.no_blend:
         return ()
-    from .. import blender_session
+    from ..processes import blender_session
 
     blender_session.start()
-    from ..authoring import generated_surfaces
+    from ..authoring.surfaces import generated_surfaces
 
     return (generated_surfaces.write_blend(written.files[-1]),)

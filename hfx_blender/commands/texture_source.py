@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from .. import blender_session
 from ..errors import InputError, UsageError, refuse_no_file
-from ..json_kinds import title_of
+from ..files.kinds import title_of
+from ..processes import blender_session
 from .largest import add_largest
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def check_numbers(options: argparse.Namespace) -> None:
 
 
 def _map(path: Path) -> TextureSource:
-    from ..formats import texture_map
+    from ..formats.pictures import texture_map
 
     return TextureSource(path.name.removesuffix(".texture.json"), texture_map.read(path), None)
 
@@ -185,9 +185,9 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
     import bpy
 
-    from ..authoring import image_values, surface_sources
+    from ..authoring.surfaces import image_values, surface_sources
     from ..engine.texture.height_field import from_image
-    from ..formats import point_cloud
+    from ..formats.pictures import point_cloud
 
     full = Path(os.path.abspath(path))  # Blender does not look in the working folder
     suffix = path.suffix.lower()
@@ -234,8 +234,8 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
     import bpy
     import numpy as np
 
-    from ..authoring import image_values
-    from ..engine.texture.relief_estimate import estimate
+    from ..authoring.surfaces import image_values
+    from ..engine.texture.relief.relief_estimate import estimate
 
     if options.size is None:
         raise UsageError(
@@ -264,7 +264,7 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
     blender_session.open_blend(path)
     import bpy
 
-    from ..authoring import surfaces
+    from ..authoring.surfaces import surfaces
 
     scene = bpy.context.scene
     found = surfaces.surfaces_of(scene)
@@ -313,7 +313,7 @@ def _picture(path: Path) -> Any:
 
     import bpy
 
-    from ..authoring import image_values
+    from ..authoring.surfaces import image_values
 
     refuse_no_file(path)
     image = image_values.load(os.path.abspath(path))

@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..console import Console
 from ..errors import InputError
+from .console import Console
 from .largest import add_largest
 from .own_files import OwnFile, kind_of
 from .patterns import expanded
@@ -95,7 +95,7 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
 
 def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
     """Check a file of ours; of a report also that the files that it names are beside it."""
-    from ..formats.checking import Finding
+    from ..files.json_shapes import Finding
 
     try:
         facts = kind.facts(path)

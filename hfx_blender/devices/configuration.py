@@ -13,16 +13,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from .. import resources
 from ..engine.body.model import PerceptualModel, load_model, manifest
 from ..engine.modality import MODALITIES
 from ..engine.rendering.actuator_vertices import vertices_of
 from ..engine.rendering.device import Actuator, DeviceConfig, ScriptFiles, VertexPlace
 from ..errors import InputError
-from . import surface_calibration
-from .configuration_reader import WEARABLE_SIDES, device_from
-from .layout_reader import ID_PATTERN
-from .strict_json import read
+from ..files import resources
+from ..files.strict_json import read
+from .configurations import surface_calibration
+from .configurations.configuration_reader import WEARABLE_SIDES, device_from
+from .configurations.layout_reader import ID_PATTERN
 
 SUFFIX: Final = ".json"
 SCRIPT_SUFFIX: Final = ".py"

@@ -20,18 +20,18 @@ from typing import Final
 
 import numpy as np
 
-from .. import own_processes
 from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import Played, renderers_of_track
 from ..engine.rendering.render import Renderer, blocks
 from ..engine.samples import SampleRun
+from ..engine.stepwise import finish
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, ScriptError
-from ..stepwise import finish
+from ..processes import start
 from .live import approval
-from .live.haptics import encode_haptics
-from .live.messages import (
+from .workers.haptics import encode_haptics
+from .workers.messages import (
     MessageError,
     MessageKind,
     decode_values,
@@ -39,7 +39,7 @@ from .live.messages import (
     message,
     read_message,
 )
-from .live.script_process import end_group
+from .workers.script_process import end_group
 
 FeltRuns = list[tuple[SampleRun, F64]]
 
@@ -269,8 +269,8 @@ class _Worker:
 
     def __enter__(self) -> _Worker:
         try:
-            self._process = own_processes.start(
-                own_processes.command("devices.live.script_worker"),
+            self._process = start.start(
+                start.command("devices.workers.script_worker"),
                 # Where a script goes through a set, it does so in one order.
                 {"PYTHONHASHSEED": "0"},
                 stdin=subprocess.PIPE,

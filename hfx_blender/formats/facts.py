@@ -9,12 +9,15 @@ from typing import Any, Final
 
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
-from . import csv_raster, glb_rules, jsonl_samples, npz_raster, wav_reader
-from .checking import mapped, parse, read_bytes, refuse_errors
+from ..files.json_shapes import mapped, parse, read_bytes, refuse_errors
 from .clip.writing import facts as clip_facts
 from .files import FileFormat, format_of, read_signals, validate
+from .glb import glb_rules
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
+from .jsonl import jsonl_samples
+from .rasters import csv_raster, npz_raster
+from .sound import wav_reader
 
 _MOST_BYTES: Final = 1 << 30
 

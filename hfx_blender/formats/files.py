@@ -10,37 +10,26 @@ from pathlib import Path
 from typing import Final
 from xml.parsers import expat
 
-from .. import file_limits
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, refuse_no_file
-from ..json_kinds import title_of
-from . import (
-    ahap,
-    ahap_rules,
-    channel_list,
-    csv_raster,
-    glb,
-    glb_rules,
-    haptic,
-    he,
-    he_rules,
-    jsonl_samples,
-    npz_raster,
-    openxr,
-    png,
-    tact,
-    tact_rules,
-    texture_map,
-    wav,
-    wav_reader,
-)
-from .checking import Finding, mapped, read_bytes
+from ..files import limits
+from ..files.json_shapes import Finding, mapped, read_bytes
+from ..files.kinds import title_of
+from .ahap import ahap, ahap_rules
 from .clip import rules as clip_rules
 from .clip.container import SUFFIX as CLIP_SUFFIX
+from .device_files import haptic, openxr
+from .glb import glb, glb_rules
+from .he import he, he_rules
 from .hjif import rules, to_signals
-from .signals import FrequencyRange, Signal
-from .simplified_writer import Decoder
+from .jsonl import jsonl_samples
+from .pictures import png, texture_map
+from .rasters import csv_raster, npz_raster
+from .signals.signals import FrequencyRange, Signal
+from .signals.simplified_writer import Decoder
+from .sound import channel_list, wav, wav_reader
+from .tact import tact, tact_rules
 
 _MOST_BYTES: Final = 1 << 30
 _HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
@@ -72,7 +61,7 @@ class FileFormat:
             raise InputError(f"{name}: {self.title} holds no vibration envelopes.")
         signals, frequencies = self.decode(content, name)
         lasts_s = max((each.duration_s for each in signals), default=0.0)
-        file_limits.SECONDS.check(lasts_s, name, "its envelopes last")
+        limits.SECONDS.check(lasts_s, name, "its envelopes last")
         return signals, frequencies
 
 
@@ -190,7 +179,7 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Findin
         if reads and found.has_signals and not any(each.severity == "error" for each in findings):
             found.signals(content, str(path))  # a valid file can be read
         return found, findings
-    except file_limits.TooLargeError as error:
+    except limits.TooLargeError as error:
         return found, [Finding(f"{prefix}-LARGE", "", _message(error, path))]
     except InputError as error:
         return found, [Finding(f"{prefix}-UNREADABLE", "", _message(error, path))]

@@ -13,9 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from . import ahap, haptic, he, openxr, tact
+from .ahap import ahap
+from .device_files import haptic, openxr
 from .files import validate
+from .he import he
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
+from .tact import tact
 from .written import Written
 
 _WITH_RULES: Final = (

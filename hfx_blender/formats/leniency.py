@@ -8,7 +8,7 @@ from collections.abc import Callable, Container
 from typing import Any, Final
 
 from ..errors import InputError
-from .checking import Finding, refuse_errors, shown
+from ..files.json_shapes import Finding, refuse_errors, shown
 
 ToleratedFaults = tuple[str, ...]
 """Sentences about a file that was read."""

@@ -17,35 +17,25 @@ from ..engine.rendering.raster import Raster
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, NothingFeltError, UsageError
-from . import (
-    ahap,
-    csv_raster,
-    glb,
-    haptic,
-    he,
-    jsonl_samples,
-    losses,
-    npz_raster,
-    openxr,
-    tact,
-    wav,
-)
+from .ahap import ahap
 from .clip import writing as clip_writing
 from .clip.baked import Played
 from .clip.container import SUFFIX as CLIP_SUFFIX
 from .clip.spatial_recorder import SpatialRecorder
-from .curves import CurveTolerance, clipped
+from .device_files import haptic, openxr
+from .glb import glb
+from .he import he
 from .hjif import from_track
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
-from .signals import (
-    DEFAULT_TOLERANCE,
-    MAX_HZ,
-    FrequencyRange,
-    Signal,
-    signals_of,
-)
-from .simplified_writer import WHOLE_MS, SignalWriter, simplified_writer
-from .tact_layouts import motors_of
+from .jsonl import jsonl_samples
+from .rasters import csv_raster, npz_raster
+from .signals import losses
+from .signals.curves import CurveTolerance, clipped
+from .signals.signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, signals_of
+from .signals.simplified_writer import WHOLE_MS, SignalWriter, simplified_writer
+from .sound import wav
+from .tact import tact
+from .tact.tact_layouts import motors_of
 from .written import Written
 
 ALL_MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")

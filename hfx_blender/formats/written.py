@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ..atomic_files import atomic_file
-from ..sentences import named
-from .checking import clean, encoded
+from ..files.atomic import atomic_file
+from ..files.json_shapes import clean, encoded
+from ..text import named
 
 _LONGEST: Final = 100
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..engine.arrays import F64, U8
 from ..engine.texture.height_field import HeightField
-from ..engine.texture.linear_light import linear_to_srgb, srgb_to_linear
 from ..engine.texture.procedural import noise
+from ..engine.texture.relief.linear_light import linear_to_srgb, srgb_to_linear
 from .steering import turned
 
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from .. import own_processes
+from ..processes import start
 
 _MODULE: Final = "generation.worker"
 _END_S: Final = 5.0
@@ -44,8 +44,8 @@ class GenerationChild:
         self.records: list[Path] = []
         self.fault = ""
         self._errors = tempfile.TemporaryFile()
-        self._process = own_processes.start(
-            own_processes.command(_MODULE),
+        self._process = start.start(
+            start.command(_MODULE),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

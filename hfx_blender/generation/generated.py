@@ -12,20 +12,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from .. import file_suffixes, staging
-from ..devices.strict_json import Node
-from ..devices.strict_json import read as read_json
 from ..engine.arrays import F32, F64, U8
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
 from ..errors import InputError, refuse_no_file
-from ..file_hash import sha256_of
-from ..formats import png, texture_map
+from ..files import staging, suffixes
+from ..files.hashes import sha256_of
+from ..files.kinds import refuse_another
+from ..files.strict_json import Node
+from ..files.strict_json import read as read_json
+from ..formats.pictures import png, texture_map
 from ..formats.written import Written, write_json
-from ..json_kinds import refuse_another
 from .word_forms import tokens
 
-RECORD: Final = file_suffixes.GENERATED
+RECORD: Final = suffixes.GENERATED
 FORMAT: Final = "hfx-generated-texture"
 VERSION: Final = 1
 _LONGEST_NAME: Final = 48

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from ..engine.arrays import F32, F64
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
-from ..engine.texture.linear_light import height_from_colour
 from ..engine.texture.mcha import MapSettings, make_map
-from ..engine.texture.relief_estimate import estimate
+from ..engine.texture.relief.linear_light import height_from_colour
+from ..engine.texture.relief.relief_estimate import estimate
 
 Way = Literal["relief", "sobel"]
 

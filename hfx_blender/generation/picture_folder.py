@@ -15,8 +15,8 @@ from ..engine.arrays import F64
 from ..engine.texture.device_range import NoticeableSteps
 from ..engine.texture.mcha import MapSettings
 from ..errors import InputError
-from ..file_hash import sha256_of
-from ..formats import png
+from ..files.hashes import sha256_of
+from ..formats.pictures import png
 from .generated import RECORD, Generated, name_of
 from .picture_conversion import WAYS, Way, surface_of
 from .picture_prompts import prompt_of

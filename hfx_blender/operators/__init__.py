@@ -5,39 +5,25 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from .. import registration
+from ..blender import registration
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import (
-        area,
-        body,
-        bones,
+    from . import body, bones, export, media, values, workspace
+    from .effects import (
         clips,
         dropped,
         effects,
-        export,
-        generation,
         global_tools,
         hjif_import,
-        live,
-        live_setup,
-        live_track,
-        media,
-        paint,
-        paint_status,
-        path_drawing,
-        paths,
         response,
         sensation_library,
-        spot_handles,
-        stroke_pad,
-        surface_relief,
-        surfaces,
-        values,
         vector_sensations,
-        workspace,
     )
+    from .live import live, live_setup, live_track
+    from .painting import area, paint, paint_status
+    from .paths import path_drawing, paths, spot_handles
+    from .surfaces import generation, stroke_pad, surface_relief, surfaces
 
     return (
         body,

@@ -9,13 +9,14 @@ from functools import cache
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
 
-from ..authoring import effects, painting
+from ..authoring.areas import painting
+from ..authoring.effects import effects
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
+from ..engine.stepwise import within
 from ..errors import InputError
-from ..printable import printable
-from ..properties import FELT_LAYERS
-from ..stepwise import within
+from ..properties.objects import FELT_LAYERS
+from ..text import printable
 from . import framing
 from .shared import (
     EnumItems,

@@ -7,7 +7,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..errors import InputError
-from ..printable import printable
+from ..text import printable
 from .shared import FileOperator, HfxOperator, active_armature
 
 

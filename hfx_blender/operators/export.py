@@ -13,14 +13,14 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..authoring import clips, swarms
+from ..authoring.clips import clips
+from ..authoring.effects import swarms
 from ..errors import InputError
-from ..printable import printable
-from ..report import shortened
+from ..text import printable, shortened
 from .stepwise_export import StepwiseExport
 
 if TYPE_CHECKING:
-    from ..export_report import ExportReport
+    from ..export.report import ExportReport
 
 FORMAT_ITEMS = (
     ("track", "Haptic Track", "Everything that is felt, for any device (.hfxtrack)", 1 << 0),
@@ -157,7 +157,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
     def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
         """Check boxes; below those that nothing can be written in, the reason."""
-        from ..devices.device_facts import facts_of
+        from ..devices.configurations.device_facts import facts_of
         from ..formats.registry import why_nothing
 
         found = [each for each in context.scene.hfx.devices if each.is_exported]
@@ -178,9 +178,9 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
-        from ..export import ExportSettings, SceneExport
-        from ..export_devices import formats_without, scene_devices
+        from ..export.scene_export import ExportSettings, SceneExport
         from ..formats.registry import DEVICE_FORMATS, why_nothing
+        from ..reading.description.scene_devices import formats_without, scene_devices
 
         scene = context.scene
         devices, missing = scene_devices(scene)
@@ -212,7 +212,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         return SceneExport(scene, settings).steps(path.parent, path.stem)
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
-        from ..report import felt_lines, unfelt_lines
+        from ..export.summary import felt_lines, unfelt_lines
 
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
@@ -240,7 +240,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
 def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     """Draw a check box for each device of the scene, and the way to add one."""
-    from ..devices.device_facts import facts_of
+    from ..devices.configurations.device_facts import facts_of
 
     column = layout.column(align=True)
     for device in context.scene.hfx.devices:

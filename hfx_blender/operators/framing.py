@@ -10,9 +10,9 @@ from functools import partial
 
 import bpy
 
-from .. import compat
-from ..blender_events import call_soon
-from ..playback import timeline_clips
+from ..blender import compat
+from ..blender.events import call_soon
+from ..playback.timeline import timeline_clips
 
 _VIEW = ("view_location", "view_rotation", "view_distance", "view_perspective")
 _BESIDE = 9  # pixels from an edge, farther than its width

@@ -11,12 +11,12 @@ from typing import ClassVar
 import bpy
 from bpy.props import StringProperty
 
-from ..atomic_files import inputs_kept
-from ..authoring import effects, swarms
+from ..authoring.effects import effects, swarms
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError, InputError, fault_of_file
-from ..playback import preview
-from ..printable import printable
+from ..files.atomic import inputs_kept
+from ..playback.preview import preview
+from ..text import printable
 from . import framing
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial", "sounddevice")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..authoring import swarms
+from ..authoring.effects import swarms
 from .stepwise_operator import StepwiseOperator
 
 if TYPE_CHECKING:
-    from ..export_report import ExportReport
+    from ..export.report import ExportReport
 
 
 class StepwiseExport(StepwiseOperator):

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..stepwise import finish
+from ..engine.stepwise import finish
 from .shared import HfxOperator
 
 _AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for

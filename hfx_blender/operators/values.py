@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import effects, swarms
-from ..playback import preview
+from ..authoring.effects import effects, swarms
+from ..playback.preview import preview
 from .shared import HfxOperator
 
 

@@ -8,7 +8,7 @@ import time
 import bpy
 from mathutils import Quaternion
 
-from ..blender_events import Handlers, add_handlers, call_soon, remove_handlers
+from ..blender.events import Handlers, add_handlers, call_soon, remove_handlers
 from . import framing
 from .shared import HfxOperator
 

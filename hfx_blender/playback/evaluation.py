@@ -12,7 +12,7 @@ from ..errors import HfxError
 
 if TYPE_CHECKING:
     from ..engine.samples import SampleRun
-    from ..reading.live_scene import LiveScene
+    from ..reading.live.live_scene import LiveScene
 
 
 class Evaluation:
@@ -51,8 +51,8 @@ class Evaluation:
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never from within an update."""
         from ..engine.tolerance import PREVIEW
-        from ..reading.live_scene import LiveScene, signature_of
-        from ..reading.scene_tolerance import scene_tolerance
+        from ..reading.description.scene_tolerance import scene_tolerance
+        from ..reading.live.live_scene import LiveScene, signature_of
 
         scene, layer = context.scene, context.view_layer
         is_coarse = scene.hfx.live_tolerance == "PREVIEW"

@@ -15,7 +15,7 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ..authoring import responses
+from ..authoring.responses import responses
 from ..avatars import avatar_meshes
 from ..engine.arrays import F64, I64, Bool
 from ..engine.body.model import load_model
@@ -30,18 +30,19 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..engine.volume.placing_matrix import world_bounds
-from . import response_values, stepping
-from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
-from .animation_curves import NotModelledError
-from .animation_time import animation_frames
-from .curve_reading import EffectChunks
-from .nearness import SkinBoxes, may_meet
+from .curves.animation_curves import NotModelledError
+from .curves.animation_time import animation_frames
+from .curves.curve_reading import EffectChunks
+from .description import response_values
+from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
 from .reading_plan import Plan
-from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import Row, effect_block, pose_block, silence
-from .slow_motion import is_shown_by
-from .stepped_reading import SteppedReading
-from .stepped_volumes import SteppedVolumes, near, over_time, swept
+from .stepped import stepping
+from .stepped.adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
+from .stepped.nearness import SkinBoxes, may_meet
+from .stepped.scene_rows import Row, effect_block, pose_block, silence
+from .stepped.slow_motion import is_shown_by
+from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_volumes import SteppedVolumes, near, over_time, swept
 
 
 def objects_of(

@@ -10,17 +10,18 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from ..authoring import effect_values
+from ..authoring.effects import effect_values
 from ..engine.scene import (
     SceneDescription,
     SurfaceBinding,
 )
-from . import stepping, visibility
-from .animation_curves import NotModelledError
-from .curve_reading import CurveBody, CurveEffect, is_steady
-from .fcurve_kinematics import Parents
-from .presampled_rig import PresampledRig
-from .scene_description import HapticObjects
+from .curves.animation_curves import NotModelledError
+from .curves.curve_reading import CurveBody, CurveEffect, is_steady
+from .curves.fcurve_kinematics import Parents
+from .curves.presampled_rig import PresampledRig
+from .description import visibility
+from .description.scene_description import HapticObjects
+from .stepped import stepping
 
 
 @dataclass(frozen=True)

@@ -18,34 +18,26 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import stored_values
-from ..authoring.effect_values import Shapes
-from ..background_scenes import scene_objects
+from ..authoring.effects.effect_values import Shapes
+from ..blender import linked_files, stored_values
+from ..blender.background_scenes import scene_objects
 from ..engine.arrays import I64
+from ..engine.counters import ReadingCounters, Unfelt
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.response.paths import NEIGHBOURS
 from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
-from ..reading_counters import ReadingCounters, Unfelt
-from ..report import shortened
-from . import (
-    dormant,
-    instances,
-    linked_files,
-    play_space,
-    scene_description,
-    stepping,
-    unfelt,
-    visibility,
-)
-from .animation_time import animation_frames
-from .reached import is_instancer
+from ..text import shortened
+from .curves.animation_time import animation_frames
+from .description import dormant, play_space, scene_description, unfelt, visibility
 from .reading_pass import Pass, objects_of
 from .reading_plan import Plan, plan_of
-from .scene_rows import EffectRow, PoseRow, Row, effects_agree
-from .simulation import Simulation, has_simulation_anywhere, to_bake
-from .stepped_reading import SteppedReading
+from .stepped import instances, stepping
+from .stepped.reached import is_instancer
+from .stepped.scene_rows import EffectRow, PoseRow, Row, effects_agree
+from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
+from .stepped.stepped_reading import SteppedReading
 
 BLOCK_SIZE = 64
 """Times in a block; blocks start at multiples of it, so that results do not depend on the range."""

@@ -5,31 +5,27 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from .. import registration
+from ..blender import registration
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from ..operators import path_overlay
-    from . import (
-        asset_library,
-        blender_command,
+    from ..operators.paths import path_overlay
+    from . import asset_library, blender_command, menus, next_step
+    from .gizmos import spot_gizmo, volume_gizmo
+    from .panels import (
         body_panel,
         clip_rows,
         effect_list,
+        effect_panel,
         effects_panel,
         generation_panel,
         live_panel,
         media_panel,
-        menus,
-        next_step,
         paint_panel,
-        panels,
         path_panel,
         response_panel,
-        spot_gizmo,
         surface_panel,
         values_panel,
-        volume_gizmo,
     )
 
     return (
@@ -37,7 +33,7 @@ def _modules() -> tuple[ModuleType, ...]:
         effect_list,
         clip_rows,
         effects_panel,
-        panels,
+        effect_panel,
         path_panel,
         path_overlay,
         surface_panel,

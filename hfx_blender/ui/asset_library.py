@@ -8,9 +8,9 @@ from pathlib import Path
 
 import bpy
 
-from .. import resources
-from ..authoring.effect_assets import LIBRARY_FILE
+from ..authoring.effects.effect_assets import LIBRARY_FILE
 from ..errors import HfxError
+from ..files import resources
 
 NAME = "HFX Haptics"
 

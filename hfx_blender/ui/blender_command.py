@@ -7,13 +7,14 @@ from typing import Any
 
 import bpy
 
-from .. import blender_session
+from ..processes import blender_session
 
 _handle: Any = None
 
 
 def _run(arguments: list[str]) -> int:
-    from .. import cli, import_path
+    from .. import cli
+    from ..processes import import_path
 
     if blender_session.inside_blender():
         import_path.protect()  # the process is this command's, and ends with it

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators.shared import active_armature, active_body, active_effect
-from ..properties import SHAPES
+from ..properties.objects import SHAPES
 
 
 class HFX_MT_add(bpy.types.Menu):

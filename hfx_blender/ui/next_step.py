@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import clips, effects, painting, swarms
+from ..authoring.areas import painting
+from ..authoring.clips import clips
+from ..authoring.effects import effects, swarms
 from ..operators.shared import active_armature, active_effect
 
 

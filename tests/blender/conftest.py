@@ -20,7 +20,7 @@ if os.path.basename(os.environ.get("BLENDER_USER_RESOURCES", _PREFIX)).startswit
 @pytest.fixture(scope="session")
 def registered() -> Iterator[Any]:
     """The ``bpy`` module with the add-on registered."""
-    from hfx_blender import blender_session
+    from hfx_blender.processes import blender_session
 
     yield blender_session.start()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hfx_blender import blender_session
+from hfx_blender.processes import blender_session
 
 bpy = blender_session.start()
 
@@ -24,7 +24,7 @@ def compare(major: str, minor: str, patch: str, theirs: str, blend: str, *rest: 
     That demo is copied or written to ``blend``; prints this version.
     """
     if bpy.app.version < (int(major), int(minor), int(patch)):
-        from hfx_blender.maintenance.demo import garage
+        from hfx_tools.demo import garage
 
         garage.build()
         bpy.ops.wm.save_as_mainfile(filepath=blend)
@@ -60,7 +60,7 @@ def memory(folder: str, samples: str) -> None:
     import oracle
 
     from hfx_blender.engine.tolerance import PAPER
-    from hfx_blender.export import ExportSettings, export_scene
+    from hfx_blender.export.scene_export import ExportSettings, export_scene
 
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene

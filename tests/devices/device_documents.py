@@ -7,7 +7,7 @@ import copy
 import json
 from typing import Any
 
-from hfx_blender import resources
+from hfx_blender.files import resources
 
 FULL: dict[str, Any] = {
     "schema": "hfx-device",

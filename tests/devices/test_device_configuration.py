@@ -8,10 +8,10 @@ from typing import Any
 import jsonschema
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.devices.configuration import check, list_devices, load_device
 from hfx_blender.engine.rendering.device import BodyPlace, RoomPlace, Substitution, VertexPlace
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
 
 SCHEMA = json.loads(
     (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")

@@ -7,9 +7,8 @@ import json
 import jsonschema
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.output_reader import is_local
+from hfx_blender.devices.configurations.output_reader import is_local
 from hfx_blender.engine.rendering.device_output import (
     BhapticsEncoder,
     ButtplugEncoder,
@@ -23,6 +22,7 @@ from hfx_blender.engine.rendering.device_output import (
     WireEncoder,
 )
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
 
 SCHEMA = json.loads(
     (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")

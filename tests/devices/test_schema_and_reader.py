@@ -20,10 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_output_configuration import GOOD, with_output
 
-from hfx_blender import resources
-from hfx_blender.devices.configuration_reader import device_from
-from hfx_blender.devices.strict_json import parse
+from hfx_blender.devices.configurations.configuration_reader import device_from
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
+from hfx_blender.files.strict_json import parse
 
 SCHEMA = json.loads(
     (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")

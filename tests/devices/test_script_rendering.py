@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import resources
-from hfx_blender.batch import inputs
+from hfx_blender.commands.conversion import convert
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
-from hfx_blender.devices.live.haptics import encode_haptics
-from hfx_blender.devices.live.script_process import ScriptProcess
 from hfx_blender.devices.script_rendering import Rendered, render_devices, rendering
+from hfx_blender.devices.workers.haptics import encode_haptics
+from hfx_blender.devices.workers.script_process import ScriptProcess
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering import Raster
@@ -32,11 +31,12 @@ from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.stepwise import finish
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from hfx_blender.errors import ScriptError
-from hfx_blender.formats.conversion import convert
-from hfx_blender.stepwise import finish
+from hfx_blender.export.batch import inputs
+from hfx_blender.files import resources
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = {"vibration": "hfx-vibration-1", "temperature": "hfx-temperature-1"}

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.devices.configuration import list_devices, load_device
-from hfx_blender.devices.configuration_reader import MAX_TEMPERATURE_C
-from hfx_blender.devices.live.opening import kind_of
+from hfx_blender.devices.configurations.configuration_reader import MAX_TEMPERATURE_C
+from hfx_blender.devices.host.opening import kind_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.rendering.device import BodyPlace
 from hfx_blender.engine.rendering.schemes import cells_of
+from hfx_blender.files import resources
 
 MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 EXPECTED = {  # parts, sides, actuators

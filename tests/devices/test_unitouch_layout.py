@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import check, load_device
-from hfx_blender.devices.node_map import import_node_map
+from hfx_blender.devices.configurations.node_map import import_node_map
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender import own_processes, resources
-from hfx_blender.atomic_files import amend_json
-from hfx_blender.devices import surface_calibration
+from hfx_blender.devices.configurations import surface_calibration
 from hfx_blender.devices.live import live_settings
-from hfx_blender.maintenance import processes
+from hfx_blender.files import resources
+from hfx_blender.files.atomic import amend_json
+from hfx_blender.processes import start
+from hfx_tools import processes
 
 COUNT = 30
 STORES = {
@@ -42,7 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> None:
     program = PROGRAM.format(store=STORES[what], count=COUNT)
     both = [
-        own_processes.start(processes.program(program, name), stdin=-1, stdout=-1, text=True)
+        start.start(processes.program(program, name), stdin=-1, stdout=-1, text=True)
         for name in ("one", "other")
     ]
     for each in both:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hfx_blender.devices.device_facts import facts_of
+from hfx_blender.devices.configurations.device_facts import facts_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.region_names import REGIONS
 from hfx_blender.engine.body.regions import finest, region_weights

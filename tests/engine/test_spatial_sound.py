@@ -18,7 +18,7 @@ from hfx_blender.engine.spatial_sound.propagation import absorption_db_m, dopple
 from hfx_blender.engine.spatial_sound.reverberation import Reverberators
 from hfx_blender.engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from hfx_blender.errors import UsageError
-from hfx_blender.formats import sound_wav
+from hfx_blender.formats.sound import sound_wav
 
 RASTER_HZ = Fraction(100)
 RATE_HZ = 8000

@@ -16,7 +16,7 @@ import pytest
 from both_ways import by_reference, needs_library
 
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.contact import compiled_narrow_phase
+from hfx_blender.engine.contact import narrow_phase
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
 from hfx_blender.engine.scene import (
@@ -195,7 +195,7 @@ def test_an_error_in_a_thread_is_raised_where_its_block_ends(
     def fails(*_arguments: Any) -> int:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(compiled_narrow_phase._NarrowPhaseCall, "run", fails)
+    monkeypatch.setattr(narrow_phase._NarrowPhaseCall, "run", fails)
     with pytest.raises(ZeroDivisionError):
         list(Engine(_scene(), tolerance=PAPER, threads=2).evaluated(_blocks()))
 

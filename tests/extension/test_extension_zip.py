@@ -31,9 +31,10 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 import addon_wheels  # noqa: E402 (beside the package, not installed)
-import build_addon  # noqa: E402
 import native_build  # noqa: E402
 import native_wheel  # noqa: E402
+
+import build_addon  # noqa: E402
 
 SHIPPED = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "maintenance" not in path.parents]
 IMPORTED = functools.cache(addon_wheels.imported)

@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from hfx_blender.engine.rendering.raster import Column, Raster
-from hfx_blender.formats.curves import Curve
-from hfx_blender.formats.signals import FrequencyRange, Signal, Transient
+from hfx_blender.formats.signals.curves import Curve
+from hfx_blender.formats.signals.signals import FrequencyRange, Signal, Transient
 
 RANGE = FrequencyRange(50.0, 250.0)
 NAMES = ("r1c1", "Zoë 手", "a/b\\c", "", "..", "x" * 60)

@@ -13,20 +13,25 @@ from format_cases import RANGE, raster_for, signal
 from test_hjif import BEAT, track_of
 
 from hfx_blender import cli
+from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
-from hfx_blender.formats import ahap, files, haptic, losses, npz_raster, registry, wav
-from hfx_blender.formats.conversion import convert
-from hfx_blender.formats.curves import Curve, CurveTolerance
+from hfx_blender.formats import files, registry
+from hfx_blender.formats.ahap import ahap
+from hfx_blender.formats.device_files import haptic
 from hfx_blender.formats.hjif import from_actuators, to_signals
 from hfx_blender.formats.hjif import reader as hjif_reader
-from hfx_blender.formats.signals import (
+from hfx_blender.formats.rasters import npz_raster
+from hfx_blender.formats.signals import losses
+from hfx_blender.formats.signals.curves import Curve, CurveTolerance
+from hfx_blender.formats.signals.signals import (
     FrequencyRange,
     Signal,
     Transient,
     signals_of,
     simplified_signals,
 )
+from hfx_blender.formats.sound import wav
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
 

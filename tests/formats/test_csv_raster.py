@@ -9,7 +9,7 @@ import pytest
 
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.errors import OutputError
-from hfx_blender.formats import csv_raster
+from hfx_blender.formats.rasters import csv_raster
 
 
 def make_raster(values, rate_hz=Fraction(100), start_s=0.0):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.formats.curves import Curve, CurveTolerance, simplified
+from hfx_blender.formats.signals.curves import Curve, CurveTolerance, simplified
 
 SHARES = st.floats(0.0, 1.0, width=32)
 

@@ -23,7 +23,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.formats import glb_rules, glb_scene
+from hfx_blender.formats.glb import glb_rules, glb_scene
 
 TETRAHEDRON = MeshVolume(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender import file_limits
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
@@ -28,8 +27,9 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.formats import glb_rules
-from hfx_blender.formats.checking import encoded
+from hfx_blender.files import limits
+from hfx_blender.files.json_shapes import encoded
+from hfx_blender.formats.glb import glb_rules
 from hfx_blender.formats.hjif import (
     document as model,
 )
@@ -43,7 +43,7 @@ from hfx_blender.formats.hjif import (
     to_signals,
 )
 from hfx_blender.formats.hjif.body_parts import BITS, described, place_mask, vertex_masks
-from hfx_blender.formats.signals import DEFAULT_TOLERANCE
+from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE
 
 
 def basis(*keyframes, **members):
@@ -481,7 +481,7 @@ def test_any_document_survives(document):
     assert data == encoded(json.loads(data))  # nothing is written differently than by json
     assert rules.validate(data, "x") == []
     assert reader.decode(data, "x") == document
-    with contextlib.suppress(file_limits.TooLargeError):  # a position may be a day away
+    with contextlib.suppress(limits.TooLargeError):  # a position may be a day away
         for each in to_signals.envelopes(document):
             assert np.isfinite(each.strength.values).all()
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from test_hjif import at, basis, sample
 
+from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
-from hfx_blender.formats.checking import encoded
-from hfx_blender.formats.conversion import convert
-from hfx_blender.formats.curves import Curve
+from hfx_blender.files.json_shapes import encoded
 from hfx_blender.formats.facts import facts_of
 from hfx_blender.formats.hjif import interpolation, reader, rules, spiht, to_signals, wavelets
-from hfx_blender.formats.waveforms import Waveform, piece_of
+from hfx_blender.formats.signals.curves import Curve
+from hfx_blender.formats.sound.waveforms import Waveform, piece_of
 
 RATE = 8000
 DIGITS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender import cli, export_report, resources
+from hfx_blender import cli
+from hfx_blender.export import report
+from hfx_blender.files import resources
 
 REPORT = {
     "scene": "Garage",
@@ -83,9 +85,7 @@ def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
     keeps_it_open = os.open(path, os.O_RDWR)  # else a reader waits for ever
     try:
         os.write(keeps_it_open, b"{}")
-        reader = threading.Thread(
-            target=lambda: found.append(export_report.read(path)), daemon=True
-        )
+        reader = threading.Thread(target=lambda: found.append(report.read(path)), daemon=True)
         found: list[object] = []
         reader.start()
         reader.join(20)

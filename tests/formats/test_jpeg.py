@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.formats import jpeg
+from hfx_blender.formats.pictures import jpeg
 
 # Start, a segment with a thumbnail (start to end of its own), a scan, data with a stuffed 255.
 THUMBNAIL = b"\xff\xe1\0\x08\xff\xd8\xff\xda\xff\xd9"

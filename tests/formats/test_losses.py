@@ -11,29 +11,26 @@ import numpy as np
 import pytest
 from format_cases import RANGE, raster_for, signal
 
+from hfx_blender.commands import conversion
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.rendering.frequency import Partial
+from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.errors import InputError
-from hfx_blender.formats import (
-    ahap,
-    checking,
-    conversion,
-    haptic,
-    he,
-    losses,
-    registry,
-    signal_raster,
-    signals,
-    tact,
-)
-from hfx_blender.formats.checking import encoded
-from hfx_blender.formats.curves import Curve, CurveTolerance
+from hfx_blender.files import json_shapes
+from hfx_blender.files.json_shapes import encoded
+from hfx_blender.formats import registry
+from hfx_blender.formats.ahap import ahap
+from hfx_blender.formats.device_files import haptic
 from hfx_blender.formats.files import read_signals
+from hfx_blender.formats.he import he
 from hfx_blender.formats.hjif import from_actuators
+from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.registry import DEVICE_FORMATS
-from hfx_blender.formats.signals import FrequencyRange, Transient
-from hfx_blender.formats.simplified_writer import error_note
-from hfx_blender.formats.tact_layouts import Motor
+from hfx_blender.formats.signals import losses, signals
+from hfx_blender.formats.signals.curves import Curve, CurveTolerance
+from hfx_blender.formats.signals.signals import FrequencyRange, Transient
+from hfx_blender.formats.signals.simplified_writer import error_note
+from hfx_blender.formats.tact import tact
+from hfx_blender.formats.tact.tact_layouts import Motor
 
 DEVICE = load_device("phone_lra")
 ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral
@@ -320,7 +317,7 @@ def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_
 
 
 def test_a_file_too_large_to_be_read_again_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(checking, "MAX_BYTES", 100)
+    monkeypatch.setattr(json_shapes, "MAX_BYTES", 100)
     found = written("haptic", [signal(LOUD)], tmp_path)
     assert len(found.files) == 1
     assert any("is not measured" in each and "larger than" in each for each in found.notes)

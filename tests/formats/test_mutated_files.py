@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every member of small files with values of other kinds, and in every other object.
 
-``tests/fuzz/run.py`` does the same at random, with any number, and through the commands.
+``tests/manual/fuzz/run.py`` does the same at random, with any number, and through the commands.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from test_signal_formats import AHAP as CURVED
 from test_signal_formats import HE2
 
 from hfx_blender.errors import InputError
-from hfx_blender.formats.checking import encoded
+from hfx_blender.files.json_shapes import encoded
 from hfx_blender.formats.files import FILE_FORMATS
 
 VALUES = (None, True, -1, 1.5, 1e308, 10**400, "", "x", "NaN", "1e999", [], {}, [0], ["x"], [{}])

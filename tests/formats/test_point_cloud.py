@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hfx_blender.errors import InputError
-from hfx_blender.formats import point_cloud
+from hfx_blender.formats.pictures import point_cloud
 
 POINTS = np.array([[0.0, 0.0, 0.5], [1.0, 0.0, 0.25], [0.0, 2.0, 0.0], [1.0, 2.0, -1.5]])
 

@@ -18,7 +18,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from hfx_blender.engine.samples import Stream
 from hfx_blender.errors import InputError
-from hfx_blender.formats import csv_raster, npz_raster
+from hfx_blender.formats.rasters import csv_raster, npz_raster
 
 EXTREME = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(max_size=12)

@@ -12,10 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.errors import InputError
-from hfx_blender.formats import ahap, ahap_rules, files, haptic, he, he_rules, openxr
-from hfx_blender.formats.checking import encoded
-from hfx_blender.formats.curves import CurveTolerance
-from hfx_blender.formats.signals import FrequencyRange, Transient, simplified_signals
+from hfx_blender.files.json_shapes import encoded
+from hfx_blender.formats import files
+from hfx_blender.formats.ahap import ahap, ahap_rules
+from hfx_blender.formats.device_files import haptic, openxr
+from hfx_blender.formats.he import he, he_rules
+from hfx_blender.formats.signals.curves import CurveTolerance
+from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
 
 FORMATS = {
     "ahap": (ahap.document, ahap_rules.validate, ahap.decode, 0.0),

@@ -11,12 +11,14 @@ import pytest
 from format_cases import raster_for, signal, signals
 from hypothesis import given, settings
 
+from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.device_output import BhapticsEncoder
-from hfx_blender.formats import npz_raster, registry, tact, tact_rules
-from hfx_blender.formats.checking import encoded
-from hfx_blender.formats.conversion import convert
-from hfx_blender.formats.tact_layouts import Motor, motors_of
+from hfx_blender.files.json_shapes import encoded
+from hfx_blender.formats import registry
+from hfx_blender.formats.rasters import npz_raster
+from hfx_blender.formats.tact import tact, tact_rules
+from hfx_blender.formats.tact.tact_layouts import Motor, motors_of
 
 BACK = Motor("Vest", "VestBack", 0)
 

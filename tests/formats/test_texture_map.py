@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hfx_blender.engine.texture.device_range import DeviceRange
 from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.errors import InputError
-from hfx_blender.formats import png, texture_map
+from hfx_blender.formats.pictures import png, texture_map
 
 
 def _map(rows: int = 6, columns: int = 9) -> HapticMap:

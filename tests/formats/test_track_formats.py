@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from test_hjif import BEAT, track_of
 
-from hfx_blender import file_limits
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.samples import Drive, SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
@@ -27,8 +26,10 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.formats import glb, glb_rules, jsonl_samples
-from hfx_blender.formats.checking import encoded
+from hfx_blender.files import limits
+from hfx_blender.files.json_shapes import encoded
+from hfx_blender.formats.glb import glb, glb_rules
+from hfx_blender.formats.jsonl import jsonl_samples
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
 
@@ -172,7 +173,7 @@ def test_a_compact_file_cannot_ask_for_all_memory(tmp_path):
         encoded({"type": "set", "set": k, "from": 0, "gaps": [], "weights": []})
         for k in range(1, 40)
     )
-    with file_limits.raised(1 / 64), pytest.raises(InputError, match="would take"):
+    with limits.raised(1 / 64), pytest.raises(InputError, match="would take"):
         jsonl_samples.validate(header + b"\n" + encoded(whole) + more, "x")
 
 

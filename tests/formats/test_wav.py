@@ -20,7 +20,7 @@ from hfx_blender.engine.rendering.device import (
 )
 from hfx_blender.engine.rendering.raster import Column, Partial, Raster
 from hfx_blender.errors import InputError, OutputError
-from hfx_blender.formats import wav, wav_reader
+from hfx_blender.formats.sound import wav, wav_reader
 
 RATE = 48_000
 FULL_SCALE = 20.0

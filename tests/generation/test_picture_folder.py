@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.errors import InputError
-from hfx_blender.formats import png
+from hfx_blender.formats.pictures import png
 from hfx_blender.generation import picture_folder
 from hfx_blender.generation.picture_folder import WatchedFolder
 from hfx_blender.generation.picture_prompts import prompt_of

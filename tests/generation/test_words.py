@@ -12,7 +12,7 @@ import pytest
 from hfx_blender.errors import InputError
 from hfx_blender.generation import generated, library_search
 from hfx_blender.generation.wish import read_words
-from hfx_blender.maintenance.bench import words as bench
+from hfx_tools.bench.surfaces import words as bench
 
 
 def kind(words: str, negative: str = "") -> str:

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ... import resources
-from ...atomic_files import amend_json
 from ...errors import InputError
+from ...files import resources
+from ...files.atomic import amend_json
 from ..configuration import find_file, script_beside
-from .haptics import API_VERSION
+from ..workers.haptics import API_VERSION
 
 _FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
 _MOST_BYTES: Final = 16 << 20

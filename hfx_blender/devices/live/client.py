@@ -11,11 +11,11 @@ from typing import Any
 import numpy.typing as npt
 
 from ...engine.track.header import TrackHeader
-from .device_state import DeviceState as DeviceState
-from .device_state import Event as Event
+from ..host.device_state import DeviceState as DeviceState
+from ..host.device_state import Event as Event
+from ..workers.live_frame import LiveFrame, RenderedDevice, SceneMessage, encode_scene
+from ..workers.messages import EVERY_DEVICE, MessageKind, encode_json, encode_values, message
 from .host_pipe import HostPipe
-from .live_frame import LiveFrame, RenderedDevice, SceneMessage, encode_scene
-from .messages import EVERY_DEVICE, MessageKind, encode_json, encode_values, message
 
 
 class LiveClient:
@@ -70,7 +70,7 @@ class LiveClient:
         configuration : str or Path
             As :func:`~hfx_blender.devices.configuration.load_device` takes it.
         output : mapping
-            As :func:`~hfx_blender.devices.live.outputs.open_output` takes it.
+            As :func:`~hfx_blender.devices.host.outputs.open_output` takes it.
         folder : Path, optional
             Of the user's own configurations.
         script : mapping, optional

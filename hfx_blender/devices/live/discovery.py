@@ -15,8 +15,8 @@ from typing import Final
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import ButtplugEncoder, WebsocketTransport
 from ...errors import DeviceError, HfxError
-from ..output_reader import is_local
-from .output import OutputLostError
+from ..configurations.output_reader import is_local
+from ..host.output import OutputLostError
 
 ANSWER_S: Final = 0.15
 """A program on this computer or its network answers sooner than that."""
@@ -121,7 +121,7 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
     """Devices behind a program: with Buttplug, each of its devices that one fits."""
-    from .transports.buttplug import devices_at
+    from ..transports.buttplug import devices_at
 
     text, found, served = f"a program on {host}:{port}", [], None
     for device in devices:

@@ -22,8 +22,8 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from ...errors import UsageError
+from ..host.wire import DEAD_MAN_MS
 from .client import LiveClient
-from .wire import DEAD_MAN_MS
 
 ADDRESS: Final = "127.0.0.1"
 TOKEN_BYTES: Final = 16

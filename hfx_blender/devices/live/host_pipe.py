@@ -13,12 +13,12 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import IO, Final, TypeVar
 
-from ... import own_processes
 from ...engine.samples import Stream
 from ...errors import DeviceError
-from .device_state import Event, event_of
-from .live_frame import LiveFrame, encode_live_frame
-from .messages import EVERY_DEVICE, MessageKind, message
+from ...processes import start as own_processes
+from ..host.device_state import Event, event_of
+from ..workers.live_frame import LiveFrame, encode_live_frame
+from ..workers.messages import EVERY_DEVICE, MessageKind, message
 
 _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
@@ -67,7 +67,7 @@ class HostPipe:
         """
         try:
             process = own_processes.start(
-                own_processes.command("devices.live.host", str(os.getpid())),
+                own_processes.command("devices.host.host", str(os.getpid())),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few

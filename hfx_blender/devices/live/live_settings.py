@@ -11,8 +11,8 @@ import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ... import resources
-from ...atomic_files import amend_json
+from ...files import resources
+from ...files.atomic import amend_json
 
 MAX_OFFSET_MS = 1000.0
 

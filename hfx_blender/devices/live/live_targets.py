@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ... import resources
 from ...errors import DeviceError, InputError
+from ...files import resources
 from .live_settings import LiveSettings
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     DeviceError
         Nothing drives this device live, or it is not there.
     """
-    from . import opening
+    from ..host import opening
     from .discovery import port_of, same_port, serial_ports
 
     if settings.kind == "SIMULATOR":

@@ -14,7 +14,7 @@ from ...engine.rendering.moment import of_one_moment
 from ...engine.rendering.room import SETTING, PlaySpace
 from ...engine.track import TrackReader
 from ...errors import InputError
-from .live_frame import LiveFrame
+from ..workers.live_frame import LiveFrame
 
 if TYPE_CHECKING:
     from .client import LiveClient

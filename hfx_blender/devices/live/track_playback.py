@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from ...errors import DeviceError
+from ..host.device_state import DeviceState
+from ..workers.render_process import SCENE_S
 from .client import LiveClient
-from .device_state import DeviceState
-from .render_process import SCENE_S
 
 _STEPS_S: Final = (0.01, 0.05)
 """Shortest and longest time between two frames, seconds; each is a sign of life."""

@@ -22,8 +22,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ... import file_limits, resources
 from ...errors import InputError
+from ...files import limits, resources
 from ..arrays import F32, I32, U8
 from . import model_library
 from .model_library import manifest as manifest  # the index belongs to what it lists
@@ -291,7 +291,7 @@ def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
         if not isinstance(stored, np.lib.npyio.NpzFile):
             raise ValueError("one array, not an archive of some")
         unpacked_bytes = sum(each.file_size for each in stored.zip.infolist())
-        file_limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
+        limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
         names = [name for name in stored.files if name == "meta" or name.startswith(part)]
         if part or path.stat().st_size < _WORTH_THREADS:
             return {name: stored[name] for name in names}

@@ -2,7 +2,7 @@
 """Index of body models: the shipped ones, and those that a user has built and installed.
 
 A set is a folder with a ``manifest.json``, as ``hfx body build`` writes it. The shipped set is
-looked in first; the user's sets, the folders in :func:`~hfx_blender.resources.user_body_models`,
+looked in first; the user's sets, the folders in :func:`~hfx_blender.files.resources.user_body_models`,
 only for ids that it does not have.
 """
 
@@ -15,8 +15,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-from ... import resources
 from ...errors import InputError
+from ...files import resources
 
 MANIFEST_FILE: Final = "manifest.json"
 

@@ -15,7 +15,7 @@ from ..active_rows import posed_rows
 from ..arrays import F64, I64
 from ..kinematics.motion import turned_by
 from ..native import library
-from ..native import placements as native
+from ..native import placement as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
 from ..skin.surface_posing import PointwiseModel

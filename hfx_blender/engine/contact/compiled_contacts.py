@@ -16,8 +16,8 @@ from ..active_rows import FARTHEST
 from ..arrays import F64, I32, I64, Weights
 from ..native import gathering
 from ..skin.skinned_model import SkinnedModel
-from . import compiled_narrow_phase as native
-from .compiled_broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
+from . import narrow_phase as native
+from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays, Details
 from .contact_query import ContactQuery

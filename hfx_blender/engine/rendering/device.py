@@ -20,10 +20,10 @@ import numpy as np
 
 from ..arrays import F64, I64
 from ..modality import MODALITIES
+from .conditioning.drive import DriveCurve
+from .conditioning.waveform import Waveform
 from .device_output import OutputConfig
-from .drive import DriveCurve
 from .panning.laws import Law
-from .waveform import Waveform
 
 Statistic = Literal["strongest", "mean"]
 SchemeName = Literal[

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output of a device, its connection and encoding: facts only, as plain data.
 
-:mod:`hfx_blender.devices.output_reader` reads them; :mod:`hfx_blender.devices.live.opening`
+:mod:`hfx_blender.devices.configurations.output_reader` reads them; :mod:`hfx_blender.devices.host.opening`
 acts on them. A configuration never names a serial port or a file: who connects a device does.
 """
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ...sentences import counted
+from ...text import counted
 from ..areas.vector_sensation import gains_of
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...sentences import counted
+from ...text import counted
 from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .device import DeviceConfig

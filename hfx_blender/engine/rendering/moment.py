@@ -19,9 +19,9 @@ from ..body.model import load_model
 from ..samples import SampleRun
 from ..scene import SceneDescription, TimeBase
 from ..track.header import TrackHeader
+from .conditioning.frequency import Partial
 from .device import DeviceConfig
 from .dispatch import ModelLoader
-from .frequency import Partial
 from .render import Renderer
 
 _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, frame_last=0)

@@ -14,21 +14,21 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ...sentences import counted
+from ...text import counted
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
+from .conditioning.frequency import Partial, Partials, StrongestContributor
+from .conditioning.hold import held
+from .conditioning.latency import advanced, rows_of
+from .conditioning.limits import DeviceLimits, limited
+from .conditioning.mixing import Contribution, Mixed, merged, mix, substituted
 from .device import ActuatorType, DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader
-from .frequency import Partial, Partials, StrongestContributor
-from .hold import held
-from .latency import advanced, rows_of
-from .limits import DeviceLimits, limited
 from .missing import MissingActuators
-from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 

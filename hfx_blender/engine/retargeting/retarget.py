@@ -15,10 +15,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...stepwise import within
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
+from ..stepwise import within
 from . import hinges, uncertainty
 from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of

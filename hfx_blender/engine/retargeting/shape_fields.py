@@ -5,7 +5,7 @@ A posed body has the target's joints, lengths and girths; what is still missing 
 much alike from person to person: where the flesh of a thigh lies along it, how breasts and belly
 hang, how far a rig's joints are from where ours are. It is given as a few *fields*, displacements
 of the canonical avatar's vertices (principal components over many people, see
-``maintenance/body_building/shape_variation.py``). The distances to the target's skin tell how much
+``hfx_tools/body_building/shape_variation.py``). The distances to the target's skin tell how much
 of each field there is; the fields then also move vertices *along* the skin, which no distance to
 it can tell.
 """
@@ -22,8 +22,8 @@ from typing import Final
 
 import numpy as np
 
-from ... import resources
 from ...errors import InputError
+from ...files import resources
 from ..arrays import F64, I64
 from ..body.model import Avatar
 from .joints import Skeletons

@@ -4,7 +4,7 @@
 A fit is uncertain at a hinge where rig, skin weights and proportions tell different places, at
 other places where the target has another shape than people have, at the heel over a thick sole,
 and at the torso of half a body, whose length only the rig's hips tell. The factors were chosen on
-figures whose truth is known (``tests/engine/body/strangers.py``).
+figures whose truth is known (``tests/engine/retargeting/strangers.py``).
 """
 
 from __future__ import annotations

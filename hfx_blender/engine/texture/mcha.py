@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ... import file_limits
 from ...errors import InputError
+from ...files import limits
 from ..arrays import F32
 from .device_range import DeviceRange, NoticeableSteps
 from .haptic_map import HapticMap
@@ -111,13 +111,13 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     shown = " x ".join(f"{1e3 * t:g}" for t in field.texel_m)
     asks = f"a blur of {1e3 * blur_m:g} mm over texels of {shown} mm would take"
     kernel = _KERNEL_BYTES * TRUNCATE * blur_m / min(field.texel_m)
-    file_limits.MEMORY.check(kernel, "Haptic map", asks)
+    limits.MEMORY.check(kernel, "Haptic map", asks)
     reach = [min(int(TRUNCATE * blur_m / t + 0.5) + 1, most) for t in field.texel_m]
     top = left = 0
     if not field.tiles:
         top, left = reach[1], reach[0]
         texels = float(rows + 2 * top) * float(columns + 2 * left)
-        file_limits.MEMORY.check(_TEXEL_BYTES * texels, "Haptic map", asks)
+        limits.MEMORY.check(_TEXEL_BYTES * texels, "Haptic map", asks)
         below = fft.next_fast_len(rows + 2 * top, real=True) - rows - top
         right = fft.next_fast_len(columns + 2 * left, real=True) - columns - left
         heights = np.pad(heights, ((top, below), (left, right)), "edge")

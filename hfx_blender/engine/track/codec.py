@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ... import file_limits
+from ...files import limits
 from ..arrays import F32, F64, I32, I64, Bool
 from ..native import track as native
 
@@ -132,7 +132,7 @@ class Cursor:
         """
         self._entries += entries
         most_bytes = float(_ENTRY_BYTES * self._entries)
-        file_limits.MEMORY.check(most_bytes, self._name, "contacts of one chunk would take")
+        limits.MEMORY.check(most_bytes, self._name, "contacts of one chunk would take")
 
     @property
     def at_end(self) -> bool:

@@ -15,8 +15,8 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from ...atomic_files import atomic_file
 from ...errors import InputError, OutputError
+from ...files.atomic import atomic_file
 from ..modality import MODALITIES
 from ..native import track as native
 from ..samples import SampleRun

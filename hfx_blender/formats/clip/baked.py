@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...devices.live.wire import DEAD_MAN_MS
+from ...devices.host.wire import DEAD_MAN_MS
 from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import MODALITIES

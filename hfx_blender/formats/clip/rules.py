@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ... import file_limits
 from ...engine.modality import MODALITIES
 from ...errors import InputError
-from ..checking import Finding
+from ...files import limits
+from ...files.json_shapes import Finding
 from .container import MOST_TEXT, NONE, RECORDS, Records, Sections, decoded, texts_at
 
 _PARAMETERS: Final = {each.name for one in MODALITIES.values() for each in one.parameters}
@@ -125,7 +125,7 @@ def findings_of(sections: Sections, name: str) -> list[Finding]:
         if found:
             return found
     at = sections["TIME"][0]
-    file_limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
+    limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
     return []
 
 

@@ -17,7 +17,7 @@ from ...engine.response_filters.controls import About, FilterKind, Operation
 from ...engine.scene import BodyDescription, HapticVolume, PaintedArea, SkinBinding
 from ...engine.skin.bound_weights import BoundWeights
 from ...engine.volume.shape import FalloffKind
-from ...sentences import counted
+from ...text import counted
 from ..written import Written
 from .baked import Played
 from .common_rigs import RigNames, rig_names

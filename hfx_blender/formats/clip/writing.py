@@ -6,9 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ...atomic_files import atomic_file
 from ...engine.track.header import TrackHeader
-from .. import losses
+from ...files.atomic import atomic_file
+from ..signals import losses
 from ..written import Written
 from . import baked, rules, spatial
 from .container import SUFFIX, Texts, encoded, texts_at

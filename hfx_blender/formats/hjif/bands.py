@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from ... import file_limits
-from ..curves import Curve, clipped, with_zeros
-from ..signals import Piece, Transient
-from ..waveforms import BYTES, Waveform
+from ...files import limits
+from ..signals.curves import Curve, clipped, with_zeros
+from ..signals.signals import Piece, Transient
+from ..sound.waveforms import BYTES, Waveform
 from .document import Band, Effect, Keyframe
 from .interpolation import interpolated
 
@@ -71,9 +71,9 @@ def curve_as_waveform(band: Band, values: Curve, name: str) -> Waveform:
     """
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band.upper_frequency_limit, 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
-    file_limits.SECONDS.check(end, name, "its curves last")
+    limits.SECONDS.check(end, name, "its curves last")
     rate = min(rate, max(_SAMPLES * len(values), _LEAST_SAMPLES) / max(end - begin, 1e-6))
-    file_limits.MEMORY.check(BYTES * (end - begin) * rate, name, "its waveform would take")
+    limits.MEMORY.check(BYTES * (end - begin) * rate, name, "its waveform would take")
     times = begin + np.arange(int((end - begin) * rate) + 1) / rate
     return Waveform(begin, rate, values.at(times))
 

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ..curve_grid import on_grid
-from ..curves import Curve, CurveTolerance, simplified
+from ..signals.curve_grid import on_grid
+from ..signals.curves import Curve, CurveTolerance, simplified
 from .document import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from ..checking import Finding, Items, Number, Record, Report, Shape, Text, check
+from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check
 
 _OLD_NAMES: Final = {
     "mixing_weight": "mixing_coefficient",

@@ -11,15 +11,15 @@ from typing import Final
 
 import numpy as np
 
-from ...atomic_files import atomic_file
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
-from ...sentences import counted
-from .. import losses
-from ..checking import clean, read_bytes
-from ..credits import Credits
-from ..curves import CurveTolerance, clipped
-from ..signals import (
+from ...files.atomic import atomic_file
+from ...files.json_shapes import clean, read_bytes
+from ...text import counted
+from ..signals import losses
+from ..signals.credits import Credits
+from ..signals.curves import CurveTolerance, clipped
+from ..signals.signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
     FrequencyRange,
@@ -27,7 +27,7 @@ from ..signals import (
     frequencies_through_silence,
     joined_times,
 )
-from ..simplified_writer import error_note
+from ..signals.simplified_writer import error_note
 from ..written import Written
 from . import text, to_signals
 from .body_parts import place_mask

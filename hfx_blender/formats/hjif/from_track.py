@@ -17,7 +17,6 @@ from urllib.parse import quote
 import numpy as np
 import numpy.typing as npt
 
-from ...atomic_files import atomic_file
 from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import neutral_temperature_c
@@ -25,11 +24,12 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
 from ...engine.track import TrackReader
 from ...errors import InputError, NothingFeltError
-from ...sentences import counted
-from .. import glb
-from ..checking import clean
-from ..curves import CurveTolerance
-from ..signals import DEFAULT_TOLERANCE, MAX_HZ
+from ...files.atomic import atomic_file
+from ...files.json_shapes import clean
+from ...text import counted
+from ..glb import glb
+from ..signals.curves import CurveTolerance
+from ..signals.signals import DEFAULT_TOLERANCE, MAX_HZ
 from ..written import Written
 from . import text
 from .body_parts import described, vertex_masks

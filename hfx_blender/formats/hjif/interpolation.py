@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ..curves import Curve
+from ..signals.curves import Curve
 
 _PARTS: Final = 16  # straight pieces between two keyframes: within 0.3 % of their difference
 _FEWER_PARTS: Final = 4  # of very long curves

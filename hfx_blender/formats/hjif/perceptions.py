@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from ...engine.rendering.device import DeviceConfig
-from ..checking import clean
-from ..curves import CurveTolerance
-from ..signals import MAX_HZ, Transient
+from ...files.json_shapes import clean
+from ..signals.curves import CurveTolerance
+from ..signals.signals import MAX_HZ, Transient
 from .body_parts import place_mask
 from .document import (
     Avatar,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..checking import Report, check, parse, read_bytes, refuse_errors
+from ...files.json_shapes import Report, check, parse, read_bytes, refuse_errors
 from ..leniency import ToleratedFaults, refuse_but
 from .document import Hjif, from_json
 from .foreign import in_standard_form

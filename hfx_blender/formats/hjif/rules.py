@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ..checking import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check, parse
 from .foreign import with_tool
 from .semantics import check_semantics
 

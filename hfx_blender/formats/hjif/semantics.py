@@ -11,7 +11,7 @@ import re
 from datetime import datetime
 from typing import Any, Final
 
-from ..checking import Place, Report
+from ...files.json_shapes import Place, Report
 
 MAX_CHANNELS: Final = {1: 127, 2: 65_535}  # by level
 MAX_BANDS: Final = {1: 7, 2: 63}

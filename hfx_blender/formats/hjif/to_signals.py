@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from ... import file_limits
-from ..credits import Credits
-from ..curves import Curve, clipped
-from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
-from ..waveforms import Waveform, added, piece_of
+from ...files import limits
+from ..signals.credits import Credits
+from ..signals.curves import Curve, clipped
+from ..signals.signals import FrequencyRange, Piece, Signal, Transient, mixed
+from ..sound.waveforms import Waveform, added, piece_of
 from . import bands, wavelets
 from .document import Band, Channel, Hjif, Perception
 from .perceptions import DATE
@@ -121,7 +121,7 @@ def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
             found = _envelope(perception, channel, timescale, full_scale, unfolding)
             ends = [float(found.strength.times_s[-1]), *(t.time_s for t in found.transients)]
             where = f"{name}: channel '{found.channel[:60]}'"
-            file_limits.SECONDS.check(max(ends), where, "lasts")
+            limits.SECONDS.check(max(ends), where, "lasts")
             yield found
 
 
@@ -187,7 +187,7 @@ def _envelope(
     lasts_s = 0.0
     if channel.frequency_sampling and channel.sample_count:
         lasts_s = channel.sample_count / channel.frequency_sampling
-        file_limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
+        limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
     if parts.waveforms:
         whole = added(parts.waveforms, unfolding.name).until(lasts_s)
         parts.pieces.append(piece_of(whole, gain))

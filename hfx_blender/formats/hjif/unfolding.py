@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from ... import file_limits
 from ...errors import InputError
+from ...files import limits
 from .document import Effect
 
 _DEEPEST: Final = 8
@@ -36,7 +36,7 @@ class Unfolding:
             )
         for effect in effects:
             self._count += 1 + len(effect.keyframes or ())
-            file_limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
+            limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
             position = start + (effect.position or 0)
             if effect.effect_type == "Reference":
                 target = self.library.get(effect.id)

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from ... import file_limits
 from ...engine.arrays import F64
-from ..waveforms import BYTES, Waveform
+from ...files import limits
+from ..sound.waveforms import BYTES, Waveform
 from . import spiht
 from .document import Band, Effect
 
@@ -92,7 +92,7 @@ def waveform(
             lost[reason] = lost.get(reason, 0) + 1
             continue
         total += count
-        file_limits.UNFOLDED.check(total, name, "its wavelet bands have")
+        limits.UNFOLDED.check(total, name, "its wavelet bands have")
         coefficients = _coefficients(effect, count)
         if coefficients is None:
             reason = "have no readable wavelet stream and are silent"
@@ -108,7 +108,7 @@ def waveform(
     for first, samples in blocks:
         firsts.append(max(first, end))
         end = firsts[-1] + len(samples)
-    file_limits.MEMORY.check(BYTES * (end - begin), name, "its waveform would take")
+    limits.MEMORY.check(BYTES * (end - begin), name, "its waveform would take")
     values = np.zeros(end - begin)
     for first, (_, samples) in zip(firsts, blocks, strict=True):
         values[first - begin : first - begin + len(samples)] = samples

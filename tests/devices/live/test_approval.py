@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 from live_process import BAND, is_loud, playing, rows_of, wait
 
-from hfx_blender import cli, resources
+from hfx_blender import cli
 from hfx_blender.devices.live import approval
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.haptics import encode_haptics
+from hfx_blender.devices.workers.haptics import encode_haptics
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
 
 SCRIPT = "def render(haptics):\n    return haptics.values * 0.5\n"
 

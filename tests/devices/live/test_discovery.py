@@ -19,7 +19,7 @@ from hfx_blender.devices.live.discovery import (
     port_of,
     same_port,
 )
-from hfx_blender.devices.live.transports import buttplug
+from hfx_blender.devices.transports import buttplug
 from hfx_blender.engine.rendering.device import Brand
 from hfx_blender.engine.rendering.device_output import (
     ButtplugEncoder,

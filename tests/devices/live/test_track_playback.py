@@ -23,8 +23,8 @@ from live_process import BAND, is_loud, rows_of
 from test_render_process import HEADER, STREAMS, felt, places
 
 from hfx_blender import cli
-from hfx_blender.devices.live.live_frame import decode_live_frame, encode_live_frame
 from hfx_blender.devices.live.played_track import PlayedTrack
+from hfx_blender.devices.workers.live_frame import decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
 

@@ -8,7 +8,7 @@ import tty
 
 import pytest
 
-from hfx_blender.devices.live.transports import buttplug, reservations
+from hfx_blender.devices.transports import buttplug, reservations
 
 
 class Terminal:

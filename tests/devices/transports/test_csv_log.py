@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from bench_devices import device, heat, vibration
 
-from hfx_blender.devices.live.opening import open_output
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import csv_log
+from hfx_blender.devices.host.opening import open_output
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import csv_log
 
 
 def test_a_log_has_a_row_for_each_thing_that_was_sent(tmp_path):

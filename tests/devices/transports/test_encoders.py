@@ -7,7 +7,7 @@ from bench_devices import device, heat, vibration
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.devices.live.encoders import Channels, FrameEncoder
+from hfx_blender.devices.host.encoders import Channels, FrameEncoder
 from hfx_blender.engine.rendering.device_output import BytesEncoder, TextEncoder
 
 PAIR = device(vibration(fixed=True), heat())  # columns: amplitude, 175 Hz, temperature

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from hfx_blender.devices.live import wire
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import websocket
-from hfx_blender.devices.live.transports.websocket import WebSocket, _decode_frame
+from hfx_blender.devices.host import wire
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import websocket
+from hfx_blender.devices.transports.websocket import WebSocket, _decode_frame
 
 
 def test_a_frame_of_another_version_is_dropped_however_intact():

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.devices.live import wire
-from hfx_blender.devices.live.wire import FrameKind, Reason
-from hfx_blender.maintenance.bench.firmware_core import Board, built, compiler
+from hfx_blender.devices.host import wire
+from hfx_blender.devices.host.wire import FrameKind, Reason
+from hfx_tools.bench.safety.firmware_core import Board, built, compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

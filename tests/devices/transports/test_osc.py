@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from bench_devices import device, heat, vibration
 
-from hfx_blender.devices.live.opening import open_output
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports.osc import MAX_DATAGRAM, message
+from hfx_blender.devices.host.opening import open_output
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports.osc import MAX_DATAGRAM, message
 from hfx_blender.engine.rendering.device_output import OscEncoder, OutputConfig, UdpTransport
 
 packets = pytest.importorskip("pythonosc.osc_packet")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bench_devices import device, vibration
 
-from hfx_blender.devices.live.opening import open_output
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports.serial_port import SerialPort, is_port_name
+from hfx_blender.devices.host.opening import open_output
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports.serial_port import SerialPort, is_port_name
 from hfx_blender.engine.rendering.device_output import (
     BytesEncoder,
     OutputConfig,

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from bench_devices import device, heat, vibration
 
-from hfx_blender.devices.live import opening
-from hfx_blender.devices.live.oscillators import Oscillators
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import sound_card
-from hfx_blender.devices.live.transports.sound_card import RATE_HZ, SoundCard
+from hfx_blender.devices.host import opening
+from hfx_blender.devices.host.oscillators import Oscillators
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import sound_card
+from hfx_blender.devices.transports.sound_card import RATE_HZ, SoundCard
 
 
 class Stream:

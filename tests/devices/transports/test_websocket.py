@@ -13,10 +13,10 @@ from bench_devices import device, heat, vibration
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.devices.live.opening import open_output
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import buttplug, websocket
-from hfx_blender.devices.live.transports.websocket import WebSocket
+from hfx_blender.devices.host.opening import open_output
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import buttplug, websocket
+from hfx_blender.devices.transports.websocket import WebSocket
 from hfx_blender.engine.rendering.device_output import (
     BhapticsEncoder,
     ButtplugEncoder,

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from bench_devices import device, vibration
 
-from hfx_blender.devices.live import wire
-from hfx_blender.devices.live.opening import open_output
-from hfx_blender.devices.live.output import OutputLostError
-from hfx_blender.devices.live.transports import wire_board
+from hfx_blender.devices.host import wire
+from hfx_blender.devices.host.opening import open_output
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import wire_board
 from hfx_blender.engine.rendering.device_output import (
     OutputConfig,
     SerialTransport,
     WireEncoder,
 )
-from hfx_blender.maintenance.bench.firmware_core import PluggedBoard, built, compiler
+from hfx_tools.bench.safety.firmware_core import PluggedBoard, built, compiler
 
 pytest.importorskip("serial")
 pytestmark = pytest.mark.skipif(

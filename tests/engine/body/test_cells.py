@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.body_building import geodesic
+from hfx_blender.files import resources
+from hfx_tools.body_building.meshes import geodesic
 
 LIMBS = ("upper_arm", "forearm", "upper_leg", "lower_leg")
 
@@ -200,6 +200,6 @@ def test_missing_or_broken_cells_are_told(
     for name in ("manifest.json", "cells.npz"):
         shutil.copy(resources.body_models() / name, tmp_path)
     change(tmp_path / "cells.npz")
-    monkeypatch.setattr("hfx_blender.resources.body_models", lambda: tmp_path)
+    monkeypatch.setattr("hfx_blender.files.resources.body_models", lambda: tmp_path)
     with pytest.raises(InputError, match=message):
         cell_of_skin(coarse)

@@ -12,7 +12,7 @@ import pytest
 
 from hfx_blender.engine.body import model
 from hfx_blender.errors import InputError, OutputError
-from hfx_blender.maintenance.body_building import model_file
+from hfx_tools.body_building import model_file
 
 
 def assert_equal(one: Any, other: Any) -> None:

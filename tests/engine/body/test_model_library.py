@@ -13,11 +13,11 @@ import body_sets
 import numpy as np
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model, model_library, temperature_cells
 from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
 
 SUFFIX = "+0badcafe"
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hfx_blender import resources
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
-from hfx_blender.maintenance.body_building import stats, thresholds
-from hfx_blender.maintenance.body_building.crossings import crossings
+from hfx_blender.files import resources
+from hfx_tools.body_building import stats, thresholds
+from hfx_tools.body_building.meshes.crossings import crossings
 
 IDS = ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1")
 FINE = IDS[:2]  # temperature's limbs are thinner than its cells

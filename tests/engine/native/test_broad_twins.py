@@ -18,13 +18,13 @@ from moving_scenes import moving_scene
 from test_compiled_contact import TOLERANCES, load
 
 from hfx_blender.engine.active_rows import FARTHEST
-from hfx_blender.engine.contact import compiled_broad_phase
+from hfx_blender.engine.contact import broad_phase
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.contact.reachable_bounds import ReachableBounds, bounds_of
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.kinematics.motion import largest_stretch, turned_by
 from hfx_blender.engine.native import bounds as native_bounds
-from hfx_blender.engine.native import placements
+from hfx_blender.engine.native import placement
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
 from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
@@ -148,7 +148,7 @@ def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volu
     levels = np.array(rng.integers(-1, 2, (volumes, rows)), np.float64)
     low = rng.normal(size=(volumes, 3))
     limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
-    found = placements.volume_boxes(matrices, levels, limits)
+    found = placement.volume_boxes(matrices, levels, limits)
     picks = np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)
     for volume in range(volumes):
         on = levels[volume] > 0.0
@@ -188,10 +188,10 @@ def test_rows_without_boxes_or_a_pose_are_refused():
     boxes, none = bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
     for some in (np.arange(5), np.zeros(0, np.int64)):
         with pytest.raises(IndexError, match="row 5 has no boxes"):
-            compiled_broad_phase.CompiledBroadPhase(
+            broad_phase.CompiledBroadPhase(
                 target, skin.surface.outline, some, boxes, none, ~none, 0.0, True, False
             )
-    broad = compiled_broad_phase.CompiledBroadPhase(
+    broad = broad_phase.CompiledBroadPhase(
         target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True, False
     )
     broad.overlaps()
@@ -235,7 +235,7 @@ def test_lists_of_clusters_are_those_of_the_pairs_and_their_bones_are_known(moda
         ways = animated.matrices, pose.to_world
         turns = [turned_by(way[:-1], way[1:]) for way in ways]
         np.testing.assert_allclose(target.part("turns")[:, 1:], turns, atol=1e-9)
-        broad = compiled_broad_phase.CompiledBroadPhase(
+        broad = broad_phase.CompiledBroadPhase(
             *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, rows < 6),
             *(skin.skin.edge_m, skin.skin.is_split, False),
         )
@@ -245,8 +245,8 @@ def test_lists_of_clusters_are_those_of_the_pairs_and_their_bones_are_known(moda
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, sizes)
         _check_bones(reached, skin, pose, target)
         pairs = reached.pairs
-        is_wide = (pairs.how == compiled_broad_phase.COVERED) | (pairs.steps > 0)
-        by_vertex = pairs.how == compiled_broad_phase.BY_VERTEX
+        is_wide = (pairs.how == broad_phase.COVERED) | (pairs.steps > 0)
+        by_vertex = pairs.how == broad_phase.BY_VERTEX
         assert reached.clusters.tolist() == np.unique(pairs.clusters).tolist()
         assert reached.wide.tolist() == np.unique(pairs.clusters[is_wide]).tolist()
         assert reached.by_vertex.tolist() == np.unique(pairs.clusters[by_vertex]).tolist()

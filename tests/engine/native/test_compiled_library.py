@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
-from hfx_blender.batch import inputs
 from hfx_blender.engine.native import library as loading
 from hfx_blender.engine.native import sources
-from hfx_blender.maintenance.bench import machine
+from hfx_blender.export.batch import inputs
+from hfx_tools.bench import machine
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT))

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 from scipy.io import wavfile
 
-from hfx_blender.devices.live.encoders import Channels
+from hfx_blender.devices.host.encoders import Channels
+from hfx_blender.engine.rendering.conditioning.drive import DriveCurve, drive_of, driven
 from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.drive import DriveCurve, drive_of, driven
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.render import Renderer
-from hfx_blender.formats import wav
+from hfx_blender.formats.sound import wav
 
 # Half drive yields a third of the output at 80 Hz, and two fifths of a larger one at 160 Hz.
 CURVES = (

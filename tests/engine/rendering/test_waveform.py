@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.oscillators import Oscillators, SumOfTones
-from hfx_blender.devices.live.tones import Tones
-from hfx_blender.engine.rendering import waveform
+from hfx_blender.devices.host.oscillators import Oscillators, SumOfTones
+from hfx_blender.devices.host.tones import Tones
+from hfx_blender.engine.rendering.conditioning import waveform
+from hfx_blender.engine.rendering.conditioning.frequency import Partial
+from hfx_blender.engine.rendering.conditioning.waveform import WAVEFORMS, Waveform, kinds_of, waves
 from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.frequency import Partial
 from hfx_blender.engine.rendering.raster import Column, Raster
-from hfx_blender.engine.rendering.waveform import WAVEFORMS, Waveform, kinds_of, waves
-from hfx_blender.formats import wav
+from hfx_blender.formats.sound import wav
 
 RATE = 48_000
 CARD = load_device("sound_card_8")

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from hfx_blender.engine.texture.height_field import HeightField, from_image, sample_grid
-from hfx_blender.engine.texture.linear_light import height_from_colour, luminance, srgb_to_linear
+from hfx_blender.engine.texture.relief.linear_light import (
+    height_from_colour,
+    luminance,
+    srgb_to_linear,
+)
 from hfx_blender.errors import InputError
 
 

@@ -17,7 +17,7 @@ from hfx_blender.engine.texture.lookup import (
     strongest_in_steps,
 )
 from hfx_blender.engine.texture.stroke import Stroke
-from hfx_blender.maintenance.bench.collisions import Collisions, collisions, most_salient, trace
+from hfx_tools.bench.surfaces.collisions import Collisions, collisions, most_salient, trace
 
 
 def _map(intensity: np.ndarray, texel: tuple[float, float] = (1e-3, 1e-3)) -> HapticMap:

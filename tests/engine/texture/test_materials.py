@@ -9,9 +9,9 @@ import pytest
 from hfx_blender.engine.texture import procedural, weave
 from hfx_blender.engine.texture.mcha import blurred_slope
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.bench import textile_correlation, texture_chart
-from hfx_blender.maintenance.bench import texture as bench
-from hfx_blender.maintenance.bench.textile_correlation import PAPER_R
+from hfx_tools.bench.surfaces import textile_correlation, texture_chart
+from hfx_tools.bench.surfaces import texture as bench
+from hfx_tools.bench.surfaces.textile_correlation import PAPER_R
 
 
 @pytest.mark.parametrize("name", procedural.MATERIALS)

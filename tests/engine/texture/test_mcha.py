@@ -13,7 +13,7 @@ from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, blurred_slope, make_map
 from hfx_blender.errors import InputError
-from hfx_blender.file_limits import TooLargeError
+from hfx_blender.files.limits import TooLargeError
 
 
 def _slow_slope(heights: np.ndarray, texel: tuple[float, float], blur_m: float) -> np.ndarray:

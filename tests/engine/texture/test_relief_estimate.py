@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from hfx_blender.engine.texture import relief_network
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
-from hfx_blender.engine.texture.relief_estimate import EstimatedRelief, estimate
+from hfx_blender.engine.texture.relief import relief_network
+from hfx_blender.engine.texture.relief.relief_estimate import EstimatedRelief, estimate
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.bench import relief as bench
+from hfx_tools.bench.surfaces import relief as bench
 
 
 @pytest.fixture(scope="module")

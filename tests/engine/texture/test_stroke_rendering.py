@@ -22,7 +22,7 @@ from hfx_blender.engine.texture.textile import (
     weighted_rms,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.bench.collisions import trace
+from hfx_tools.bench.surfaces.collisions import trace
 
 AMPLITUDE = 20e-6
 

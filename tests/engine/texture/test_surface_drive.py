@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from gratings import grating
 
-from hfx_blender.devices import surface_calibration
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.configurations import surface_calibration
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.rendering.moment import MomentRenderer, moment_header
 from hfx_blender.engine.rendering.render import Renderer as DeviceRenderer
@@ -74,7 +74,9 @@ def _run(model: PerceptualModel, amplitude: float) -> SampleRun:
 @pytest.fixture
 def calibrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """c_v is 10 per mm on any device and 5 on the one of these tests."""
-    monkeypatch.setattr("hfx_blender.resources.surface_calibration", lambda: tmp_path / "c_v.json")
+    monkeypatch.setattr(
+        "hfx_blender.files.resources.surface_calibration", lambda: tmp_path / "c_v.json"
+    )
     surface_calibration.store(10_000.0)
     surface_calibration.store(5_000.0, DEVICE)
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from track_synthetic import header, run
 
-from hfx_blender import result_files
-from hfx_blender.atomic_files import (
+from hfx_blender.engine.track import TrackBody, TrackReader, TrackWriter
+from hfx_blender.errors import OutputError
+from hfx_blender.export import result_files
+from hfx_blender.files.atomic import (
     LOCKED_BYTE,
     atomic_file,
     inputs_kept,
@@ -20,9 +22,7 @@ from hfx_blender.atomic_files import (
     take_lock,
     temporary_name,
 )
-from hfx_blender.engine.track import TrackBody, TrackReader, TrackWriter
-from hfx_blender.errors import OutputError
-from hfx_blender.staging import place
+from hfx_blender.files.staging import place
 
 
 def names(folder):

@@ -245,7 +245,7 @@ def test_the_file_is_the_same_on_every_run(tmp_path):
 
 
 def test_reading_needs_no_body_model_file(tmp_path, monkeypatch):
-    monkeypatch.setattr("hfx_blender.resources.body_models", lambda: Path("/nonexistent"))
+    monkeypatch.setattr("hfx_blender.files.resources.body_models", lambda: Path("/nonexistent"))
     path = write(tmp_path / "a.hfxtrack", HEADER, [[run(HEADER, 0, [0], [[HUGE - 1]], [[1.0]])]])
     with TrackReader(path) as reader:
         assert [r.vertices.tolist() for r in reader.runs()] == [[HUGE - 1]]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.encoders import Channels
+from hfx_blender.devices.host.encoders import Channels
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.device import DeviceConfig
 from hfx_blender.engine.rendering.mounts import on_mount

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Areas from the avatar itself: an image on its UV map, or selected vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...avatars import avatar_meshes, body_binding
+from ...engine.arrays import F64, I64
+from ...engine.body import areas
+from ...engine.scene import SurfaceAnchors
+from ...errors import InputError
+from ..effects import effects
+from ..surfaces.image_values import pixels_of
+
+
+def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str) -> F64:
+    """Weights (V,) of an effect's vertices from an image on the avatar's UV map.
+
+    Parameters
+    ----------
+    channel : "brightness", "darkness" or "alpha"
+        Brightness is luminance as it is seen (Rec. 709 weights on the stored values).
+    uv_map : str
+        Empty: the map that is rendered.
+
+    Raises
+    ------
+    InputError
+        No avatar, no such map, or an image without pixels.
+    """
+    body, anchors = _anchors(effect)
+    pixels = _pixels(image, channel)
+    corner_uv = _corner_uvs(avatar_meshes.meshes_of(body), uv_map)
+    uv = np.einsum("vc,vci->vi", anchors.weights, corner_uv.at(anchors.corners))
+    return areas.from_image(pixels, uv)
+
+
+def of_avatar_selection(effect: bpy.types.Object) -> F64:
+    """Weights (V,) from the vertices selected on the avatar's meshes in Edit Mode."""
+    body, anchors = _anchors(effect)
+    selected = []
+    for mesh in avatar_meshes.meshes_of(body):
+        mesh.update_from_editmode()
+        found = np.zeros(len(mesh.data.vertices), np.bool_)
+        mesh.data.vertices.foreach_get("select", found)
+        selected.append(found)
+    flags = np.concatenate(selected).astype(np.float64)
+    return np.einsum("vc,vc->v", anchors.weights, flags[anchors.corners]).clip(0.0, 1.0)
+
+
+def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors]:
+    body = effect.hfx.body
+    if body is None:
+        raise InputError(f"'{effect.name}' has no body; choose one first.")
+    if body.hfx.avatar is None:
+        raise InputError(f"Body '{body.name}' has no mesh; add the haptic body with one selected.")
+    return body, body_binding.anchors_of(body, effects.model_id_for(effect.hfx.modality))
+
+
+def _pixels(image: bpy.types.Image, channel: str) -> F64:
+    colours = pixels_of(image)
+    if channel == "alpha":
+        if image.channels < 4:
+            raise InputError(f"Image '{image.name}' has no alpha channel.")
+        return colours[..., 3].astype(np.float64)
+    seen = colours[..., :3] @ [0.2126, 0.7152, 0.0722] if image.channels >= 3 else colours[..., 0]
+    bright = np.clip(np.nan_to_num(seen.astype(np.float64)), 0.0, 1.0)
+    return 1.0 - bright if channel == "darkness" else bright
+
+
+@dataclass(frozen=True, eq=False)
+class _CornerUvs:
+    """UV coordinates at the corners of the avatar's triangles."""
+
+    keys: I64  # (F, 3) sorted corners, themselves in ascending order
+    corners: I64  # (F, 3) as they are in the mesh
+    uv: F64  # (F, 3, 2)
+    of_vertex: F64  # (A, 2) one of each vertex, for triangles that the mesh does not have
+
+    def at(self, corners: npt.NDArray[np.int32]) -> F64:
+        """UV (V, 3, 2) at corners (V, 3) of triangles; a seam goes by the triangle."""
+        wanted = corners.astype(np.int64)
+        found = self.of_vertex[wanted]
+        place = {tuple(key): row for row, key in enumerate(self.keys.tolist())}
+        for vertex, key in enumerate(np.sort(wanted, axis=1).tolist()):
+            row = place.get(tuple(key))
+            if row is not None:
+                order = [int(np.flatnonzero(self.corners[row] == c)[0]) for c in wanted[vertex]]
+                found[vertex] = self.uv[row, order]
+        return found
+
+
+def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str) -> _CornerUvs:
+    corners, uvs, of_vertex, first = [], [], [], 0
+    for obj in meshes:
+        mesh = obj.data
+        layer = _uv_layer(obj, uv_map)
+        at_loops = np.zeros(len(mesh.loops) * 2, np.float32)
+        layer.uv.foreach_get("vector", at_loops)
+        mesh.calc_loop_triangles()
+        count = len(mesh.loop_triangles)
+        vertices, loops = np.zeros(count * 3, np.int32), np.zeros(count * 3, np.int32)
+        mesh.loop_triangles.foreach_get("vertices", vertices)
+        mesh.loop_triangles.foreach_get("loops", loops)
+        uv = at_loops.reshape(-1, 2)[loops].astype(np.float64)
+        own = np.full((len(mesh.vertices), 2), np.nan)
+        own[vertices] = uv
+        corners.append(vertices.reshape(-1, 3).astype(np.int64) + first)
+        uvs.append(uv.reshape(-1, 3, 2))
+        of_vertex.append(own)
+        first += len(mesh.vertices)
+    every = np.concatenate(corners)
+    return _CornerUvs(np.sort(every, axis=1), every, np.concatenate(uvs), np.concatenate(of_vertex))
+
+
+def _uv_layer(obj: bpy.types.Object, uv_map: str) -> bpy.types.MeshUVLoopLayer:
+    layers = obj.data.uv_layers
+    if uv_map:
+        if uv_map not in layers:
+            names = ", ".join(f"'{layer.name}'" for layer in layers) or "none"
+            raise InputError(f"Mesh '{obj.name}' has no UV map '{uv_map}'; it has: {names}.")
+        return layers[uv_map]
+    found = next((layer for layer in layers if layer.active_render), None)
+    if found is None:
+        raise InputError(f"Mesh '{obj.name}' has no UV map. Unwrap it first.")
+    return found

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips: NLA strips that animate an effect's ``activation`` over a stretch of the timeline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import ceil, floor
+
+import bpy
+
+from ...blender import compat
+from ...blender.scene_units import fps_of
+from ...errors import InputError
+from . import drawn_fades
+
+DATA_PATH = "hfx.activation"
+
+_ROUNDING = 1e-4  # frames: strips are single precision
+
+_REPEATS = (0.1, 1000.0)
+"""Blender's own limits of a strip's repetitions; it would clamp others silently."""
+
+Key = tuple[float, float]
+
+
+def add_clip(
+    effect: bpy.types.Object,
+    frame_start: float,
+    frame_end: float,
+    *,
+    name: str = "Clip",
+    fade_in: float = 0.0,
+    fade_out: float = 0.0,
+    profile: Sequence[Key] = (),
+    repeat: float = 1.0,
+    curves: Mapping[str, Sequence[Key]] | None = None,
+) -> bpy.types.NlaStrip:
+    """Put a clip on the timeline of an effect.
+
+    Parameters
+    ----------
+    frame_start, frame_end : float
+        Where it starts and ends, frames.
+    fade_in, fade_out : float
+        Length of the fades, frames; they shape the whole clip, repeats included.
+    profile : sequence of (frame, activation)
+        Activation over one repetition, from frame 0; empty: always 1.
+    repeat : float
+        How often the profile is played within the clip.
+    curves : mapping of str to sequence of (frame, value), optional
+        Keys of other properties of the effect, by data path; they are moved with the clip.
+
+    Raises
+    ------
+    InputError
+        The clip has no length, its fades are longer than it, or it repeats too often.
+    """
+    length = frame_end - frame_start
+    if length <= 0:
+        raise InputError(f"Effect '{effect.name}': a clip must end after it starts.")
+    if fade_in < 0 or fade_out < 0 or fade_in + fade_out > length:
+        raise InputError(f"Effect '{effect.name}': the fades are longer than the clip.")
+    if not _REPEATS[0] <= repeat <= _REPEATS[1]:
+        raise InputError(
+            f"Effect '{effect.name}': {repeat:g} repetitions in one clip; Blender allows "
+            f"{_REPEATS[0]:g} to {_REPEATS[1]:g}. Divide it into several clips."
+        )
+    data = effect.animation_data or effect.animation_data_create()
+    busy = data.action
+    action = bpy.data.actions.new(f"{effect.name} {name}")
+    data.action = action  # a slot belongs to the one datablock that it is assigned to
+    keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
+    for path, values in {**(curves or {}), DATA_PATH: keys}.items():
+        compat.set_keys(compat.new_fcurve(effect, action, path), values)
+    track = _free_track(effect, floor(frame_start), frame_end)
+    strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
+    data.action = busy
+    strip.name = name  # Blender before 4.4 calls it as its action
+    strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
+    strip.repeat = repeat
+    strip.frame_start, strip.frame_end = frame_start, frame_end
+    strip.extrapolation = "NOTHING"  # HOLD, the default, would leave the effect on for ever
+    strip.use_auto_blend = False
+    strip.blend_in, strip.blend_out = fade_in, fade_out
+    return strip
+
+
+def add_heartbeat(
+    effect: bpy.types.Object,
+    frame_start: float,
+    frame_end: float,
+    *,
+    beats_per_minute: float = 72.0,
+    fade_in: float = 0.0,
+    fade_out: float = 0.0,
+) -> bpy.types.NlaStrip:
+    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat.
+
+    It has whole beats, at least one, and ends with the last of them near ``frame_end``.
+    """
+    scene = bpy.context.scene
+    fps = fps_of(scene)
+    beat = 60.0 * fps / beats_per_minute
+    beats = max(round((frame_end - frame_start) / beat), 1)
+    shape = ((0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0))
+    return add_clip(
+        effect,
+        frame_start,
+        frame_start + beats * beat,
+        name="Heartbeat",
+        fade_in=fade_in,
+        fade_out=fade_out,
+        profile=[(share * beat, value) for share, value in shape],
+        repeat=float(beats),
+    )
+
+
+def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
+    """Activation over a clip: its curve with repeats, fades and drawn influence.
+
+    Returns
+    -------
+    list of (frame, value)
+        ``count`` of them, evenly from the clip's start to its end, and the curve's keys.
+    """
+    curve = curve_in(strip, DATA_PATH)
+    drawn = strip.fcurves.find("influence") if strip.use_animated_influence else None
+    start, length = strip.frame_start, strip.frame_end - strip.frame_start
+    times = {length * step / max(count - 1, 1) for step in range(count)}
+    times |= {frame - start for frame, _ in keys_in(strip, DATA_PATH)}
+    found = []
+    for past in sorted(times):
+        value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, past))
+        if drawn is not None:
+            value *= drawn.evaluate(start + past)
+        else:
+            value *= _fade(past, strip.blend_in) * _fade(length - past, strip.blend_out)
+        found.append((start + past, min(max(value, 0.0), 1.0)))
+    return found
+
+
+def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | None:
+    """The curve of a property in a clip, if it has one."""
+    return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)
+
+
+def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
+    """Keys (frame of the scene, value) of a property in a clip, in all of its repeats."""
+    curve = curve_in(strip, data_path)
+    if curve is None or strip.use_reverse:
+        return []
+    length = strip.action_frame_end - strip.action_frame_start
+    found = [
+        (key.co[0] - strip.action_frame_start + whole * length, key.co[1])
+        for whole in range(ceil(strip.repeat - 1e-6))
+        for key in curve.keyframe_points
+        if strip.action_frame_start <= key.co[0] <= strip.action_frame_end
+    ]
+    timed = [(strip.frame_start + strip.scale * past, value) for past, value in found]
+    return [key for key in timed if key[0] <= strip.frame_end]
+
+
+def _action_frame(strip: bpy.types.NlaStrip, past: float) -> float:
+    """Frame of a strip's action, some frames after the strip's start."""
+    length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
+    played = past / max(strip.scale, 1e-6)
+    whole = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
+    into = min(played - whole * length, length)
+    if strip.use_reverse:
+        return strip.action_frame_end - into
+    return strip.action_frame_start + into
+
+
+def _fade(past: float, fade: float) -> float:
+    """Share of full strength within a fade, some frames after its start."""
+    return min(past / fade, 1.0) if fade > 0.0 else 1.0
+
+
+def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
+    """Copy the clips of an effect to another, at the same times; returns their number."""
+    copied = strips_of(source)
+    for _, strip in copied:
+        if strip.type == "META" or strip.action is None:
+            raise InputError(
+                f"Clip '{strip.name}' of '{source.name}' is a group of clips; take it apart first "
+                "(NLA editor, Remove Meta-Strips)."
+            )
+    for _, strip in copied:
+        keys = [
+            (key.co[0], key.co[1])
+            for curve in compat.strip_fcurves(strip)
+            if curve.data_path == DATA_PATH
+            for key in curve.keyframe_points
+        ]
+        made = add_clip(
+            target,
+            strip.frame_start,
+            strip.frame_end,
+            name=strip.name,
+            fade_in=strip.blend_in,
+            fade_out=strip.blend_out,
+            profile=keys,
+            repeat=strip.repeat,
+        )
+        made.mute = strip.mute
+        drawn_fades.copy(strip, target, made)
+    return len(copied)
+
+
+def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:
+    """Played frames, which time remapping makes others than those of strips."""
+    length = scene.render.frame_map_new / scene.render.frame_map_old
+    return start * length, end * length
+
+
+def outside(start: float, end: float, first: float, stop: float, slack: float = 0.0) -> str | None:
+    """Part of a span of frames that lies outside of the frames from ``first`` to before ``stop``.
+
+    Returns
+    -------
+    str or None
+        All of it: "before" or "after"; its beginning or end: "early" or "beyond", if it goes on
+        for longer than ``slack``.
+    """
+    if end <= first - _ROUNDING:
+        return "before"
+    if start >= stop - _ROUNDING:
+        return "after"
+    if start < first - _ROUNDING:
+        return "early"
+    return "beyond" if end > stop + slack + _ROUNDING else None
+
+
+def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
+    """Part of a clip that lies outside of a scene's frames; see :func:`outside`.
+
+    None for a muted one, and for one that goes on beyond its ends.
+    """
+    if strip.mute or strip.extrapolation != "NOTHING":
+        return None
+    start, end = played_span(scene, strip.frame_start, strip.frame_end)
+    a_sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
+    # The last frame lasts a whole frame.
+    return outside(start, end, scene.frame_start, scene.frame_end + 1, a_sample)
+
+
+def extend(scene: bpy.types.Scene, found: Iterable[bpy.types.Object]) -> bool:
+    """Move a scene's first and last frame so that the clips of effects lie between them.
+
+    Returns
+    -------
+    bool
+        Whether all of them do now: no scene of Blender's begins before frame 0.
+    """
+    strips = [strip for effect in found for _, strip in strips_of(effect)]
+    for strip in strips:
+        if outside_scene(scene, strip) is not None:
+            start, end = played_span(scene, strip.frame_start, strip.frame_end)
+            scene.frame_start = min(scene.frame_start, floor(start))
+            scene.frame_end = max(scene.frame_end, ceil(end))
+    return all(outside_scene(scene, strip) is None for strip in strips)
+
+
+def shift(found: Iterable[bpy.types.Object], frames: float) -> None:
+    """Move all clips and keyframes of effects in time; clips of a linked file stay."""
+    for effect in found:
+        pairs = strips_of(effect)
+        for track, strip in pairs[::-1] if frames > 0.0 else pairs:  # none meets its neighbour
+            if not _is_of_library(effect, track):
+                strip.frame_start_ui += frames
+        for curve in compat.fcurves(effect):
+            for key in curve.keyframe_points:
+                key.co_ui.x += frames  # with its handles
+
+
+def remove_clip(effect: bpy.types.Object, name: str) -> None:
+    """Remove a clip from the timeline, and its track if that has no other clips.
+
+    Raises
+    ------
+    InputError
+        The effect has no clip of that name, or it belongs to a linked file.
+    """
+    for track, strip in strips_of(effect):
+        if strip.name == name:
+            if _is_of_library(effect, track):
+                raise InputError(
+                    f"Clip '{name}' belongs to the linked file; mute its track instead."
+                )
+            track.strips.remove(strip)
+            if not track.strips:
+                effect.animation_data.nla_tracks.remove(track)
+            return
+    names = ", ".join(f"'{strip.name}'" for _, strip in strips_of(effect)) or "none"
+    raise InputError(f"Effect '{effect.name}' has no clip '{name}'; it has: {names}.")
+
+
+def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
+    """A track with room between two frames; strips of one track cannot overlap."""
+    data = effect.animation_data
+    for track in data.nla_tracks:
+        if _is_of_library(effect, track):
+            continue  # Blender does not save additions to it
+        if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
+            return track
+    track = data.nla_tracks.new()
+    track.name = "Clips"
+    return track
+
+
+def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:
+    return effect.override_library is not None and track.is_override_data
+
+
+def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
+    """The clips of an effect: strips that animate its activation, meta strips as a whole."""
+    data = effect.animation_data
+    if data is None:
+        return []
+    return [
+        (track, strip)
+        for track in data.nla_tracks
+        for strip in track.strips
+        if _animates_activation(strip)
+    ]
+
+
+def _animates_activation(strip: bpy.types.NlaStrip) -> bool:
+    if strip.type == "META":
+        return any(_animates_activation(inner) for inner in strip.strips)
+    return any(curve.data_path == DATA_PATH for curve in compat.strip_fcurves(strip))

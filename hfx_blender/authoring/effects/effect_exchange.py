@@ -1,0 +1,423 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects between the scene and files of their own, and the library that is shipped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import degrees, radians
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...blender import compat
+from ...blender.scene_units import fps_of, metres_of
+from ...engine.body import areas
+from ...engine.body.model import load_model
+from ...errors import InputError
+from ...files import resources
+from ..areas import painting
+from ..clips import clips, drawn_fades
+from ..paths import paths, vector_sensations
+from ..responses import response_exchange
+from . import effects, model_migration, swarms
+from .effect_file import (
+    SUFFIX,
+    ActuatorsRecipe,
+    ClipRecipe,
+    EffectRecipe,
+    PartsArea,
+    Sensation,
+    SpotRecipe,
+    VertexArea,
+    VolumeRecipe,
+    load,
+    parameter_names,
+)
+from .effect_values import PARAMETER_PROPERTIES
+
+OWN = "own/"
+"""Begins the names of the user's own sensations."""
+
+
+def library() -> dict[str, Path]:
+    """The shipped sensations: file by stem, in alphabetical order."""
+    return {path.stem: path for path in sorted(resources.effect_library().glob("*" + SUFFIX))}
+
+
+def own_library() -> dict[str, Path]:
+    """Sensations in the user's own folder, named ``own/STEM``."""
+    folder = resources.user_effects()
+    return {OWN + path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
+
+
+def place(
+    scene: bpy.types.Scene,
+    sensation: Sensation,
+    *,
+    body: bpy.types.Object | None,
+    frame: float,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> list[bpy.types.Object]:
+    """Place a sensation's effects in a scene; all of them, or none if one does not fit.
+
+    Parameters
+    ----------
+    body : bpy.types.Object, optional
+        Whom painted areas are put on.
+    frame : float
+        Where time 0 of its clips and paths is.
+    origin : (3,)
+        Where the place 0 of its volumes is; Blender's units, world space.
+
+    Raises
+    ------
+    InputError
+        It needs a body and there is none, or an area was painted on another model.
+    """
+    for effect in sensation.effects:
+        _check(effect, body)
+    fps = fps_of(scene)
+    made = []
+    is_alone = len(sensation.effects) == 1 or not sensation.name
+    group = "" if is_alone else effects.free_group(scene, sensation.name)
+    for recipe in sensation.effects:
+        name = recipe.name if is_alone else f"{sensation.name} {recipe.name}"
+        if isinstance(recipe.where, VolumeRecipe):
+            effect = effects.add_volume(scene, recipe.modality, recipe.where.shape, name)
+            _shape(scene, effect, recipe.where, frame, origin)
+        elif isinstance(recipe.where, SpotRecipe):
+            assert body is not None
+            effect = paths.add_spot(scene, recipe.modality, body, name)
+            _set_spot(scene, effect, recipe.where, frame)
+        elif isinstance(recipe.where, ActuatorsRecipe):
+            assert body is not None
+            effect = vector_sensations.add_named(
+                scene, recipe.modality, recipe.where.device, recipe.where.curves, body, name
+            )
+            for actuator, keys in recipe.where.curves:
+                timed = [(frame + time * fps, value) for time, value in keys]
+                vector_sensations.set_curve(effect, actuator, timed)
+        else:
+            assert body is not None
+            effect = effects.add_painted(scene, recipe.modality, body, name)
+            painting.set_weights(effect, _weights(recipe))
+        for key, prop in zip(
+            parameter_names(recipe.modality), PARAMETER_PROPERTIES[recipe.modality], strict=True
+        ):
+            setattr(effect.hfx, prop, recipe.parameters[key])
+        effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
+        effect.hfx.temperature_reference = recipe.temperature_reference
+        for clip in recipe.clips:
+            start = frame + clip.start_s * fps
+            strip = clips.add_clip(
+                effect,
+                start,
+                start + clip.duration_s * fps,
+                name=clip.name,
+                fade_in=clip.fade_in_s * fps,
+                fade_out=clip.fade_out_s * fps,
+                profile=[(time * fps, value) for time, value in clip.profile],
+                repeat=clip.repeat,
+            )
+            if clip.drawn_fades:
+                keys = [(start + time * fps, value) for time, value in clip.drawn_fades]
+                drawn_fades.set_keys(effect, strip, keys)
+        made.append(effect)
+    return made
+
+
+def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
+    where = effect.where
+    if isinstance(where, VolumeRecipe):
+        return
+    if body is None:
+        raise InputError(
+            f"'{effect.name}' is painted on a body: add an avatar, or select a haptic body."
+        )
+    if isinstance(where, SpotRecipe):
+        if effect.modality == "wind":
+            raise InputError(f"'{effect.name}': wind is not felt at a point on the skin.")
+        paths.skin().on_skin(where.path.points_m)
+    if isinstance(where, VertexArea):
+        model = load_model(effects.model_id_for(effect.modality))
+        if (where.model_id, where.model_hash) != (model.id, model.content_hash):
+            if where.model_id == model.id and _carried_over(where) is not None:
+                return
+            raise InputError(
+                f"'{effect.name}' was painted on another edition of the body model "
+                f"('{where.model_id}', {where.model_hash[:12]}; this is '{model.id}', "
+                f"{model.content_hash[:12]})."
+            )
+        effects.checked_area(effect.name, list(where.vertices), list(where.weights), len(model))
+
+
+def _carried_over(area: VertexArea) -> np.ndarray | None:
+    return model_migration.carried_over(
+        area.model_id, area.model_hash, list(area.vertices), list(area.weights)
+    )
+
+
+def _weights(recipe: EffectRecipe) -> np.ndarray:
+    model = load_model(effects.model_id_for(recipe.modality))
+    where = recipe.where
+    if isinstance(where, VertexArea):
+        if where.model_hash != model.content_hash:
+            carried_over = _carried_over(where)
+            assert carried_over is not None  # checked
+            return carried_over
+        weights = np.zeros(len(model))
+        weights[list(where.vertices)] = where.weights
+        return weights
+    assert isinstance(where, PartsArea)
+    chosen = painting.part_flags(model, where.parts, where.side)
+    return areas.smooth(model, chosen.astype(np.float64), where.smooth)
+
+
+def _set_spot(
+    scene: bpy.types.Scene, effect: bpy.types.Object, spot: SpotRecipe, frame: float
+) -> None:
+    effect.hfx.radius = spot.radius_m / metres_of(scene)
+    effect.hfx.falloff = spot.falloff
+    effect.hfx.falloff_share = spot.falloff_share
+    effect.hfx.path_position = spot.position
+    paths.apply(scene, effect, spot.path, frame)
+
+
+def _shape(
+    scene: bpy.types.Scene,
+    effect: bpy.types.Object,
+    volume: VolumeRecipe,
+    frame: float,
+    origin: Sequence[float],
+) -> None:
+    unit_m = metres_of(scene)
+    effect.hfx.radius = volume.radius_m / unit_m
+    effect.hfx.height = volume.height_m / unit_m
+    effect.hfx.size = [edge / unit_m for edge in volume.size_m]
+    effect.hfx.falloff = volume.falloff
+    effect.hfx.falloff_share = volume.falloff_share
+    effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
+    effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
+    fps = fps_of(scene)
+    _move(effect, volume, unit_m, frame, fps, origin)
+    response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
+    if volume.swarm is not None:
+        swarm = volume.swarm
+        swarms.add_swarm(scene, effect, swarm, unit_m, frame, fps, origin)
+
+
+def _move(
+    effect: bpy.types.Object,
+    volume: VolumeRecipe,
+    unit_m: float,
+    frame: float,
+    fps: float,
+    origin: Sequence[float],
+) -> None:
+    if not volume.path:
+        return
+    data = effect.animation_data or effect.animation_data_create()
+    data.action = bpy.data.actions.new(f"{effect.name} Path")
+    for axis in range(3):
+        keys = [(frame + t * fps, origin[axis] + at[axis] / unit_m) for t, at in volume.path]
+        compat.set_keys(compat.new_fcurve(effect, data.action, "location", axis), keys)
+
+
+def sensation_of(
+    scene: bpy.types.Scene,
+    chosen: Sequence[bpy.types.Object],
+    name: str,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Sensation:
+    """A sensation from effects of a scene, timed from the first of their clips.
+
+    Parameters
+    ----------
+    origin : (3,)
+        The place from which its volumes are measured; Blender's units, world space.
+
+    Raises
+    ------
+    InputError
+        No effects, an effect with the shape of a mesh, or clips that are grouped.
+    """
+    if not chosen:
+        raise InputError("Select the effects to save first.")
+    fps = fps_of(scene)
+    starts = [strip.frame_start for obj in chosen for _, strip in clips.strips_of(obj)]
+    starts += [
+        key.co[0]
+        for obj in chosen
+        for curve in compat.fcurves(obj)
+        if _is_motion(curve)
+        for key in _keys(curve)
+    ]
+    starts += [
+        system.settings.frame_start for obj in chosen for _, system in swarms.emitters(scene, obj)
+    ]
+    first = min(starts, default=0.0)
+    origin_m = [x * metres_of(scene) for x in origin]
+    recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
+    return Sensation(name, "", tuple(_measured_from(each, origin_m) for each in recipes))
+
+
+def _measured_from(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
+    """Copy of an effect with its places relative to an origin."""
+    volume = recipe.where
+    if not isinstance(volume, VolumeRecipe):
+        return recipe
+
+    def moved(place: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z = (at - from_m for at, from_m in zip(place, origin_m, strict=True))
+        return x, y, z
+
+    swarm = volume.swarm
+    if swarm is not None:
+        swarm = replace(swarm, location_m=moved(swarm.location_m))
+    path = tuple((time, moved(place)) for time, place in volume.path)
+    where = replace(volume, location_m=moved(volume.location_m), path=path, swarm=swarm)
+    return replace(recipe, where=where)
+
+
+def _recipe(
+    scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
+) -> EffectRecipe:
+    hfx = effect.hfx
+    properties = PARAMETER_PROPERTIES[hfx.modality]
+    names = parameter_names(hfx.modality)
+    return EffectRecipe(
+        name=effect.name,
+        modality=hfx.modality,
+        parameters={n: float(getattr(hfx, p)) for n, p in zip(names, properties, strict=True)},
+        where=_where(scene, effect, first, fps),
+        intensity=float(hfx.intensity),
+        temperature_reference=hfx.temperature_reference,
+        clips=tuple(_clip(effect, strip, first, fps) for _, strip in clips.strips_of(effect)),
+    )
+
+
+def _where(
+    scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
+) -> PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe:
+    if effect.hfx.kind == "SURFACE":
+        raise InputError(
+            f"'{effect.name}' is a surface, which stays with its object; export its map instead."
+        )
+    if effect.hfx.kind == "PAINTED":
+        return _painted(effect)
+    if effect.hfx.kind == "SPOT":
+        path = paths.recipe_of(scene, effect, "")
+        return SpotRecipe(
+            replace(path, motion=paths.motion_keys(scene, effect, first)),
+            radius_m=round(float(effect.hfx.radius) * metres_of(scene), 6),
+            falloff=effect.hfx.falloff,
+            falloff_share=float(effect.hfx.falloff_share),
+            position=float(effect.hfx.path_position),
+        )
+    if effect.hfx.kind == "ACTUATORS":
+        curves = vector_sensations.curves_of(effect, first, fps)
+        return ActuatorsRecipe(effect.hfx.device, curves)
+    return _volume(scene, effect, first, fps)
+
+
+def _painted(effect: bpy.types.Object) -> VertexArea:
+    weights = painting.weights_of(effect)
+    vertices = np.flatnonzero(weights > 0.0)
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    return VertexArea(
+        model.id,
+        model.content_hash,
+        tuple(vertices.tolist()),
+        tuple(round(float(weight), 6) for weight in weights[vertices]),
+    )
+
+
+def _volume(
+    scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
+) -> VolumeRecipe:
+    hfx = effect.hfx
+    if hfx.shape == "MESH":
+        raise InputError(
+            f"'{effect.name}' has the shape of a mesh, which a file of effects cannot hold; keep "
+            "it as a .blend and append it."
+        )
+    unit_m = metres_of(scene)
+    location, rotation, scale = effect.matrix_world.decompose()
+    curves = {curve.array_index: curve for curve in _moves(effect)}
+    times = sorted({key.co[0] for curve in curves.values() for key in _keys(curve)})
+    path = tuple(
+        (
+            (time - first) / fps,
+            tuple(
+                unit_m * (curves[axis].evaluate(time) if axis in curves else location[axis])
+                for axis in range(3)
+            ),
+        )
+        for time in times
+    )
+    return VolumeRecipe(
+        hfx.shape,
+        radius_m=hfx.radius * unit_m * abs(scale[0]),
+        height_m=hfx.height * unit_m * abs(scale[2]),
+        size_m=tuple(e * unit_m * abs(s) for e, s in zip(hfx.size, scale, strict=True)),
+        falloff=hfx.falloff,
+        falloff_share=hfx.falloff_share,
+        location_m=tuple(unit_m * x for x in location),
+        rotation_deg=tuple(degrees(angle) for angle in rotation.to_euler()),
+        path=path,  # type: ignore[arg-type]
+        response=response_exchange.response_recipe(effect, unit_m, first, fps),
+        swarm=swarms.swarm_recipe(scene, effect, unit_m, first, fps),
+    )
+
+
+def _moves(effect: bpy.types.Object) -> list[bpy.types.FCurve]:
+    return [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
+
+
+def _is_motion(curve: bpy.types.FCurve) -> bool:
+    """Test a curve for the place of an effect, or the values of its actuators."""
+    path = curve.data_path
+    return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
+
+
+def _keys(curve: bpy.types.FCurve) -> list[bpy.types.Keyframe]:
+    return list(curve.keyframe_points)
+
+
+def _clip(
+    effect: bpy.types.Object, strip: bpy.types.NlaStrip, first: float, fps: float
+) -> ClipRecipe:
+    if strip.action is None:
+        raise InputError(
+            f"Clip '{strip.name}' of '{effect.name}' is a group of clips; take it apart first "
+            "(NLA editor, Remove Meta-Strips)."
+        )
+    keys = [
+        ((key.co[0] - strip.action_frame_start) / fps, min(max(key.co[1], 0.0), 1.0))
+        for curve in compat.strip_fcurves(strip)
+        if curve.data_path == clips.DATA_PATH
+        for key in curve.keyframe_points
+    ]
+    return ClipRecipe(
+        name=strip.name,
+        start_s=(strip.frame_start - first) / fps,
+        duration_s=(strip.frame_end - strip.frame_start) / fps,
+        fade_in_s=strip.blend_in / fps,
+        fade_out_s=strip.blend_out / fps,
+        repeat=strip.repeat,
+        profile=tuple((max(time, 0.0), value) for time, value in keys),
+        drawn_fades=tuple(
+            ((frame - strip.frame_start) / fps, value)
+            for frame, value in drawn_fades.sampled(strip)
+        ),
+    )
+
+
+def load_library(name: str) -> Sensation:
+    """A shipped sensation, or one of the user's own, by its name."""
+    found = {**library(), **own_library()}
+    if name not in found:
+        raise InputError(f"There is no sensation '{name}' in the library: {', '.join(found)}.")
+    return load(found[name])

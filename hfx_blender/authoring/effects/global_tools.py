@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Changes to many effects at once: gain, frequency, modulation (Mango's global parameters).
+
+Schneider et al., UIST 2015, interface requirement 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import pi
+
+import bpy
+
+from ...blender import compat
+from ...engine.modality import MODALITIES, neutral_temperature_c
+from ...errors import InputError
+
+STRENGTHS = {
+    "vibration": "amplitude",
+    "pressure": "pressure",
+    "temperature": "temperature",
+    "wind": "wind_speed",
+}
+"""Property that scales the strength of an effect, by modality."""
+
+_MODULATION = "HFX Modulation"
+
+
+def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
+    """Multiply the strength of effects, and its keyframes; how many were changed.
+
+    A temperature's strength is its deviation from neutral. Values end at the property's limits.
+    """
+    count = 0
+    for effect in effects:
+        hfx = effect.hfx
+        neutral = 0.0
+        if hfx.modality == "temperature":
+            neutral = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
+        _scale(effect, STRENGTHS[hfx.modality], factor, neutral)
+        count += 1
+    return count
+
+
+def scale_frequency(effects: Iterable[bpy.types.Object], factor: float) -> int:
+    """Multiply the frequency of the vibrations among some effects; how many there were."""
+    found = [effect for effect in effects if effect.hfx.modality == "vibration"]
+    for effect in found:
+        _scale(effect, "frequency", factor, 0.0)
+    return len(found)
+
+
+def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -> None:
+    def scaled(value: float) -> float:
+        return neutral + (value - neutral) * factor
+
+    setattr(effect.hfx, name, scaled(getattr(effect.hfx, name)))
+    for curve in compat.fcurves(effect):
+        if curve.data_path == f"hfx.{name}":
+            for key in curve.keyframe_points:
+                for handle in (key.co, key.handle_left, key.handle_right):
+                    handle[1] = scaled(handle[1])
+            curve.update()
+    effect.update_tag()
+
+
+def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, fps: float) -> int:
+    """Modulate the intensity of effects by a sine; depth 0 removes the modulation.
+
+    It is an F-curve modifier on ``intensity``, which can be edited in the Graph editor. The
+    peaks stay at the intensity that the effect has, the troughs are ``depth`` of it lower.
+
+    Raises
+    ------
+    InputError
+        The rate is too high for the frame rate to show.
+    """
+    if depth > 0.0 and not 0.0 < rate_hz <= fps / 2:
+        raise InputError(
+            f"A modulation of {rate_hz:g} Hz cannot be shown at {fps:g} frames a second; allowed "
+            f"is up to {fps / 2:g} Hz. Faster than that it is a vibration: change its frequency."
+        )
+    count = 0
+    for effect in effects:
+        curve = _intensity_curve(effect, create=depth > 0.0)
+        count += 1
+        if curve is None:
+            continue
+        for modifier in list(curve.modifiers):
+            if modifier.type == "FNGENERATOR" and modifier.name.startswith(_MODULATION):
+                curve.modifiers.remove(modifier)
+        if depth > 0.0:
+            top = max(key.co[1] for key in curve.keyframe_points)
+            modifier = curve.modifiers.new("FNGENERATOR")
+            modifier.name = _MODULATION
+            modifier.function_type = "SIN"
+            modifier.use_additive = True
+            modifier.amplitude = 0.5 * depth * top
+            modifier.value_offset = -0.5 * depth * top
+            modifier.phase_multiplier = 2.0 * pi * rate_hz / fps
+    return count
+
+
+def _intensity_curve(effect: bpy.types.Object, *, create: bool) -> bpy.types.FCurve | None:
+    for curve in compat.fcurves(effect):
+        if curve.data_path == "hfx.intensity":
+            return curve
+    if not create:
+        return None
+    effect.keyframe_insert("hfx.intensity", frame=0.0)
+    return _intensity_curve(effect, create=False)
+
+
+assert set(STRENGTHS) == set(MODALITIES)

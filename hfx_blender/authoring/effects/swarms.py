@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Swarms: haptic volumes that particle systems emit, in the scene and in files of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+from mathutils import Vector
+
+from ...blender.background_scenes import scene_objects
+from . import effects
+from .response_recipes import SwarmRecipe
+
+_EMITTER_SUBDIVISIONS = 3
+
+
+def emitters(
+    scene: bpy.types.Scene, effect: bpy.types.Object
+) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
+    """Particle systems of a scene that emit this volume."""
+    return [
+        (obj, system)
+        for obj in scene_objects(scene)
+        for system in obj.particle_systems
+        if effect in _instanced(system.settings)
+    ]
+
+
+def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
+    """Haptic volumes among an object's particles."""
+    found = [obj for system in emitter.particle_systems for obj in _instanced(system.settings)]
+    is_volume = {obj: obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" for obj in found}
+    return [obj for obj, ours in is_volume.items() if ours]
+
+
+def listed_effects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Effects of a scene and volumes that it only emits, by name."""
+    emitted = (volume for obj in scene_objects(scene) for volume in volumes_of(obj))
+    return sorted({*effects.effects_of(scene), *emitted}, key=lambda obj: obj.name)
+
+
+def shown_by(scene: bpy.types.Scene, effect: bpy.types.Object) -> list[bpy.types.Object]:
+    """Objects of a scene that stand for an effect: itself, or else the emitters of its swarm."""
+    if effect.name in scene.objects:
+        return [effect]
+    return [emitter for emitter, _ in emitters(scene, effect)]
+
+
+def is_selected(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
+    """Test that an effect, or an emitter of its swarm, is selected."""
+    return any(obj.select_get() for obj in shown_by(scene, effect))
+
+
+def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
+    if settings.render_type == "OBJECT" and settings.instance_object is not None:
+        return [settings.instance_object]
+    if settings.render_type == "COLLECTION" and settings.instance_collection is not None:
+        return list(settings.instance_collection.all_objects)
+    return []
+
+
+def swarm_recipe(
+    scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
+) -> SwarmRecipe | None:
+    """Recipe of the first particle system that emits a volume; None without any."""
+    found = emitters(scene, effect)
+    if not found:
+        return None
+    emitter, system = found[0]
+    settings = system.settings
+    centre, radii = _extent(emitter)
+    return SwarmRecipe(
+        count=settings.count,
+        seed=system.seed,
+        born_from_s=(settings.frame_start - first) / fps,
+        born_until_s=(settings.frame_end - first) / fps,
+        lifetime_s=settings.lifetime / fps,
+        location_m=tuple(unit_m * x for x in centre),  # type: ignore[arg-type]
+        radii_m=tuple(unit_m * x for x in radii),  # type: ignore[arg-type]
+        normal_speed_m_s=settings.normal_factor * unit_m,
+        random_speed_m_s=settings.factor_random * unit_m,
+        brownian=settings.brownian_factor,
+        drag=settings.drag_factor,
+        damping=settings.damping,
+        gravity=settings.effector_weights.gravity,
+    )
+
+
+def _extent(emitter: bpy.types.Object) -> tuple[list[float], list[float]]:
+    """Middle and half edges of an object's bounding box, world axes."""
+    corners = [emitter.matrix_world @ Vector(corner) for corner in emitter.bound_box]
+    lowest = [min(corner[axis] for corner in corners) for axis in range(3)]
+    highest = [max(corner[axis] for corner in corners) for axis in range(3)]
+    middle = [0.5 * (a + b) for a, b in zip(lowest, highest, strict=True)]
+    return middle, [0.5 * (b - a) for a, b in zip(lowest, highest, strict=True)]
+
+
+def add_swarm(
+    scene: bpy.types.Scene,
+    effect: bpy.types.Object,
+    swarm: SwarmRecipe,
+    unit_m: float,
+    frame: float,
+    fps: float,
+    origin: Sequence[float],
+) -> bpy.types.Object:
+    """Make a particle system of a new volume, which leaves the scene itself; returns the
+    emitter.
+    """
+    import bmesh
+
+    source = bpy.data.collections.new(effect.name)
+    source.use_fake_user = True  # it is in no scene
+    for collection in list(effect.users_collection):
+        collection.objects.unlink(effect)
+    source.objects.link(effect)
+    mesh = bpy.data.meshes.new(f"{effect.name} Emitter")
+    shape = bmesh.new()
+    bmesh.ops.create_icosphere(shape, subdivisions=_EMITTER_SUBDIVISIONS, radius=1.0)
+    shape.to_mesh(mesh)
+    shape.free()
+    emitter = bpy.data.objects.new(f"{effect.name} Emitter", mesh)
+    scene.collection.objects.link(emitter)
+    emitter.location = [o + x / unit_m for o, x in zip(origin, swarm.location_m, strict=True)]
+    emitter.scale = [max(x / unit_m, 1e-6) for x in swarm.radii_m]
+    emitter.display_type = "WIRE"
+    emitter.show_instancer_for_render = emitter.show_instancer_for_viewport = False
+    system = emitter.modifiers.new("Swarm", "PARTICLE_SYSTEM").particle_system
+    system.seed = swarm.seed
+    settings = system.settings
+    settings.count = swarm.count
+    # Blender keeps the end after the start, so the order of setting them matters.
+    settings.frame_end = max(frame + swarm.born_until_s * fps, settings.frame_start)
+    settings.frame_start = frame + swarm.born_from_s * fps
+    settings.frame_end = frame + swarm.born_until_s * fps
+    settings.lifetime = swarm.lifetime_s * fps
+    system.point_cache.frame_start = int(settings.frame_start)
+    system.point_cache.frame_end = max(
+        scene.frame_end, int(settings.frame_end + settings.lifetime) + 1
+    )
+    settings.normal_factor = swarm.normal_speed_m_s / unit_m
+    settings.factor_random = swarm.random_speed_m_s / unit_m
+    settings.brownian_factor, settings.drag_factor = swarm.brownian, swarm.drag
+    settings.damping = swarm.damping
+    settings.effector_weights.gravity = swarm.gravity
+    settings.particle_size, settings.use_size_deflect = 1.0, False
+    settings.render_type, settings.instance_collection = "COLLECTION", source
+    return emitter

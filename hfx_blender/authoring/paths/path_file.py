@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Paths on the skin in files of their own (``.hfxpath``), and the library that is shipped.
+
+A file holds the points that a path was drawn through, so that it can be drawn again on the
+canonical body, and maybe how a hand has moved along it. It holds no code and names no path.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ...errors import InputError
+from ...files import resources, suffixes
+from ...files.atomic import atomic_file
+from ...files.kinds import refuse_another
+from ...files.strict_json import Node, read
+
+SUFFIX: Final = suffixes.PATH
+SCHEMA: Final = "hfx-path"
+VERSION: Final = 1
+
+KINDS: Final = ("straight", "curve", "traced")
+MAX_POINTS: Final = 100_000
+_FARTHEST_M: Final = 3.0
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PathRecipe:
+    """A path through places of the canonical body's rest space."""
+
+    name: str
+    points_m: tuple[Place, ...]
+    kind: str = "straight"  # shortest ways, a smooth curve, or point after point
+    is_closed: bool = False
+    description: str = ""
+    motion: tuple[tuple[float, float], ...] = ()  # (seconds, share of the path)
+
+
+def load(path: Path) -> PathRecipe:
+    """Read a file, every field checked.
+
+    Raises
+    ------
+    InputError
+        For the first fault: file, place in it, what was found and what is allowed.
+    """
+    return recipe_of(read(path))
+
+
+def recipe_of(document: Node) -> PathRecipe:
+    """Read a path from a parsed document."""
+    refuse_another(document.value, document.file, SCHEMA)
+    top = document.members(
+        required=("schema", "version", "name", "kind", "points_m"),
+        optional=("description", "closed", "motion"),
+    )
+    top["schema"].choice((SCHEMA,))
+    top["version"].integer(VERSION, VERSION)
+    points = top["points_m"].items(least=1, most=MAX_POINTS)
+    return PathRecipe(
+        name=top["name"].text(),
+        points_m=tuple(place_of(each) for each in points),
+        kind=top["kind"].choice(KINDS),
+        is_closed="closed" in top and top["closed"].integer(0, 1) == 1,
+        description=top["description"].text() if "description" in top else "",
+        motion=top["motion"].curve() if "motion" in top else (),
+    )
+
+
+def place_of(node: Node) -> Place:
+    """Three numbers of metres."""
+    return node.triple(-_FARTHEST_M, _FARTHEST_M, "m")
+
+
+def save(recipe: PathRecipe, path: Path) -> None:
+    """Write a file atomically: an existing one is replaced only by a complete one.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": recipe.name,
+        "kind": recipe.kind,
+        "closed": int(recipe.is_closed),
+        "points_m": [list(point) for point in recipe.points_m],
+    }
+    if recipe.description:
+        document["description"] = recipe.description
+    if recipe.motion:
+        document["motion"] = [list(key) for key in recipe.motion]
+    with atomic_file(path) as file:
+        file.write((json.dumps(document, indent=1) + "\n").encode())
+
+
+def library() -> dict[str, Path]:
+    """The shipped paths: file by stem, in alphabetical order."""
+    folder = resources.effect_library() / "paths"
+    return {path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
+
+
+def load_library(name: str) -> PathRecipe:
+    """A shipped path by its name.
+
+    Raises
+    ------
+    InputError
+        There is no such path.
+    """
+    found = library()
+    if name not in found:
+        raise InputError(f"There is no path '{name}' in the library: {', '.join(found)}.")
+    return load(found[name])

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points on the skin and their paths: making them, storing them with the effect, moving them.
+
+A path lies on the skin of the canonical body (rest space, metres), so it means the same place
+on every avatar. Where the point is on it is the property ``path_position``, whose F-curve is
+the motion: easing, holding and looping are Blender's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...blender import compat
+from ...blender.scene_units import fps_of, metres_of
+from ...errors import InputError
+from ..clips import clips
+from ..effects import effects
+from .skin_picking import SKIN_MODEL, Anchors
+
+if TYPE_CHECKING:
+    from ...engine.arrays import F64
+    from ...engine.body.skin_path import SkinPaths
+    from .path_file import PathRecipe
+
+
+PATH = "hfx_path"
+KNOTS = "hfx_path_knots"
+"""ID properties: the path, and the points that it was drawn through, as flat lists of metres."""
+
+OWN = "hfx_path_own"
+"""ID property: how many of the path's places are its own; see :func:`own_path`."""
+
+KIND = "hfx_path_kind"
+CLOSED = "hfx_path_closed"
+
+POSITION = "hfx.path_position"
+
+RADIUS_M = 0.03
+MAX_POINTS = 100_000
+
+_kept: SkinPaths | None = None
+
+
+def skin() -> SkinPaths:
+    """Skin that paths are drawn on; cached."""
+    from ...engine.body.model import load_model
+    from ...engine.body.skin_path import SkinPaths
+
+    global _kept
+    if _kept is None:
+        model = load_model(SKIN_MODEL)
+        _kept = SkinPaths(model.vertices, model.triangles)
+    return _kept
+
+
+def add_spot(
+    scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
+) -> bpy.types.Object:
+    """A point on the skin of a body; it is nowhere until it is placed or given a path."""
+    if body.hfx.role != "BODY":
+        raise InputError(f"'{body.name}' is not a haptic body.")
+    if modality == "wind":
+        raise InputError("Wind is not felt at a point; choose another modality.")
+    effect = effects.add_on_body(scene, modality, body, "SPOT", name or f"{modality.title()} Point")
+    effect.hfx.radius = RADIUS_M / metres_of(scene)
+    effect.hfx.falloff = "smooth"
+    return effect
+
+
+def stand_at_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
+    """Move the object, which only stands for the effect, to the start of its path on the body."""
+    body = effect.hfx.body
+    if body is not None and effect.parent is None:
+        effect.location = Anchors.of(path_of(effect)[:1]).on(body, depsgraph)[0][0].tolist()
+
+
+def path_of(effect: bpy.types.Object) -> F64:
+    """The stored path of an effect, (n, 3) metres; (0, 3): none.
+
+    Raises
+    ------
+    InputError
+        What is stored is not a path.
+    """
+    return _points(effect, PATH)
+
+
+def own_path(effect: bpy.types.Object) -> F64:
+    """Path without the extension to the point's temporary place, (n, 3)."""
+    path = path_of(effect)
+    own = effect.get(OWN, 0)
+    return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
+
+
+def knots_of(effect: bpy.types.Object) -> F64:
+    """Points that the path was drawn through, (k, 3) metres; the path's own if none are stored."""
+    found = _points(effect, KNOTS)
+    return found if len(found) else path_of(effect)
+
+
+def _points(effect: bpy.types.Object, key: str) -> F64:
+    import numpy as np
+
+    try:
+        flat = np.array(effect.get(key, []), np.float64)
+    except (TypeError, ValueError):
+        flat = np.array([np.nan])
+    if flat.ndim != 1 or flat.size % 3 or not np.isfinite(flat).all():
+        raise InputError(
+            f"Effect '{effect.name}': its path is not a list of places; draw it again."
+        )
+    return flat.reshape(-1, 3)
+
+
+def check_own(effect: bpy.types.Object) -> None:
+    """Raise InputError if an effect's path cannot be changed in this file and stay so."""
+    if effect.library is not None or effect.override_library is not None:
+        source = effect.library or effect.override_library.reference.library
+        raise InputError(
+            f"The path of '{effect.name}' is that of {bpy.path.basename(source.filepath)}, and "
+            "what is drawn here is not saved: make the effect local (Object > Relations > Make "
+            "Local), or draw it in that file."
+        )
+
+
+def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
+    """Store a path (n, 3), n > 0, that lies on the skin.
+
+    Raises
+    ------
+    InputError
+        The effect is no point on the skin, it is another file's, or a place is not finite or not
+        on the body.
+    """
+    import numpy as np
+
+    check_own(effect)
+    if effect.hfx.kind != "SPOT":
+        raise InputError(f"'{effect.name}' is not a point on the skin.")
+    path = np.asarray(path, np.float64).reshape(-1, 3)
+    if not 0 < len(path) <= MAX_POINTS or not np.isfinite(path).all():
+        raise InputError(f"Effect '{effect.name}': a path has 1 to {MAX_POINTS} places.")
+    effect[PATH] = path.ravel().tolist()
+    if OWN in effect:
+        del effect[OWN]
+    effect[KNOTS] = np.asarray(path if knots is None else knots, np.float64).ravel().tolist()
+    effect.update_tag()
+
+
+def draw(
+    effect: bpy.types.Object, places: F64, *, kind: str = "straight", closed: bool = False
+) -> float:
+    """Give an effect a path through places on the skin.
+
+    Parameters
+    ----------
+    places : (n, 3) float64
+        Rest space of the canonical body; one is a place where the point rests.
+    kind : str
+        "straight" (the shortest ways), "curve", or "traced" (place after place).
+    closed : bool
+        Whether the path returns to its beginning.
+
+    Returns
+    -------
+    float
+        Its length, metres.
+
+    Raises
+    ------
+    InputError
+        A place is not on the body.
+    """
+    knots, path = through(places, kind, closed)
+    set_path(effect, path, knots)
+    effect[KIND], effect[CLOSED] = kind, int(closed)
+    return length_m(effect)
+
+
+def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
+    """Places as they lie on the skin (n, 3), and the path through them (m, 3); see :func:`draw`.
+
+    Raises
+    ------
+    InputError
+        A place is not on the body.
+    """
+    import numpy as np
+
+    knots = skin().on_skin(places)
+    if kind == "curve":
+        return knots, skin().curve(knots, closed)
+    if kind == "straight":
+        return knots, skin().straight(knots, closed)
+    return knots, skin().traced(np.concatenate([knots, knots[:1]]) if closed else knots)[0]
+
+
+def length_m(effect: bpy.types.Object) -> float:
+    """Length of an effect's path, metres; 0 without one."""
+    return _length(own_path(effect))
+
+
+def _length(path: F64) -> float:
+    from ...engine.areas.spot import lengths_along
+
+    return float(lengths_along(path)[-1]) if len(path) else 0.0
+
+
+def record(
+    scene: bpy.types.Scene,
+    effect: bpy.types.Object,
+    places: F64,
+    times_s: Sequence[float],
+    frame: float,
+) -> None:
+    """Turn a motion of the hand into a path and keyframes of the position along it.
+
+    Parameters
+    ----------
+    places : (n, 3) float64
+        Where the point was, on the skin.
+    times_s : (n,)
+        When, ascending; the first is at ``frame``.
+
+    Raises
+    ------
+    InputError
+        A place is not on the body, or the times do not ascend.
+    """
+    import numpy as np
+
+    times = np.asarray(times_s, np.float64)
+    if len(times) != len(places) or (np.diff(times) < 0.0).any() or not np.isfinite(times).all():
+        raise InputError("A recording needs a time for each place, in order.")
+    knots = skin().on_skin(places)
+    path, shares = skin().traced(knots)
+    set_path(effect, path, knots)
+    effect[KIND], effect[CLOSED] = "traced", 0
+    frames = frame + (times - times[0]) * fps_of(scene)
+    set_motion(effect, list(zip(frames.tolist(), shares.tolist(), strict=True)), "LINEAR")
+
+
+def set_motion(
+    effect: bpy.types.Object, keys: Sequence[tuple[float, float]], interpolation: str = "BEZIER"
+) -> None:
+    """Replace the keyframes of an effect's position: (frame, share of the path) pairs."""
+    curve = compat.own_fcurve(effect, POSITION, "Motion")
+    compat.set_keys(curve, keys, interpolation)
+    effect.update_tag()
+
+
+def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
+    """The F-curve of an effect's position, if it has any."""
+    return curve_of(effect, POSITION)
+
+
+def curve_of(effect: bpy.types.Object, data_path: str) -> bpy.types.FCurve | None:
+    """The F-curve of one of an effect's numbers, if it has any."""
+    return next((c for c in compat.fcurves(effect) if c.data_path == data_path), None)
+
+
+def reverse(effect: bpy.types.Object) -> None:
+    """Reverse the path; the keyframes stay, so the point goes backwards."""
+    set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
+
+
+def mirror(effect: bpy.types.Object) -> None:
+    """Mirror the path to the other side of the body."""
+    import numpy as np
+
+    other = np.array([-1.0, 1.0, 1.0])
+    set_path(effect, path_of(effect) * other, knots_of(effect) * other)
+
+
+def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> PathRecipe:
+    """An effect's path as a file holds it, with the motion along it if it has any.
+
+    Raises
+    ------
+    InputError
+        It has no path.
+    """
+    import numpy as np
+
+    from .path_file import PathRecipe
+
+    knots = knots_of(effect)
+    if not len(knots):
+        raise InputError(f"'{effect.name}' has no path yet.")
+    kind = str(effect.get(KIND, "traced"))
+    return PathRecipe(
+        name=name,
+        points_m=tuple((x, y, z) for x, y, z in np.round(knots, 6).tolist()),
+        kind=kind if kind in ("straight", "curve") else "traced",
+        is_closed=bool(effect.get(CLOSED, 0)),
+        motion=motion_keys(scene, effect),
+    )
+
+
+def motion_keys(
+    scene: bpy.types.Scene, effect: bpy.types.Object, first: float | None = None
+) -> tuple[tuple[float, float], ...]:
+    """The keyframes of an effect's position as (seconds, share), timed from a frame.
+
+    The first of them by default. Between linear keys nothing is lost; others are sampled. Keys in
+    its clips count where its action has none.
+    """
+    curve = motion_of(effect)
+    if curve is None or not len(curve.keyframe_points):
+        strips = sorted((s for _, s in clips.strips_of(effect)), key=lambda s: s.frame_start)
+        keys = [key for strip in strips for key in clips.keys_in(strip, POSITION)]
+    else:
+        frames = [key.co[0] for key in curve.keyframe_points]
+        if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
+            frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
+        keys = [(frame, curve.evaluate(frame)) for frame in frames]
+    start = keys[0][0] if first is None and keys else first or 0.0
+    fps = fps_of(scene)
+    longer = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
+    return tuple(
+        (max((frame - start) / fps, 0.0), min(max(share * longer, 0.0), 1.0))
+        for frame, share in keys
+    )
+
+
+def apply(
+    scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
+) -> float:
+    """Draw the path of a file, and move along it from a frame on as the file says; its length."""
+    import numpy as np
+
+    places = np.array(recipe.points_m, np.float64)
+    length = draw(effect, places, kind=recipe.kind, closed=recipe.is_closed)
+    if recipe.motion:
+        fps = fps_of(scene)
+        set_motion(effect, [(frame + t * fps, share) for t, share in recipe.motion], "LINEAR")
+    return length

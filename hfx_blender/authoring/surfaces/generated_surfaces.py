@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Generated surfaces in Blender: their material, their haptic surface, and a .blend with both."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import bpy
+
+from ...blender.scene_units import metres_of
+from ...errors import OutputError
+from ...files.atomic import atomic_file
+from ...files.stage_folders import temporary_folder
+from ...generation import generated
+from ...generation.generated import GeneratedFiles
+from . import image_values, surface_sources, surfaces
+
+_TITLE = 60  # bytes of a data-block's name
+
+
+def apply(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
+    """Give an object a generated material and its haptic surface, at the surface's own size.
+
+    A surface or a material that the object has already is replaced.
+
+    Raises
+    ------
+    InputError
+        It is no mesh of this file, or a file of the record is missing or damaged.
+    """
+    made = generated.read(record)
+    if not surfaces.is_surface(obj):
+        surfaces.add_surface(obj, "GENERATED")
+    obj.hfx.surface.use_steps = made.map.steps is not None
+    surfaces.take_relief(obj, _relief(made))
+    material = _material(made, obj)
+    obj.active_material = material  # in the active slot; without one, a new slot
+    return material
+
+
+def _relief(made: GeneratedFiles) -> surface_sources.Relief:
+    return surface_sources.Relief(made.height, made.roughness, notes=made.notes, slope=made.slope)
+
+
+def _material(made: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:
+    """Material with colour, roughness and displacement, shown at the surface's own size."""
+    name = (made.words or made.name)[:_TITLE]
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:  # before 5.0 a material may be without nodes
+        material.use_nodes = True
+    tree = material.node_tree
+    nodes, links = tree.nodes, tree.links
+    shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
+    shader.inputs["Metallic"].default_value = float(made.is_metal)
+    placing = _placing(made, obj, tree)
+    sockets = {}
+    for row, part in enumerate(("colour", "roughness", "height")):
+        image = image_values.load(os.path.abspath(made.path.with_name(f"{made.name}.{part}.png")))
+        if part != "colour":
+            image.colorspace_settings.is_data = True
+            image.reload()  # an image loaded as a colour stays one
+        image.pack()
+        node = nodes.new("ShaderNodeTexImage")
+        node.image, node.label = image, part.title()
+        node.location = (-600.0, 300.0 - 300.0 * row)
+        node.extension = "REPEAT" if made.height.tiles else "EXTEND"
+        if not obj.data.uv_layers:
+            node.projection = "BOX"
+        links.new(placing, node.inputs["Vector"])
+        sockets[part] = node.outputs["Color"]
+    links.new(sockets["colour"], shader.inputs["Base Color"])
+    links.new(sockets["roughness"], shader.inputs["Roughness"])
+    relief = nodes.new("ShaderNodeDisplacement")
+    relief.location = (-200.0, -300.0)
+    relief.inputs["Midlevel"].default_value = 0.0
+    unit = metres_of(bpy.context.scene)
+    depth = float(made.height.heights_m.max() - made.height.heights_m.min())
+    relief.inputs["Scale"].default_value = depth / unit
+    links.new(sockets["height"], relief.inputs["Height"])
+    links.new(relief.outputs["Displacement"], output.inputs["Displacement"])
+    material["hfx_generated"] = made.path.read_text(encoding="utf-8")
+    return material
+
+
+def _placing(
+    made: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
+) -> bpy.types.NodeSocket:
+    """Texture coordinates in tiles of a surface: by the UV map, or else seen along each axis."""
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)
+    size_mm = [1000.0 * length for length in made.height.size_m]
+    if obj.data.uv_layers:
+        source = coordinates.outputs["UV"]
+        unit_mm = [*surface_sources.tile_mm(obj), 1000.0]
+    else:
+        source = coordinates.outputs["Object"]
+        metres = metres_of(bpy.context.scene)
+        unit_mm = [1000.0 * metres * abs(each) for each in obj.matrix_world.to_scale()]
+    tiles = [unit / size for unit, size in zip(unit_mm, [*size_mm, size_mm[0]], strict=True)]
+    mapping.inputs["Scale"].default_value = tiles
+    tree.links.new(source, mapping.inputs["Vector"])
+    return mapping.outputs["Vector"]
+
+
+def write_blend(record: Path) -> Path:
+    """Write a .blend beside a record: a swatch of 20 cm with the material and its surface.
+
+    The file that is open is left for a new one.
+
+    Raises
+    ------
+    InputError
+        A file of the record is missing or damaged.
+    OutputError
+        The .blend cannot be written.
+    """
+    bpy.ops.wm.read_homefile(use_empty=True)
+    mesh = bpy.data.meshes.new("Swatch")
+    corners = [(x, y, 0.0) for x, y in ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))]
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    layer = mesh.uv_layers.new(name="UVMap")
+    layer.uv.foreach_set("vector", [0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0])
+    swatch = bpy.data.objects.new("Swatch", mesh)
+    bpy.context.scene.collection.objects.link(swatch)
+    bpy.context.view_layer.update()
+    apply(swatch, record).asset_mark()
+    path = record.with_name(record.name.removesuffix(generated.RECORD) + ".blend")
+    with temporary_folder() as folder:
+        kept = os.path.join(folder, path.name)
+        try:
+            bpy.ops.wm.save_as_mainfile(filepath=kept, compress=True, copy=True)
+        except RuntimeError as error:
+            raise OutputError(f"{path}: Blender cannot save it ({error}).") from error
+        with atomic_file(path) as file:
+            file.write(Path(kept).read_bytes())
+    return path

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's images as numbers, whatever their depth and colour space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F32, F64
+from ...engine.texture.relief.linear_light import height_from_colour, linear_to_srgb, luminance
+from ...engine.texture.scan import fill_holes
+from ...errors import InputError, is_endless, refuse_no_file
+from ...files.hashes import is_elsewhere
+from ...formats.pictures import jpeg
+
+LARGEST = 8192
+"""Pixels along an edge of an image that is read: larger ones would take gigabytes."""
+
+MOST_MISSING = 0.5
+
+
+def data_of(image: bpy.types.Image) -> F64:
+    """The stored numbers (H, W) of an image's first channel, bottom row first.
+
+    0 to 1 for whole numbers of 8 or 16 bits; a float image's own. No colour space is applied.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, or too many.
+    """
+    is_converted = image.is_float and not image.colorspace_settings.is_data
+    if not is_converted or image.source == "GENERATED" or image.is_dirty:
+        return pixels_of(image)[..., 0].astype(np.float64)
+    copy = image.copy()  # loaded as plain data; the user's keeps what it has
+    try:
+        copy.colorspace_settings.is_data = True
+        if not copy.size[0]:
+            raise InputError(
+                f"Image '{image.name}': its numbers cannot be read again from "
+                f"'{image.filepath}': is the file missing?"
+            )
+        return pixels_of(copy)[..., 0].astype(np.float64)
+    finally:
+        bpy.data.images.remove(copy)
+
+
+def brightness_of(image: bpy.types.Image) -> F64:
+    """Luminance (H, W) of an image's colours in linear light, bottom row first.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, or too many.
+    """
+    pixels = pixels_of(image)
+    if pixels.shape[2] < 3:
+        pixels = np.repeat(pixels[..., :1], 3, axis=2)
+    # Blender keeps the codes of 8-bit images, and converts all others to linear light.
+    return luminance(pixels) if image.is_float else height_from_colour(pixels)
+
+
+def colours_of(image: bpy.types.Image) -> F64:
+    """Colours (H, W, 3) of an image as sRGB codes 0..1, bottom row first.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, too many, or some that are no numbers.
+    """
+    pixels = pixels_of(image)
+    pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    if not np.isfinite(pixels).all():
+        raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
+    # As in brightness_of: only 8-bit images are held as codes.
+    return np.clip(linear_to_srgb(pixels) if image.is_float else pixels, 0.0, 1.0).astype(float)
+
+
+def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
+    """Fill the non-finite values of (H, W) from their surroundings; returns notes on it.
+
+    Raises
+    ------
+    InputError
+        More than half is missing: the rest would be invented, not measured.
+    """
+    missing = float(np.mean(~np.isfinite(grey)))
+    if missing > MOST_MISSING:
+        raise InputError(
+            f"'{name}': {missing:.0%} of its heights are missing or not numbers; at most "
+            f"{MOST_MISSING:.0%} can be filled."
+        )
+    if not missing:
+        return grey, ()
+    return fill_holes(grey), (f"{missing:.1%} of the heights were missing and were filled",)
+
+
+def pixels_of(image: bpy.types.Image) -> F32:
+    """All channels of an image as Blender holds them, (H, W, C), bottom row first.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, or too many.
+    """
+    if not image.has_data and image.source != "GENERATED" and not image.packed_files:
+        source = Path(bpy.data.filepath) if bpy.data.filepath else None
+        path = Path(bpy.path.abspath(image.filepath, library=image.library))
+        if is_elsewhere(path, source) or is_endless(path):
+            raise InputError(f"Image '{image.name}': {path} is no file of this computer.")
+    width, height = image.size
+    if not width or not height:
+        raise InputError(f"Image '{image.name}' has no pixels; is its file missing or no image?")
+    if max(width, height) > LARGEST:
+        raise InputError(
+            f"Image '{image.name}' has {width} x {height} pixels; at most {LARGEST} along an "
+            "edge can be read. Scale it down first."
+        )
+    values = np.zeros(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(height, width, image.channels)
+
+
+def load(path: str) -> bpy.types.Image:
+    """Load an image file.
+
+    Raises
+    ------
+    InputError
+        It is missing, cut off, or no image that Blender reads.
+    """
+    refuse_no_file(Path(path))
+    try:
+        image = bpy.data.images.load(path)
+    except RuntimeError as error:
+        raise InputError(f"{path}: Blender cannot read it as an image.") from error
+    if image.size[0] and not jpeg.is_cut_off(Path(path)):
+        return image
+    is_empty = not image.size[0]
+    bpy.data.images.remove(image)
+    raise InputError(
+        f"{path}: "
+        + ("Blender cannot read it as an image." if is_empty else "the end of the file is missing.")
+    )
+
+
+def store(
+    name: str, image: bpy.types.Image | None, channels: list[npt.ArrayLike]
+) -> bpy.types.Image:
+    """Keep arrays (H, W) in the .blend, exactly: the channels of a packed float image.
+
+    A single one fills red, green and blue, so that it is shown as grey.
+    """
+    first = np.asarray(channels[0])
+    rows, columns = first.shape
+    if image is not None and image.users > 1:
+        image = None  # a copy of the object shows it, too, and keeps it
+    elif image is not None and tuple(image.size) != (columns, rows):
+        bpy.data.images.remove(image)
+        image = None
+    if image is None:
+        image = bpy.data.images.new(name, columns, rows, float_buffer=True, is_data=True)
+    pixels = np.ones((rows, columns, 4), np.float32)
+    pixels[..., :3] = first[..., None]
+    for k, channel in enumerate(channels):
+        pixels[..., k] = channel
+    if len(channels) == 1:
+        pixels[..., 1:3] = pixels[..., :1]
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def show(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
+    """Make an image's preview from values (H, W), black lowest, white highest.
+
+    Where all are alike there is no contrast to show: their own value then, 0 black, 1 white.
+    """
+    grid = np.asarray(values, np.float32)
+    rows = np.linspace(0, grid.shape[0] - 1, size).round().astype(int)
+    columns = np.linspace(0, grid.shape[1] - 1, size).round().astype(int)
+    small = grid[rows][:, columns]
+    low, high = float(small.min()), float(small.max())
+    grey = (small - low) / (high - low) if high > low else np.clip(small, 0.0, 1.0)
+    pixels = np.ones((size, size, 4), np.float32)
+    pixels[..., :3] = grey[..., None]
+    preview = image.preview_ensure()
+    preview.image_size = (size, size)
+    preview.image_pixels_float.foreach_set(pixels.ravel())

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Relief of an object's surface, estimated from the picture of its material in another process.
+
+The result is an image in the .blend, which the surface is then made of as of any other.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine.texture.height_field import HeightField
+from ...engine.texture.relief.relief_estimate import EstimatedRelief
+from ...errors import InputError, OutputError
+from ...processes import start
+from . import image_values, material_relief, surface_sources, surfaces
+
+
+def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
+    """Picture of the base colour of an object's material; None where there is no single one."""
+    material = obj.active_material if obj is not None and obj.type == "MESH" else None
+    if material is None or material.node_tree is None:
+        return None
+    return material_relief.colour_picture_of(material)
+
+
+class ReliefEstimation:
+    """Estimation that runs in a process of its own.
+
+    Parameters
+    ----------
+    picture : Image
+    size_mm : (float, float)
+        Of what it shows.
+    tiles : bool
+        Whether it goes on at its opposite edge.
+
+    Raises
+    ------
+    InputError
+        The picture cannot be read.
+    OutputError
+        The temporary folder cannot be written to.
+    """
+
+    def __init__(self, picture: bpy.types.Image, size_mm: tuple[float, float], tiles: bool) -> None:
+        colours = image_values.colours_of(picture).astype(np.float32)
+        self.name, self.size_mm, self.tiles = picture.name, size_mm, tiles
+        try:
+            self._folder = tempfile.TemporaryDirectory(prefix="hfx-relief-")
+            source, self._target = (Path(self._folder.name) / f"{n}.npz" for n in ("in", "out"))
+            np.savez(source, srgb=colours, size_m=np.divide(size_mm, 1000.0), tiles=tiles)
+        except OSError as error:
+            raise OutputError(f"The temporary folder cannot be written to ({error}).") from error
+        self._process = start.start(
+            start.command("engine.texture.relief.relief_worker", source, self._target),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+
+    @property
+    def is_running(self) -> bool:
+        return self._process.poll() is None
+
+    def result(self) -> EstimatedRelief:
+        """Estimate, when the process has ended; waits for it.
+
+        Raises
+        ------
+        InputError
+            It failed.
+        """
+        _, error_output = self._process.communicate()
+        try:
+            if self._process.returncode:
+                lines = error_output.decode(errors="replace").strip().splitlines() or ["it ended"]
+                raise InputError(f"The relief of '{self.name}' was not estimated: {lines[-1]}")
+            with np.load(self._target) as file:
+                heights, slope, roughness = (
+                    file[name] for name in ("heights_m", "slope", "roughness")
+                )
+        finally:
+            self._folder.cleanup()
+        rows, columns = heights.shape
+        texel = self.size_mm[0] / 1000.0 / columns, self.size_mm[1] / 1000.0 / rows
+        return EstimatedRelief(HeightField(heights, texel, self.tiles), slope, roughness)
+
+    def stop(self) -> None:
+        """End the process without a result."""
+        self._process.kill()
+        self._process.communicate()
+        self._folder.cleanup()
+
+
+def take(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
+    """Make an object's surface of an estimate; returns notes.
+
+    Raises
+    ------
+    InputError
+        The estimation failed, or the object can have no surface.
+    """
+    found = estimation.result()
+    if not surfaces.is_surface(obj):
+        surfaces.add_surface(obj, "IMAGE")
+    settings = obj.hfx.surface
+    height_mm = 1000.0 * float(found.field.heights_m.max())
+    image = image_values.store(
+        f"{estimation.name} Estimate", None, surface_sources.estimate_channels(found)
+    )
+    settings.source, settings.image_kind, settings.image = "IMAGE", "ESTIMATE", image
+    settings.roughness_image = None
+    settings.height_mm = height_mm
+    settings.use_own_scale, settings.uv_mm = True, estimation.size_mm
+    surfaces.make(obj)
+    return f"The relief of '{estimation.name}' is an estimate, {height_mm:.3g} mm high"

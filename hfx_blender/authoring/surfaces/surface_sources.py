@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Relief sources of a haptic surface: a material, an image, a scan, or the library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.texture import procedural
+from ...engine.texture.height_field import HeightField, from_image
+from ...engine.texture.relief.relief_estimate import EstimatedRelief
+from ...engine.texture.scan import from_points, seen_from_above
+from ...errors import InputError
+from ...files.hashes import is_elsewhere
+from ...formats.pictures import point_cloud
+from . import image_values, surface_baking, surface_uv
+
+PICTURES = {".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg"}
+
+_LIKELY_M = (1e-3, 5.0)  # length of a scan
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """Relief of a surface: the input of a map."""
+
+    height: HeightField
+    roughness: npt.NDArray[np.floating] | None = None  # 0..1, the same rectangle
+    notes: tuple[str, ...] = ()
+    slope: npt.NDArray[np.float32] | None = None  # estimated by itself, on the heights' grid
+
+
+def relief_of(obj: bpy.types.Object) -> Relief:
+    """Make the relief of an object's surface from its chosen source.
+
+    Raises
+    ------
+    InputError
+        What it is to be made of is missing or cannot be used.
+    """
+    source = obj.hfx.surface.source
+    if source == "MATERIAL":
+        return _of_material(obj)
+    if source == "IMAGE":
+        return _of_image(obj)
+    if source == "SCAN":
+        return _of_scan(obj)
+    if source == "PROCEDURAL":
+        settings = obj.hfx.surface
+        return _of_library(settings.procedural, settings.seed, settings.resolution)
+    raise InputError(f"The surface of '{obj.name}' is an imported map: it has no relief.")
+
+
+def tile_mm(obj: bpy.types.Object) -> tuple[float, float]:
+    """Width and height of a UV unit on an object."""
+    settings = obj.hfx.surface
+    if settings.use_own_scale:
+        return settings.uv_mm[0], settings.uv_mm[1]
+    return surface_uv.tile_mm(obj, settings.uv_map)
+
+
+def _of_material(obj: bpy.types.Object) -> Relief:
+    settings = obj.hfx.surface
+    tile = tile_mm(obj)
+    # Texels are about square on the object, whatever the UV map makes of it.
+    width, height = (max(8, round(settings.resolution * t / max(tile))) for t in tile)
+    baked = surface_baking.bake(obj, width, height, settings.uv_map)
+    heights, notes = baked.heights_m, list(baked.notes)
+    if baked.luminance is not None and float(np.ptp(baked.luminance)) > 1.0 / 512.0:
+        heights = baked.luminance.astype(np.float64) * settings.height_mm / 1000.0
+        notes.append("the material has no relief: its colour was used as heights")
+    elif baked.is_flat:
+        notes.append("the material has no relief: only its roughness is used")
+    else:
+        heights = heights - heights[baked.covered].mean()
+    texel = tile[0] / 1000.0 / width, tile[1] / 1000.0 / height
+    return Relief(HeightField(heights, texel, baked.tiles), baked.roughness, tuple(notes))
+
+
+def _of_image(obj: bpy.types.Object) -> Relief:
+    settings = obj.hfx.surface
+    if settings.image is None:
+        raise InputError(f"The surface of '{obj.name}' is made of an image; choose one.")
+    if settings.image_kind == "ESTIMATE":
+        return _of_estimate(obj)
+    is_colour = settings.image_kind == "COLOUR"
+    read = image_values.brightness_of if is_colour else image_values.data_of
+    grey, notes = image_values.without_holes(read(settings.image), settings.image.name)
+    tile = tile_mm(obj)
+    field = from_image(grey, settings.height_mm / 1000.0, (tile[0] / 1000.0, tile[1] / 1000.0))
+    roughness = settings.roughness_image
+    return Relief(field, None if roughness is None else image_values.data_of(roughness), notes)
+
+
+def estimate_channels(found: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
+    """Channels of the image of an estimate: height 0..1, roughness, and the slope that a square
+    of height and edge 1 would have."""
+    height_m = float(found.field.heights_m.max()) or 1.0
+    width, length = found.field.size_m
+    slope = found.slope * np.float32(np.sqrt(width * length) / height_m)
+    return [found.field.heights_m / height_m, found.roughness, slope]
+
+
+def _of_estimate(obj: bpy.types.Object) -> Relief:
+    settings, tile = obj.hfx.surface, tile_mm(obj)
+    pixels = image_values.pixels_of(settings.image)
+    if pixels.shape[2] < 3 or not np.isfinite(pixels).all():
+        raise InputError(f"Image '{settings.image.name}' is no estimate: make it again.")
+    size_m = tile[0] / 1000.0, tile[1] / 1000.0
+    field = from_image(pixels[..., 0], settings.height_mm / 1000.0, size_m)
+    steepness = abs(settings.height_mm) / float(np.sqrt(tile[0] * tile[1]))
+    slope = steepness * np.abs(pixels[..., 2])
+    return Relief(field, pixels[..., 1].clip(0.0, 1.0), slope=slope)
+
+
+def _of_scan(obj: bpy.types.Object) -> Relief:
+    settings = obj.hfx.surface
+    if not settings.scan_path:
+        raise InputError(f"The surface of '{obj.name}' is made of a scan; choose its file.")
+    path = Path(bpy.path.abspath(settings.scan_path))
+    if is_elsewhere(path, Path(bpy.data.filepath) if bpy.data.filepath else None):
+        raise InputError(f"{path}: the scan of '{obj.name}' is on another machine; copy it here.")
+    return read_scan(
+        path,
+        unit_mm=settings.scan_unit_mm,
+        size_mm=tuple(settings.scan_size_mm),
+        height_mm=settings.height_mm,
+        resolution=settings.resolution,
+    )
+
+
+def read_scan(
+    path: Path,
+    *,
+    unit_mm: float,
+    size_mm: tuple[float, float],
+    height_mm: float,
+    resolution: int,
+) -> Relief:
+    """The relief of a scan's file: a point cloud, or a picture of heights.
+
+    Parameters
+    ----------
+    unit_mm : float
+        Of a point cloud's coordinates.
+    size_mm, height_mm : (float, float), float
+        Of a picture: its size, and that of white over black.
+    resolution : int
+        Texels along the longer edge of a point cloud's map, at most.
+
+    Raises
+    ------
+    InputError
+    """
+    if path.suffix.lower() in PICTURES:
+        image = image_values.load(str(path))
+        try:
+            grey, notes = image_values.without_holes(image_values.data_of(image), path.name)
+        finally:
+            bpy.data.images.remove(image)
+        size = size_mm[0] / 1000.0, size_mm[1] / 1000.0
+        return Relief(from_image(grey, height_mm / 1000.0, size, tiles=False), notes=notes)
+    points = seen_from_above(point_cloud.read(path) * (unit_mm / 1000.0))
+    span = np.ptp(points[:, :2], axis=0)
+    # A texel for each point, up to the requested number.
+    texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
+    return Relief(from_points(points, texel), notes=_unlikely(span))
+
+
+def _unlikely(span_m: np.ndarray) -> tuple[str, ...]:
+    """Note about a size that a wrong unit would explain."""
+    longest = float(span_m.max())
+    if _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
+        return ()
+    return (f"the scan is {1000.0 * longest:.3g} mm long; is the unit of its numbers right?",)
+
+
+def _of_library(name: str, seed: int, texels: int) -> Relief:
+    field, roughness = procedural.material(name).make(max(texels, 16), seed)
+    return Relief(field, roughness)

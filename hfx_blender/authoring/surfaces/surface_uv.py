@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""UV map of a mesh as the map of a haptic surface: size of a UV unit, area covered twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...blender.scene_units import metres_of
+from ...engine.arrays import F64, I64
+from ...errors import InputError
+
+_OUTSIDE = 1e-4  # of a UV unit
+_SMALLEST = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Charts:
+    """A mesh's triangles on a UV map and in the world."""
+
+    name: str  # of the UV map
+    uv: F64  # (F, 3, 2)
+    tile: tuple[float, float]  # Blender's units of the world in a UV unit, along U and V
+    slots: I64  # (F,) material slot of each triangle
+    areas: F64  # (F,) in the world
+
+    @property
+    def used_slots(self) -> list[int]:
+        """Slots that a face uses, the largest area first."""
+        totals = np.bincount(self.slots, self.areas)
+        return [int(k) for k in np.argsort(-totals, kind="stable") if k in set(self.slots.tolist())]
+
+    @property
+    def leaves_unit_square(self) -> bool:
+        """Test for UVs outside of 0 to 1, which repeat the map."""
+        return bool((self.uv < -_OUTSIDE).any() or (self.uv > 1.0 + _OUTSIDE).any())
+
+    @property
+    def uv_area(self) -> float:
+        """Area of all triangles, in UV units."""
+        return float(_uv_areas(self.uv).sum())
+
+
+def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
+    """Charts of a mesh; ``owner`` is the object's name, for messages.
+
+    Parameters
+    ----------
+    uv_map : str
+        Empty: the map that is rendered.
+    world : array_like
+        (4, 4) local to world.
+
+    Raises
+    ------
+    InputError
+        The object has no size, there is no such map, or it has no area.
+    """
+    points, areas = _triangles(mesh, owner, world)
+    layer = _layer(mesh, uv_map, owner)
+    count = len(points)
+    loops, slots = np.zeros(count * 3, np.int32), np.zeros(count, np.int32)
+    mesh.loop_triangles.foreach_get("loops", loops)
+    mesh.loop_triangles.foreach_get("material_index", slots)
+    at_loops = np.zeros(len(mesh.loops) * 2, np.float32)
+    layer.uv.foreach_get("vector", at_loops)
+    uv = at_loops.reshape(-1, 2).astype(np.float64)[loops].reshape(-1, 3, 2)
+    if not np.isfinite(uv).all():
+        raise InputError(f"UV map '{layer.name}' of '{owner}' has values that are not numbers.")
+    tile = _tile(points, uv)
+    if tile is None:
+        raise InputError(f"UV map '{layer.name}' of '{owner}' has no area: unwrap the mesh first.")
+    return Charts(layer.name, uv, tile, slots.astype(np.int64), areas)
+
+
+def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
+    """Corners (F, 3, 3) and areas (F,) of a mesh's triangles, in the world's units."""
+    mesh.calc_loop_triangles()
+    corners = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
+    mesh.loop_triangles.foreach_get("vertices", corners)
+    positions = np.zeros(len(mesh.vertices) * 3, np.float32)
+    if len(corners):
+        mesh.attributes["position"].data.foreach_get("vector", positions)
+    turn = np.array(world, np.float64)[:3, :3]
+    points = (positions.reshape(-1, 3).astype(np.float64) @ turn.T)[corners].reshape(-1, 3, 3)
+    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    areas = 0.5 * np.linalg.norm(across, axis=1)
+    if not (np.isfinite(points).all() and float(areas.sum()) > _SMALLEST):
+        raise InputError(
+            f"'{owner}' has no faces of any size (or its scale is 0): it has no surface."
+        )
+    return points, areas
+
+
+def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
+    """Coordinates (F, 3, 2) without a UV map, in the world's units.
+
+    Each face is seen along the axis that it faces most, so that neighbours that face the same
+    way go on without a seam.
+
+    Raises
+    ------
+    InputError
+        The object has no size.
+    """
+    points, _ = _triangles(mesh, owner, world)
+    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    facing = np.abs(across).argmax(axis=1)
+    kept = np.array([[1, 2], [0, 2], [0, 1]])[facing]
+    return np.take_along_axis(points, kept[:, None, :], axis=2)
+
+
+def _layer(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
+    layers = mesh.uv_layers
+    if not len(layers):
+        raise InputError(f"'{owner}' has no UV map. Unwrap it first (in Edit Mode: U).")
+    if not uv_map:
+        return next((layer for layer in layers if layer.active_render), layers[0])
+    if uv_map not in layers:
+        names = ", ".join(f"'{layer.name}'" for layer in layers)
+        raise InputError(f"'{owner}' has no UV map '{uv_map}'; it has: {names}.")
+    return layers[uv_map]
+
+
+def _uv_areas(uv: F64) -> F64:
+    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return 0.5 * np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+
+
+def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
+    """Mean length of a UV unit along U and V; texels count evenly."""
+    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    twice = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    good = np.abs(twice) > _SMALLEST
+    if not good.any():
+        return None
+    one, two, twice = one[good], two[good], twice[good, None]
+    first, second = (points[good, k] - points[good, 0] for k in (1, 2))
+    along_u = (first * two[:, 1:] - second * one[:, 1:]) / twice
+    along_v = (second * one[:, :1] - first * two[:, :1]) / twice
+    weights = np.abs(twice[:, 0])
+    lengths = [
+        float(np.average(np.linalg.norm(along, axis=1), weights=weights))
+        for along in (along_u, along_v)
+    ]
+    return (lengths[0], lengths[1]) if min(lengths) > _SMALLEST else None
+
+
+def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
+    """Turn a mesh into one face that shows one UV tile in its size.
+
+    Parameters
+    ----------
+    scale : float
+        Of the object that has the mesh; the face has its size in the world.
+    """
+    width, height = charts.tile[0] / scale, charts.tile[1] / scale
+    mesh.clear_geometry()
+    mesh.from_pydata(
+        [(0.0, 0.0, 0.0), (width, 0.0, 0.0), (width, height, 0.0), (0.0, height, 0.0)],
+        [],
+        [(0, 1, 2, 3)],
+    )
+    layer = mesh.uv_layers.new(name=charts.name)
+    layer.uv.foreach_set("vector", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
+    mesh.update()
+
+
+def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
+    """Width and height of a UV unit on an object as it stands, mm.
+
+    Raises
+    ------
+    InputError
+        No mesh, no size, no UV map, or a map without area.
+    """
+    if obj.type != "MESH":
+        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+    tile = charts_of(obj.data, uv_map, obj.name, obj.matrix_world).tile
+    unit_mm = 1000.0 * metres_of(bpy.context.scene)
+    return tile[0] * unit_mm, tile[1] * unit_mm

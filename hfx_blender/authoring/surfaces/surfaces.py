@@ -1,0 +1,428 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic surfaces as Blender objects: their creation, removal, maps and haptic material.
+
+A surface is an effect whose place is an object of the scene itself. Its relief and the layers of
+its haptic map are images in the .blend, so that nothing is lost with a file; they are made anew
+when the settings that they were made of are no longer the object's.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import uuid
+from typing import TYPE_CHECKING, Final
+
+import bpy
+
+from ...errors import HfxError, InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from ...engine.texture.device_range import DeviceRange
+    from ...engine.texture.haptic_map import HapticMap
+    from ...engine.texture.height_field import HeightField
+    from ...engine.texture.surface_texture import SurfaceTexture
+    from .surface_sources import Relief
+
+_IMAGES = ("relief_image", "intensity_image", "sharpness_image")
+
+_RELIEF_SETTINGS = {
+    "MATERIAL": ("uv_map", "resolution", "height_mm"),
+    "IMAGE": ("image_kind", "height_mm"),
+    "SCAN": ("scan_path", "scan_unit_mm", "scan_size_mm", "height_mm", "resolution"),
+    "PROCEDURAL": ("procedural", "seed", "resolution"),
+    "MAP": (),
+    "GENERATED": (),
+}
+_KEPT: Final = ("MAP", "GENERATED")
+"""Sources whose images are the surface itself: no setting makes them again."""
+
+_ROUNDING: Final = 1e-3
+"""Distance that a value of an imported map may be beyond 0 to 1, as pictures are converted."""
+
+_LAYER_SETTINGS = ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps")
+
+
+def surfaces_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's surfaces, by name."""
+    found = [obj for obj in scene.objects if is_surface(obj)]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def is_surface(obj: bpy.types.Object | None) -> bool:
+    """Test for an object with a haptic surface."""
+    return obj is not None and obj.hfx.role == "EFFECT" and obj.hfx.kind == "SURFACE"
+
+
+def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
+    """Add a haptic surface to an object; nothing is baked yet.
+
+    Raises
+    ------
+    InputError
+        It is no mesh, or has another haptic meaning.
+    """
+    from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+
+    if obj.type != "MESH":
+        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no surface.")
+    if is_surface(obj):
+        raise InputError(f"'{obj.name}' has a haptic surface already.")
+    if obj.hfx.role != "NONE":
+        raise InputError(f"'{obj.name}' is a haptic {obj.hfx.role.lower()} already.")
+    if obj.library is not None:
+        raise InputError(f"'{obj.name}' is linked from another file; add the surface there.")
+    hfx = obj.hfx
+    hfx.kind = "SURFACE"
+    hfx.role = "EFFECT"
+    hfx.uid = uuid.uuid4().hex
+    hfx.modality = "vibration"
+    device = DeviceRange()
+    hfx.amplitude = device.amplitude_g[1] * STANDARD_GRAVITY
+    hfx.frequency = device.carrier_hz
+    hfx.surface.source = source
+
+
+def remove_surface(obj: bpy.types.Object) -> None:
+    """Remove the surface; its maps go with it unless something else uses them."""
+    settings = obj.hfx.surface
+    images = [getattr(settings, name) for name in _IMAGES]
+    for name in settings.bl_rna.properties.keys():
+        if name not in ("rna_type", "name"):
+            settings.property_unset(name)
+    obj.hfx.role = "NONE"
+    obj.hfx.kind = "VOLUME"
+    obj.hfx.uid = ""
+    for image in images:
+        if image is not None and image.users == 0:
+            bpy.data.images.remove(image)
+
+
+def is_stale(obj: bpy.types.Object) -> bool:
+    """Test for maps that were made with other settings."""
+    settings = obj.hfx.surface
+    return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
+
+
+def differs_from_material(obj: bpy.types.Object) -> bool:
+    """Test for a material edited since it was baked; False where that is not known."""
+    from . import material_state
+
+    known = obj.hfx.surface.material_state
+    return known != "" and known != material_state.state_of(obj)
+
+
+def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
+    """Make an object's maps and store them in the .blend; returns notes.
+
+    Parameters
+    ----------
+    anew : bool
+        Make the relief again even where its settings are the same (its material may differ).
+
+    Raises
+    ------
+    InputError
+        The maps cannot be made; those that there were are kept.
+    """
+    from . import material_state, surface_sources
+
+    settings = obj.hfx.surface
+    if obj.mode == "EDIT":  # its mesh cannot be read there
+        raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
+    try:
+        if settings.source not in _KEPT and (anew or settings.made_of != _relief_key(obj)):
+            begin = time.monotonic()
+            _keep_relief(obj, surface_sources.relief_of(obj))
+            settings.is_outdated = False
+            settings.material_state = ""
+            if settings.source == "MATERIAL":
+                settings.material_state = material_state.state_of(obj)
+                material_state.bake_s[obj.name] = time.monotonic() - begin
+        _keep_layers(obj)
+    except HfxError as error:
+        settings.note, settings.is_faulty = str(error), True
+        raise
+    settings.is_faulty = False
+    return settings.note
+
+
+def _keep_relief(obj: bpy.types.Object, relief: Relief) -> None:
+    from . import image_values
+
+    settings, field = obj.hfx.surface, relief.height
+    roughness = _on_grid(relief.roughness, field)
+    heights_mm = field.heights_m * 1000.0
+    channels = [heights_mm, roughness] + ([] if relief.slope is None else [relief.slope])
+    settings.relief_image = image_values.store(
+        f"{obj.name} Relief (mm)", settings.relief_image, channels
+    )
+    settings.made_slope = relief.slope is not None
+    image_values.show(settings.relief_image, heights_mm)
+    settings.made_size_mm = [1000.0 * length for length in field.size_m]
+    settings.made_tiles = field.tiles
+    settings.made_of = _relief_key(obj)
+    settings.layers_of = ""
+    settings.note = "; ".join(relief.notes)
+
+
+def _on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
+    import numpy as np
+
+    from ...engine.texture.mcha import MapSettings, make_map
+
+    if roughness is None:
+        return np.full(field.heights_m.shape, MapSettings().default_roughness, np.float32)
+    return 1.0 - make_map(field, roughness, MapSettings(blur_m=0.0)).sharpness
+
+
+def _keep_layers(obj: bpy.types.Object) -> None:
+    from . import image_values, surface_saturation
+
+    settings = obj.hfx.surface
+    if settings.layers_of == _layer_key(obj):
+        return
+    made = _map_of(obj, field_of(obj))
+    for name, title, layer in (
+        ("intensity_image", "Intensity", made.intensity),
+        ("sharpness_image", "Sharpness", made.sharpness),
+    ):
+        if settings.source != "MAP":
+            image = image_values.store(f"{obj.name} {title}", getattr(settings, name), [layer])
+            setattr(settings, name, image)
+        image_values.show(getattr(settings, name), layer)
+    settings.warning = surface_saturation.warning(obj, made)
+    settings.layers_of = _layer_key(obj)
+
+
+def ensure(obj: bpy.types.Object) -> None:
+    """Make an object's maps if there are none of its present settings."""
+    if is_stale(obj):
+        make(obj, anew=False)
+
+
+def field_of(obj: bpy.types.Object) -> HeightField | None:
+    """Relief stored in an object's images; None for an imported map.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    import numpy as np
+
+    from ...engine.texture.height_field import HeightField
+    from . import image_values, surface_sources
+
+    settings = obj.hfx.surface
+    if settings.source == "MAP":
+        return None
+    if settings.relief_image is None:
+        raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
+    heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
+    size_mm = settings.made_size_mm
+    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, whatever its present size
+        size_mm = surface_sources.tile_mm(obj)
+    rows, columns = heights_m.shape
+    texel = size_mm[0] / 1000.0 / columns, size_mm[1] / 1000.0 / rows
+    return HeightField(heights_m, texel, settings.made_tiles)
+
+
+def device_of(obj: bpy.types.Object) -> DeviceRange:
+    """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1."""
+    from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+
+    hfx = obj.hfx
+    if hfx.surface.lowest_hz > hfx.surface.highest_hz:
+        raise InputError(
+            f"The surface of '{obj.name}': its lowest frequency, {hfx.surface.lowest_hz:g} Hz, is "
+            f"above its highest, {hfx.surface.highest_hz:g} Hz."
+        )
+    return DeviceRange(
+        amplitude_g=(0.0, max(hfx.amplitude / STANDARD_GRAVITY, 1e-6)),
+        frequency_hz=(hfx.surface.lowest_hz, hfx.surface.highest_hz),
+        carrier_hz=max(hfx.frequency, 1.0),
+    )
+
+
+def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
+    """A layer of an imported map, (rows, columns) in 0..1.
+
+    Raises
+    ------
+    InputError
+        It holds anything else.
+    """
+    import numpy as np
+
+    from . import image_values
+
+    values = image_values.pixels_of(image)[..., 0]
+    wrong = int(np.count_nonzero(~((values >= -_ROUNDING) & (values <= 1.0 + _ROUNDING))))
+    if wrong:
+        raise InputError(
+            f"The surface of '{obj.name}': {wrong} of {values.size} values of its map "
+            f"'{image.name}' are not from 0 to 1; import it again."
+        )
+    return np.clip(values, 0.0, 1.0)
+
+
+def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
+    import numpy as np
+
+    from ...engine.texture.device_range import NoticeableSteps
+    from ...engine.texture.haptic_map import HapticMap
+    from ...engine.texture.mcha import MapSettings, make_map
+    from . import image_values
+
+    settings = obj.hfx.surface
+    device = device_of(obj)
+    steps = NoticeableSteps() if settings.use_steps else None
+    if field is None:
+        if settings.intensity_image is None or settings.sharpness_image is None:
+            raise InputError(f"The surface of '{obj.name}' is an imported map; import one.")
+        intensity, sharpness = (
+            _layer_of(obj, image) for image in (settings.intensity_image, settings.sharpness_image)
+        )
+        rows, columns = intensity.shape
+        texel = settings.made_size_mm[0] / 1000.0 / columns, settings.made_size_mm[1] / 1000 / rows
+        made = HapticMap(intensity, sharpness, texel, settings.made_tiles, device)
+        return made if steps is None else made.in_steps(steps)
+    pixels = image_values.pixels_of(settings.relief_image)
+    slope = np.ascontiguousarray(pixels[..., 2]) if settings.made_slope else None
+    wanted = MapSettings(
+        blur_m=settings.blur_mm / 1000.0,
+        full_slope=settings.full_slope,
+        device=device,
+        steps=steps,
+    )
+    try:
+        return make_map(field, pixels[..., 1], wanted, slope)
+    except ModuleNotFoundError as error:  # the small extension comes without its wheels
+        raise InputError(
+            f"Haptic maps need '{error.name}', which this installation lacks; install the "
+            "extension with its wheels."
+        ) from error
+
+
+def map_of(obj: bpy.types.Object) -> HapticMap:
+    """The haptic map of an object as its settings are now.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
+    ensure(obj)
+    return _map_of(obj, field_of(obj))
+
+
+def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
+    """Haptic material of an object.
+
+    Raises
+    ------
+    InputError
+        Its maps cannot be made.
+    """
+    from ...devices.configurations import surface_calibration
+    from ...engine.texture.surface_texture import Renderer, SurfaceTexture
+
+    ensure(obj)
+    settings, field = obj.hfx.surface, field_of(obj)
+    renderer = Renderer[settings.renderer]
+    if field is None and renderer is not Renderer.MCHA:
+        raise InputError(
+            f"The surface of '{obj.name}' is an imported map, which has no heights; only "
+            "micro-collisions can render it."
+        )
+    drive = settings.drive * 1000.0 or surface_calibration.drive_per_m()
+    return SurfaceTexture(
+        field,
+        _map_of(obj, field),
+        renderer,
+        drive,
+        device_of(obj),
+        is_calibrated=not settings.drive,
+    )
+
+
+def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
+    """Store an imported map as the object's surface."""
+    from ...engine.texture.device_range import STANDARD_GRAVITY
+    from . import image_values
+
+    settings = obj.hfx.surface
+    settings.intensity_image = image_values.store(
+        f"{obj.name} Intensity", settings.intensity_image, [made.intensity]
+    )
+    settings.sharpness_image = image_values.store(
+        f"{obj.name} Sharpness", settings.sharpness_image, [made.sharpness]
+    )
+    settings.made_size_mm = [1000.0 * length for length in made.size_m]
+    settings.made_tiles = made.tiles
+    settings.lowest_hz, settings.highest_hz = made.device.frequency_hz
+    obj.hfx.amplitude = made.device.amplitude_g[1] * STANDARD_GRAVITY
+    settings.source = "MAP"
+    settings.made_of = _relief_key(obj)
+    settings.layers_of = ""
+    _keep_layers(obj)
+    settings.note, settings.is_faulty = note, False
+
+
+def take_relief(obj: bpy.types.Object, relief: Relief) -> None:
+    """Store a generated relief as the object's surface, and make its map.
+
+    Raises
+    ------
+    InputError
+        The map cannot be made.
+    """
+    settings = obj.hfx.surface
+    settings.source = "GENERATED"
+    _keep_relief(obj, relief)
+    _keep_layers(obj)
+    settings.is_faulty, settings.is_outdated = False, False
+
+
+def _relief_key(obj: bpy.types.Object) -> str:
+    settings = obj.hfx.surface
+    names = _RELIEF_SETTINGS[settings.source]
+    key = [settings.source, *(_plain(getattr(settings, name)) for name in names)]
+    if settings.source == "IMAGE":
+        images = (settings.image, settings.roughness_image)
+        key += [None if i is None else [i.name_full, i.filepath, *i.size] for i in images]
+    if settings.source == "MATERIAL":
+        materials = [slot.material for slot in obj.material_slots]
+        key.append(["" if each is None else each.name_full for each in materials])
+    return json.dumps(key)
+
+
+def _layer_key(obj: bpy.types.Object) -> str:
+    settings = obj.hfx.surface
+    values = [_plain(getattr(settings, name)) for name in _LAYER_SETTINGS]
+    if settings.use_steps:
+        values.append(obj.hfx.amplitude)
+    return json.dumps([settings.made_of, *values])
+
+
+def _plain(value: object) -> object:
+    return value if isinstance(value, str | int | float) else list(value)
+
+
+def signature(obj: bpy.types.Object) -> tuple[object, ...]:
+    """Fingerprint of an object's haptic material: changes with every setting that may affect it."""
+    settings = obj.hfx.surface
+    return (
+        _relief_key(obj),
+        _layer_key(obj),
+        settings.renderer,
+        settings.drive,
+        settings.use_own_scale,
+        *settings.uv_mm,
+        obj.hfx.amplitude,
+        obj.hfx.frequency,
+    )

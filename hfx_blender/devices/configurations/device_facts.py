@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Facts about a device for people who choose one: its name, maker, modalities, places, picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ...engine.body.model import load_model
+from ...engine.body.parts import PARTS
+from ...engine.body.region_names import REGIONS
+from ...engine.body.regions import region_at
+from ...engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
+from ...errors import InputError
+from ..configuration import find_file, load_device, named_in_blend
+
+_MODEL: Final = "hfx-pressure-1"  # that tells places apart
+_MOST_PLACES: Final = 3  # that are named
+ROOM: Final = "In the Room"
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceFacts:
+    """Device in the words of its configuration; the name alone where that cannot be read."""
+
+    id: str  # as a scene names it
+    title: str
+    device: DeviceConfig | None
+    fault: str = ""
+    places: tuple[str, ...] = ()  # those with the most actuators first
+    picture: Path | None = None
+
+    @property
+    def maker(self) -> str:
+        """Maker and model; empty for a generic layout, and where the title names both."""
+        brand = None if self.device is None else self.device.brand
+        if brand is None or (brand.vendor in self.title and brand.model in self.title):
+            return ""
+        return f"{brand.vendor} {brand.model}"
+
+    @property
+    def label(self) -> str:
+        """Title and modalities, for a list."""
+        plays = () if self.device is None else self.device.modalities
+        return f"{self.title}, {', '.join(plays)}" if plays else self.title
+
+    @property
+    def group(self) -> str:
+        """Group of regions with the most actuators; empty where nothing is known."""
+        first = self.places[0] if self.places else ""
+        groups = {region.label: region.group for region in REGIONS} | {ROOM: ROOM}
+        return groups.get(first, "")
+
+    @property
+    def summary(self) -> str:
+        """Modalities that it plays, numbers of actuators, and their places."""
+        if self.device is None:
+            return ""
+        count = len(self.device.actuators)
+        named = self.places[:_MOST_PLACES]
+        more = len(self.places) - len(named)
+        where = ", ".join(named).lower() + (f" and {more} more" if more else "")
+        plays = " and ".join(self.device.modalities)
+        return f"{plays.capitalize()}, {count} actuator{'' if count == 1 else 's'}: {where}"
+
+
+def facts_of(name: str) -> DeviceFacts:
+    """Facts about a device; read anew when its file has changed."""
+    try:
+        path = find_file(named_in_blend(name))
+        stamp = 0 if path is None else path.stat().st_mtime_ns
+    except (InputError, OSError) as error:
+        return DeviceFacts(name, name, None, str(error))
+    return _read(name, path, stamp)
+
+
+@lru_cache(maxsize=256)
+def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
+    try:
+        device = load_device(name)
+        places = Counter(_place(each) for each in device.actuators)
+    except InputError as error:
+        return DeviceFacts(name, name, None, str(error))
+    picture = None if path is None else path.parent / "pictures" / f"{path.stem}.png"
+    return DeviceFacts(
+        name,
+        device.name,
+        device,
+        places=tuple(place for place, _ in places.most_common()),
+        picture=picture if picture is not None and picture.is_file() else None,
+    )
+
+
+def _place(actuator: Actuator) -> str:
+    """Region of the body at an actuator."""
+    place = actuator.place
+    if isinstance(place, BodyPlace):
+        model = load_model(_MODEL)
+        on_part = np.isin(model.part, [PARTS.index(part) for part in place.parts])
+        distance = np.linalg.norm(model.vertices - np.array(place.centre_m), axis=1)
+        return region_at(model, int(np.argmin(np.where(on_part, distance, np.inf)))).label
+    if isinstance(place, VertexPlace):
+        first = place.sets[0]
+        return region_at(load_model(first.model_id), first.vertices[0]).label
+    return ROOM

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Output process: it owns every port, and falls silent when anybody fails.
+
+Run as ``python -m hfx_blender.devices.host.host PID`` by the process PID. Messages come over
+standard input, events go out as JSON lines over standard output. It needs neither Blender nor a
+window.
+
+Silence comes from: a stop message, the end of standard input or of the process that writes it,
+SIGTERM, an exception here, no sign of life for 250 ms, a process that stood still, as a computer
+that sleeps, a lost output, a fault of a script or of what renders. Only an arm message ends it.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from contextlib import AbstractContextManager
+from functools import partial
+from math import isnan
+from pathlib import Path
+from types import FrameType
+from typing import Any, BinaryIO, Final, TextIO
+
+from ...engine.rendering.device import DeviceConfig
+from ...errors import InputError
+from ...files import resources
+from ..configuration import load_device
+from ..workers.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageError,
+    MessageKind,
+    decode_json,
+    decode_values,
+    read_message,
+)
+from ..workers.render_process import Questions, RenderProcess
+from ..workers.script_process import ScriptProcess
+from .clock import SYSTEM, Clock
+from .device_thread import FREEZE_S, DeviceThread
+from .kept_accounts import KeptAccounts, identities
+from .output import Output
+from .outputs import open_output
+from .process_watch import await_end
+from .time_on import AccountUse
+from .waiting import MAX_OFFSET_S
+
+HEARTBEAT_S: Final = 0.25
+"""Longest time between messages, seconds; beyond it Blender counts as frozen."""
+
+PAUSE_S: Final = 10.0
+"""Longest announced pause of Blender, seconds; every device is silent meanwhile."""
+
+MAX_DEVICES: Final = 64
+_WATCH_S: Final = 0.02
+_MAX_EVENTS: Final = 1000
+
+_log = logging.getLogger(__name__)
+
+
+class Reporter:
+    """Writes events in a thread of its own: a reader that sleeps must not stop a device."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._events: deque[str] = deque(maxlen=_MAX_EVENTS)  # the oldest are dropped
+        self._wake = threading.Condition()
+        threading.Thread(target=self._run, name="events", daemon=True).start()
+
+    def __call__(self, event: str, device: int = EVERY_DEVICE, **facts: Any) -> None:
+        line = json.dumps({"event": event, "device": device, **facts})
+        with self._wake:
+            self._events.append(line)
+            self._wake.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                while not self._events:
+                    self._wake.wait()
+                lines = list(self._events)
+                self._events.clear()
+            try:
+                self._stream.write("\n".join(lines) + "\n")
+                self._stream.flush()
+            except (OSError, ValueError):
+                return  # the reader has gone; the end of standard input follows
+
+
+class Host:
+    """All devices, and the dispatch of messages to them."""
+
+    def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
+        self._report, self._clock = report, clock
+        self._device_threads: dict[int, DeviceThread] = {}
+        self._wake = threading.Condition()
+        self._last_sign_s = self._last_turn_s = clock.now()
+        self._end = ""
+        self._patience_s = HEARTBEAT_S
+        self._is_frozen = False
+        self._accounts = KeptAccounts(resources.time_on(), clock)
+        threading.Thread(target=self._accounts.save_regularly, name="time on", daemon=True).start()
+        self._rendering = RenderProcess(
+            self._rendered, self._cannot_render, clock, lambda: report("prepared")
+        )
+
+    def read(self, stream: BinaryIO) -> None:
+        """Read messages to the end of the stream, then end the process's work."""
+        end = "Blender has gone"
+        try:
+            while True:
+                message = read_message(stream)
+                if message is None:
+                    break
+                self.receive(message)
+        except MessageError as error:
+            end = f"Blender sent {error}"
+        except Exception as error:
+            _log.exception("messages")
+            end = f"{type(error).__name__}: {error}"
+        self._finish(end)
+
+    def end_with(self, pid: int) -> None:
+        """End the process's work when another process begins to end; runs in a thread."""
+        if await_end(pid):
+            self._finish("Blender has gone")
+
+    def _finish(self, end: str) -> None:
+        with self._wake:
+            self._end = end
+            self._wake.notify()
+        # At once, not when the main thread is up.
+        for thread in list(self._device_threads.values()):
+            thread.stop(end)
+
+    def receive(self, message: Message) -> None:
+        """Take a message that was read just now, which is also a sign of life."""
+        now = self._clock.now()
+        self._stop_after_standstill(now)
+        is_work = message.kind is MessageKind.PAUSE and message.device == EVERY_DEVICE
+        self._patience_s = PAUSE_S if is_work else HEARTBEAT_S
+        self._last_sign_s = now
+        self.take(message, now)
+        for thread in list(self._device_threads.values()):
+            thread.sign(now)
+
+    def take(self, message: Message, read_s: float) -> None:
+        """Execute a message that was read at a given time."""
+        kind = message.kind
+        if kind is MessageKind.CONNECT:
+            self._connect(message.device, decode_json(message.body))
+            return
+        if kind is MessageKind.MOMENT:
+            playing = [(n, thread) for n, thread in self._device_threads.items() if thread.is_armed]
+            questions = {number: thread.question(read_s) for number, thread in playing}
+            self._rendering.show(message.body, questions)
+            return
+        if kind in (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK):
+            self._rendering.add_lookahead(kind, message.body)
+            return
+        if message.device == EVERY_DEVICE:
+            if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
+                self._rendering.forget()
+            threads = list(self._device_threads.values())
+        else:
+            threads = [x for x in (self._device_threads.get(message.device),) if x is not None]
+        for thread in threads:
+            if kind is MessageKind.STOP:
+                thread.stop(message.body.decode(errors="replace") or "stopped by you")
+            elif kind is MessageKind.ARM:
+                thread.arm()
+            elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
+                thread.pause()
+            elif kind is MessageKind.VALUES:
+                thread.feed(decode_values(message.body), thread.question(read_s))
+            elif kind is MessageKind.HAPTICS and thread.script is not None:
+                question = thread.question(read_s)
+                thread.script.ask(message.body, partial(thread.feed, question=question))
+            elif kind is MessageKind.PULSE:
+                thread.pulse(int(decode_json(message.body).get("actuator", -1)))
+            elif kind is MessageKind.SETTINGS:
+                thread.set_offset(_offset_s(decode_json(message.body)))
+            elif kind is MessageKind.DISCONNECT:
+                self._device_threads.pop(thread.number, None)
+                thread.close("disconnected")
+        if kind is MessageKind.STOP:
+            self._report("silent")
+        elif kind is MessageKind.SCENE:
+            self._rendering.describe(message.body)
+        elif kind is MessageKind.ARM:
+            self._rendering.restart()
+
+    def _rendered(self, answer: Message, questions: Questions) -> None:
+        """Forward rendered values to a device, or haptic data to its script."""
+        if answer.device == EVERY_DEVICE:
+            self._cannot_render(answer.body.decode(errors="replace"))
+            return
+        thread = self._device_threads.get(answer.device)
+        if thread is None or not thread.is_armed:
+            return
+        if answer.kind is MessageKind.FAULT:
+            thread.fault(answer.body.decode(errors="replace"))
+            return
+        question = questions.get(answer.device)
+        if question is None:  # it did not exist, or did not play, at the time of the request
+            return
+        if answer.kind is MessageKind.ANSWER:
+            thread.feed(decode_values(answer.body), question)
+        elif answer.kind is MessageKind.HAPTICS and thread.script is not None:
+            thread.script.ask(answer.body, partial(thread.feed, question=question))
+
+    def _cannot_render(self, text: str) -> None:
+        for thread in list(self._device_threads.values()):
+            if thread.is_armed:
+                thread.fault(text)
+
+    def _connect(self, number: int, request: dict[str, Any]) -> None:
+        before = self._device_threads.pop(number, None)
+        if before is not None:
+            before.close("connected anew")
+        if len(self._device_threads) >= MAX_DEVICES:
+            self._report("lost", number, text=f"more than {MAX_DEVICES} devices")
+            return
+        folder = request.get("folder")
+        try:
+            device = load_device(
+                str(request.get("configuration")), None if folder is None else Path(str(folder))
+            )
+        except (InputError, OSError) as error:
+            self._report("lost", number, text=str(error))
+            return
+        output = request.get("output")
+
+        def opened() -> Output:
+            if before is not None:
+                before.wait_closed()  # it may have the same port
+            return open_output(device, output if isinstance(output, dict) else {})
+
+        thread = DeviceThread(
+            number,
+            device,
+            opened,
+            self._report,
+            offset_s=_offset_s(request),
+            clock=self._clock,
+            accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
+        )
+        self._add_script(thread, request)
+        self._device_threads[number] = thread
+        thread.start()
+
+    def _accounts_of(
+        self, device: DeviceConfig, target: dict[str, Any], there: str
+    ) -> AbstractContextManager[list[AccountUse]]:
+        return self._accounts.used(identities(device, target, there))
+
+    def _add_script(self, thread: DeviceThread, request: dict[str, Any]) -> None:
+        script = request.get("script")
+        if not isinstance(script, dict):
+            return
+        thread.script = ScriptProcess(
+            {**script, "device": request.get("configuration"), "folder": request.get("folder")},
+            thread.fault,
+            lambda text: self._report("log", thread.number, text=text),
+            self._clock,
+        )
+
+    def watch(self) -> None:
+        """Wait for the end, and stop whatever does not answer in time."""
+        self._last_turn_s = self._clock.now()
+        while not _signals:
+            with self._wake:
+                if self._end:
+                    return
+                left_s = self._last_sign_s + self._patience_s - self._clock.now()
+                wait_s = min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S
+                self._clock.wait(self._wake, wait_s)
+            self.check_deadlines()
+
+    def check_deadlines(self) -> None:
+        """Stop everything that does not answer."""
+        now = self._clock.now()
+        self._stop_after_standstill(now)
+        self._last_turn_s = now
+        threads = list(self._device_threads.values())
+        was_frozen = self._is_frozen
+        self._is_frozen = now - self._last_sign_s > self._patience_s
+        if self._is_frozen and not was_frozen:
+            for thread in threads:
+                thread.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+        if self._rendering.is_overdue(now):
+            self._cannot_render("the samples could not be rendered in time")
+        for thread in threads:
+            if thread.is_stuck(now):
+                thread.fault("its output does not answer")
+
+    def _stop_after_standstill(self, now: float) -> None:
+        """Stop all devices if this process stood still: its state and unread messages are old.
+
+        Whichever thread is up first finds it, before anything else is done.
+        """
+        gap_s = now - self._last_turn_s
+        if gap_s > FREEZE_S:
+            for thread in list(self._device_threads.values()):
+                thread.stop(f"the computer slept or did not run for {gap_s:.1f} s")
+
+    def silence(self, reason: str) -> None:
+        """Stop every device and give back its port, at the end."""
+        threads = list(self._device_threads.values())
+        for thread in threads:
+            thread.stop(reason)
+        self._rendering.close()
+        for thread in threads:
+            thread.close(reason)
+        for thread in threads:
+            thread.wait_closed()
+        self._accounts.save()
+
+
+def _offset_s(request: dict[str, Any]) -> float:
+    found = request.get("offset_ms", 0.0)
+    if not isinstance(found, int | float) or isnan(found):
+        return 0.0
+    return min(max(float(found) / 1000.0, 0.0), MAX_OFFSET_S)
+
+
+_signals: list[int] = []
+"""Signals to end this process; their handler raises nothing, as locks may be held."""
+
+
+def _note_signal(number: int, _frame: FrameType | None) -> None:
+    _signals.append(number)
+
+
+def main() -> None:
+    """Serve one Blender until it ends."""
+    logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
+    for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _note_signal)
+    # Whatever prints must not garble the events.
+    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.setswitchinterval(0.001)  # a thread with data to send must not wait long for others
+    host = Host(Reporter(events))
+    reader = threading.Thread(
+        target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True
+    )
+    parent = int(sys.argv[1]) if len(sys.argv) > 1 else os.getppid()
+    watcher = threading.Thread(target=host.end_with, args=(parent,), name="Blender", daemon=True)
+    reason = "the output process ended"
+    try:
+        reader.start()
+        watcher.start()
+        host._report("ready", text=str(os.getpid()))
+        host.watch()
+        if _signals:
+            reason = "the output process was ended"
+    finally:
+        host.silence(reason)
+        time.sleep(0.02)  # for the last events
+        os._exit(0)  # a port that hangs must not keep the process
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Opening of a device: its encoder by its configuration, its port by the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_output import (
+    BhapticsEncoder,
+    ButtplugEncoder,
+    BytesEncoder,
+    OscEncoder,
+    SerialTransport,
+    TextEncoder,
+    WireEncoder,
+)
+from ..configurations.output_reader import is_local
+from ..transports.csv_log import CsvLog
+from ..transports.osc import OscOutput
+from ..transports.serial_port import SerialFrames, SerialPort
+from .encoders import FrameEncoder
+from .output import Output, OutputLostError
+
+KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
+
+
+def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    """Open a device's output; this may take seconds, a board has to start.
+
+    Parameters
+    ----------
+    target : mapping
+        ``kind`` is one of :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket``
+        take ``host`` and ``port``, else those of the configuration, and ``unit``, which of several
+        devices of a server. ``csv`` needs ``path`` and
+        works for every device. ``audio`` takes ``interface`` and ``first_channel`` and works for
+        every device that vibrates.
+
+    Raises
+    ------
+    OutputLostError
+        The target is not one, does not fit the device, or cannot be opened.
+    """
+    kind = target.get("kind")
+    if kind == "csv":
+        path = target.get("path")
+        if not isinstance(path, str | Path) or not str(path):
+            raise OutputLostError("A CSV log needs the path of a new file.")
+        return CsvLog(device, Path(path))
+    if kind == "audio":
+        return _audio(device, target)
+    if kind not in KINDS:
+        raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
+    if kind != kind_of(device):
+        named = kind_of(device) or "none"
+        raise OutputLostError(f"Device '{device.id}' is connected by: {named}; not by {kind}.")
+    return _serial(device, target) if kind == "serial" else _network(device, target)
+
+
+def kind_of(device: DeviceConfig) -> str | None:
+    """Kind of target that a device needs; None if nothing drives it live."""
+    if device.output is None:
+        return None
+    if isinstance(device.output.transport, SerialTransport):
+        return "serial"
+    return "udp" if isinstance(device.output.encoder, OscEncoder) else "websocket"
+
+
+def _audio(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    from ..transports.sound_card import SoundCard
+
+    interface, first = target.get("interface", ""), target.get("first_channel", 1)
+    if not isinstance(interface, str):
+        raise OutputLostError("The name of a sound card must be text.")
+    if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
+        raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
+    return SoundCard(device, interface, first)
+
+
+def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    assert device.output is not None
+    how, transport = device.output.encoder, device.output.transport
+    assert isinstance(transport, SerialTransport)
+    port = SerialPort(str(target.get("port")), transport.baud)
+    if isinstance(how, WireEncoder):
+        from ..transports.wire_board import WireBoard
+
+        return WireBoard(device, port)
+    assert isinstance(how, BytesEncoder | TextEncoder)
+    return SerialFrames(port, FrameEncoder(device, how))
+
+
+def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    assert device.output is not None
+    how, transport = device.output.encoder, device.output.transport
+    assert not isinstance(transport, SerialTransport)
+    host = target.get("host", transport.host)
+    port = target.get("port", transport.port)
+    if not isinstance(host, str) or not is_local(host):
+        raise OutputLostError(
+            f"'{str(host)[:60]}' is neither localhost nor an address of a private network."
+        )
+    if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
+        raise OutputLostError(f"'{str(port)[:20]}' is no port; allowed is 1 to 65535.")
+    if isinstance(how, OscEncoder):
+        return OscOutput(device, how, host, port)
+    if isinstance(how, ButtplugEncoder):
+        from ..transports.buttplug import ButtplugOutput
+
+        return ButtplugOutput(device, how, host, port, str(target.get("unit", "")))
+    assert isinstance(how, BhapticsEncoder)
+    from ..transports.bhaptics import BhapticsOutput
+
+    return BhapticsOutput(device, how, host, port)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Output to a board with our firmware: configured first, then fed; reports become sentences."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import time
+import zlib
+from contextlib import suppress
+from typing import Final
+
+from ...engine.arrays import F64
+from ...engine.rendering.device import DeviceConfig
+from ..host import wire
+from ..host.encoders import Channels
+from ..host.output import OutputLostError
+from .serial_port import STOPS, SerialPort
+
+START_S: Final = 5.0
+"""An Arduino Uno restarts when its port is opened, and its boot loader takes two seconds."""
+
+ANSWER_S: Final = 0.5
+_RETRY_S: Final = 0.1
+
+
+class WireBoard:
+    """A device with our firmware.
+
+    Parameters
+    ----------
+    port : SerialPort
+        Open; it belongs to the board from now on.
+
+    Raises
+    ------
+    OutputLostError
+        The board does not answer, or is not one for this device.
+    """
+
+    def __init__(self, device: DeviceConfig, port: SerialPort) -> None:
+        self._name, self._port = port.name, port
+        try:
+            self._open(device)
+        except BaseException:
+            port.close()
+            raise
+
+    def _open(self, device: DeviceConfig) -> None:
+        self._channels = Channels(device, strengths_only=True)
+        self._time_limits_ms = _time_limits_ms(device)
+        self._receiver = wire.Receiver()
+        self._sequence = 0
+        self._is_ready = False
+        self._is_stopped = True
+        self._begin(START_S)
+        while not self._is_ready:
+            time.sleep(0.005)
+            self._listen()
+            self._request_again()
+
+    def send(self, values: F64) -> None:
+        """Hand over values (columns,); a stopped board is configured anew first."""
+        if self._is_stopped:
+            self._begin(ANSWER_S)
+        self._listen()
+        if not self._is_ready:
+            self._request_again()
+            return
+        levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
+        payload = wire.encode_values(self._crc, [int(each) for each in levels])
+        self._port.write_newest(self._frame(wire.FrameKind.VALUES, payload))
+
+    def stop(self) -> None:
+        """Stop the board, before anything that waits; it then takes no values."""
+        self._is_stopped, self._is_ready = True, False
+        with suppress(OutputLostError):
+            frames = [self._frame(wire.FrameKind.STOP) for _ in range(STOPS)]
+            self._port.write_first(b"".join(frames))
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def _begin(self, patience_s: float) -> None:
+        """Request a new session: values of the last one become void."""
+        self._configuration = wire.encode_configuration(
+            secrets.randbits(32), len(self._channels), *self._time_limits_ms
+        )
+        self._crc = zlib.crc32(self._configuration)
+        self._is_stopped, self._is_ready = False, False
+        self._patience_ends_s = time.monotonic() + patience_s
+        self._asked_s = -math.inf
+        self._request_again()
+
+    def _request_again(self) -> None:
+        now = time.monotonic()
+        if now > self._patience_ends_s:
+            raise OutputLostError(
+                f"The board at {self._name} does not answer; does it run our firmware?"
+            )
+        if now >= self._asked_s + _RETRY_S:
+            self._asked_s = now
+            self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
+
+    def _listen(self) -> None:
+        for each in self._receiver.take(self._port.read()):
+            if each.kind == wire.FrameKind.READY:
+                self._check_ready(each.payload)
+            elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
+                if wire.decode_stopped(each.payload) == wire.Reason.NO_VALUES:
+                    reported = f"it received no values for {wire.DEAD_MAN_MS} ms"
+                else:
+                    reported = "it was restarted or stopped by another program"
+                raise OutputLostError(f"The board at {self._name} stopped itself: {reported}.")
+
+    def _check_ready(self, payload: bytes) -> None:
+        reported = wire.decode_ready(payload)
+        if reported is None or reported[0] != self._crc:
+            return  # of a session before
+        if reported[1] < len(self._channels):
+            raise OutputLostError(
+                f"The board at {self._name} has {reported[1]} channels; "
+                f"the device needs {len(self._channels)}."
+            )
+        self._is_ready = True
+
+    def _frame(self, kind: wire.FrameKind, payload: bytes = b"") -> bytes:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return wire.encode_frame(kind, self._sequence, payload)
+
+
+def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
+    """Longest time on, and rest after it, for all channels of a board; 0: its own.
+
+    The shortest of the device's types; and the rest that it needs to be on for no larger a share
+    of the time than the type that has to rest most.
+    """
+    kinds = [each for each in device.actuator_types.values() if math.isfinite(each.maximum_on_s)]
+    if not kinds:
+        return 0, 0
+    longest_s = min(each.maximum_on_s for each in kinds)
+    rest_s = longest_s * max(each.rest_s / each.maximum_on_s for each in kinds)
+    return max(int(longest_s * 1000.0), 1), max(math.ceil(rest_s * 1000.0), 1)

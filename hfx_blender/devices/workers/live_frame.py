@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Serialization of a scene and its moments for the process that renders them.
+
+What Blender's frame has evaluated is handed over as it is; it is made into bytes in a thread.
+A moment holds a few arrays, whatever the number of its effects, and is bounded as any message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, field
+from itertools import chain
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...engine.modality import MODALITIES
+from ...engine.samples import Drive, SampleRun, Stream
+from ...engine.track.header import TrackHeader
+from ...engine.track.header_json import from_json, to_json
+from ..live.playhead import Playhead
+from .haptics import ARRAYS
+from .messages import Array, MessageError, decode_arrays, decode_json, encode_arrays, encode_json
+
+_PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.values())
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """Current samples and settings of the open scene.
+
+    Attributes
+    ----------
+    time_s : float
+        On the scene's clock.
+    runs : sequence of SampleRun
+        At most one sample each.
+    gains : mapping
+        By a device's number, what the user has set; 0 is mute, what is left out is 1.
+    play_space : (4, 4) float64, optional
+        Play space to world, metres.
+    edition : int
+        Rises with every edit: what was known of other frames is void.
+    playhead : Playhead, optional
+        Which frame it is, and which come next.
+    later : mapping
+        Latencies of actuators, ms, to the samples that these are to begin now, where they are
+        known: of a track.
+    """
+
+    time_s: float
+    runs: Sequence[SampleRun]
+    gains: Mapping[int, float] = field(default_factory=dict)
+    play_space: F64 | None = None
+    edition: int = 0
+    playhead: Playhead | None = None
+    later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RenderedDevice:
+    """Device that is rendered."""
+
+    number: int
+    configuration: str
+    folder: str | None
+    has_script: bool
+    scheme: str = ""  # rendering scheme in place of its own
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMessage:
+    """Scene data that is needed before moments can be rendered."""
+
+    header: TrackHeader
+    body_id: str
+    devices: tuple[RenderedDevice, ...]
+
+
+def encode_scene(scene: SceneMessage) -> bytes:
+    """A scene as a body."""
+    devices = [
+        [each.number, each.configuration, each.folder, each.has_script, each.scheme]
+        for each in scene.devices
+    ]
+    header = to_json(scene.header, {}).decode()
+    return encode_json({"header": header, "body": scene.body_id, "devices": devices})
+
+
+def decode_scene(body: bytes) -> SceneMessage:
+    """The scene of a body.
+
+    Raises
+    ------
+    MessageError
+        It is none.
+    """
+    content = decode_json(body)
+    try:
+        header, _ = from_json(content["header"].encode())
+        devices = tuple(RenderedDevice(*each) for each in content["devices"])
+        return SceneMessage(header, str(content["body"]), devices)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MessageError(f"not a scene: {error}") from None
+
+
+def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
+    """A moment as a body; ``places`` are those of streams in the scene's header."""
+    arrays: dict[str, Array] = {}
+    content: dict[str, Any] = {
+        "time_s": moment.time_s,
+        "gains": [[number, gain] for number, gain in moment.gains.items()],
+        "edition": moment.edition,
+        "playhead": None if moment.playhead is None else list(astuple(moment.playhead)),
+        "later": [[ms, _felt_count(runs)] for ms, runs in moment.later.items()],
+        "drives": _add_runs([*moment.runs, *chain(*moment.later.values())], places, arrays),
+    }
+    if moment.play_space is not None:
+        arrays["play_space"] = np.asarray(moment.play_space, np.float64)
+    return encode_arrays(content, arrays)
+
+
+def _felt_count(runs: Iterable[SampleRun]) -> int:
+    return sum(len(run) > 0 for run in runs)
+
+
+def _add_runs(
+    runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
+) -> list[Any]:
+    felt = [run for run in runs if len(run)]
+    parameters = np.full((len(felt), _PARAMETERS), np.nan)
+    focus = np.full((len(felt), 4), np.nan)
+    drives = []
+    for k, run in enumerate(felt):
+        parameters[k, : run.parameters.shape[1]] = run.parameters[0]
+        if run.focus is not None:
+            focus[k] = run.focus[0]
+        if run.drive is not None:
+            drive = run.drive
+            drives.append([k, drive.device_id, list(drive.actuators), drive.values[0].tolist()])
+    arrays["streams"] = np.array([places[run.stream] for run in felt], np.int32)
+    arrays["levels"] = np.array([run.levels[0] for run in felt], np.float64)
+    arrays["parameters"] = parameters
+    arrays["focus"] = focus
+    arrays["counts"] = np.array([len(run.vertices) for run in felt], np.int32)
+    arrays["vertices"] = _joined([run.vertices for run in felt], np.int32)
+    arrays["weights"] = _joined([run.weights for run in felt], np.float32)
+    for name in ARRAYS:
+        found = [getattr(run, name) for run in felt]
+        if any(each is not None for each in found):
+            has = [each is not None for each in found]
+            arrays[f"has {name}"] = np.array(has, np.int32)
+            parts = [each for each in found if each is not None]
+            arrays[name] = np.concatenate(parts).astype(np.float32)
+    return drives
+
+
+def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
+    return np.concatenate(parts) if parts else np.zeros(0, dtype)
+
+
+def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
+    """The moment of a body.
+
+    Raises
+    ------
+    MessageError
+        It is none.
+    """
+    content, arrays = decode_arrays(body)
+    try:
+        playhead = content["playhead"]
+        runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)
+        later: dict[float, Sequence[SampleRun]] = {}
+        for ms, count in reversed(content["later"]):
+            place = len(runs) - int(count)
+            later[float(ms)], runs = runs[place:], runs[:place]
+        return LiveFrame(
+            float(content["time_s"]),
+            runs,
+            {int(number): float(gain) for number, gain in content["gains"]},
+            arrays.get("play_space"),
+            int(content["edition"]),
+            None if playhead is None else Playhead(*playhead),
+            later,
+        )
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise MessageError(f"not a moment: {error}") from None
+
+
+def _runs(
+    drives: Sequence[Any],
+    time_s: float,
+    streams: Sequence[Stream],
+    arrays: Mapping[str, Array],
+) -> list[SampleRun]:
+    counts = arrays["counts"]
+    ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
+    first = dict.fromkeys(ARRAYS, 0)
+    found = []
+    for k, place in enumerate(arrays["streams"].tolist()):
+        part = slice(int(ends[k]), int(ends[k + 1]))
+        more: dict[str, Any] = {}
+        for name in ARRAYS:
+            if name in arrays and arrays[f"has {name}"][k]:
+                stop = first[name] + int(counts[k])
+                more[name] = arrays[name][first[name] : stop]
+                first[name] = stop
+        width = len(MODALITIES[streams[place].modality].parameters)
+        parameters = arrays["parameters"][k : k + 1, :width]
+        focus = arrays["focus"][k]
+        found.append(
+            SampleRun(
+                streams[place],
+                np.zeros(1, np.int64),
+                np.array([time_s]),
+                arrays["levels"][k : k + 1],
+                parameters,
+                np.array([0, part.stop - part.start]),
+                arrays["vertices"][part],
+                arrays["weights"][part],
+                focus=None if np.isnan(focus).all() else focus[None].astype(np.float32),
+                drive=driven.get(k),
+                **more,
+            )
+        )
+    return found
+
+
+def _row(values: Sequence[float]) -> npt.NDArray[np.float32]:
+    return np.array([values], np.float32)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Renders moments for all devices, in a process of its own: no frame of Blender's waits for it.
+
+Started by the output process. It is told
+one scene or one moment at a time and says READY after each. What device a fault belongs to, it
+tells; the others go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ...engine.arrays import F64
+from ...engine.modality import MODALITIES
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.moment import MomentRenderer
+from ...engine.samples import SampleRun
+from ..configuration import load_device
+from ..host.tones import Tones, frame_of, of_partials
+from ..live.playhead import latencies_ms
+from .haptics import encode_haptics
+from .live_frame import LiveFrame, RenderedDevice, SceneMessage, decode_live_frame, decode_scene
+from .lookahead_cache import LookaheadCache
+from .messages import EVERY_DEVICE, Message, MessageError, MessageKind, encode_values, message
+from .worker_input import messages_of_owner
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_TEXT: Final = 500
+_KEYED: Final = (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK)
+
+
+@dataclass(eq=False)
+class _Rendered:
+    """Device with its renderer."""
+
+    rendered: RenderedDevice
+    device: DeviceConfig
+    renderer: MomentRenderer
+    numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
+    width: int  # actuators that take a waveform
+
+    def answer(self, moment: LiveFrame, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
+        """Message for the device's thread, or for its script."""
+        if moment.play_space is not None:
+            self.renderer.move_play_space(moment.play_space)
+        values, partials = self.renderer.ahead(moment.runs, later)
+        gain = moment.gains.get(self.rendered.number, 1.0)
+        values = with_gain(values, self.device, gain)
+        if self.rendered.has_script and gain:  # a muted script is not called
+            felt = self.renderer.felt(moment.runs)
+            return message(
+                MessageKind.HAPTICS,
+                self.rendered.number,
+                encode_haptics(moment.time_s, felt, values),
+            )
+        tones = of_partials(partials, self.numbers, self.width)
+        louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
+        frame = encode_values(frame_of(values, louder))
+        return message(MessageKind.ANSWER, self.rendered.number, frame)
+
+
+def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
+    """Scale the strengths in values (columns,) by ``gain``, relative to silence."""
+    if gain == 1.0:
+        return values
+    values = values.copy()
+    strengths, silent = device.strength_columns, device.neutral
+    values[strengths] = silent[strengths] + gain * (values[strengths] - silent[strengths])
+    return values
+
+
+class Renderers:
+    """Renderers of all devices that follow one scene."""
+
+    def __init__(self, scene: SceneMessage) -> None:
+        self._streams = scene.header.streams
+        self._rendered: dict[int, _Rendered] = {}
+        self.faults: list[bytes] = []
+        names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
+        numbers = {name: k for k, name in enumerate(names)}
+        for rendered in scene.devices:
+            try:
+                folder = None if rendered.folder is None else Path(rendered.folder)
+                device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
+                renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
+                renderer.prepare()
+            except Exception as error:  # one device's fault is not another's
+                self.faults.append(_fault(rendered.number, error))
+                continue
+            width = sum(actuator.type.takes_waveform for actuator in device.actuators)
+            self._rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
+        late = {ms for each in self._rendered.values() for ms in latencies_ms(each.device)}
+        self.lookahead = LookaheadCache(tuple(late))
+
+    def answers(self, body: bytes) -> list[bytes]:
+        """Messages for all devices.
+
+        Raises
+        ------
+        MessageError
+            The body is no moment.
+        """
+        moment = decode_live_frame(body, self._streams)
+        found = []
+        with self.lookahead.answering(moment) as later:
+            for number, each in self._rendered.items():
+                try:
+                    found.append(each.answer(moment, moment.later or later))
+                except Exception as error:
+                    found.append(_fault(number, error))
+        return found
+
+
+def _fault(number: int, error: Exception) -> bytes:
+    _log.info("device %d", number, exc_info=error)
+    return message(MessageKind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
+
+
+def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
+    """Execute a message; returns the current renderers, and the answers.
+
+    Raises
+    ------
+    MessageError
+        It is not what it should be.
+    """
+    if asked.kind is MessageKind.SCENE:
+        if renderers is not None:
+            renderers.lookahead.close()
+        renderers = Renderers(decode_scene(asked.body))
+        return renderers, renderers.faults
+    if renderers is None:
+        return None, []
+    if asked.kind is MessageKind.MOMENT:
+        return renderers, renderers.answers(asked.body)
+    if asked.kind in _KEYED:
+        renderers.lookahead.take(asked.body)
+    return renderers, []
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever prints must not garble the answers
+    sys.setswitchinterval(0.0005)  # who looks ahead does not keep a moment waiting
+    waiting = messages_of_owner(os.fdopen(os.dup(0), "rb"))
+    renderers: Renderers | None = None
+    while True:
+        asked = waiting.get()
+        answers: list[bytes] = []
+        try:
+            renderers, answers = taken(asked, renderers)
+        except MessageError as error:
+            answers = [_fault(EVERY_DEVICE, error)]
+        out.write(b"".join((*answers, message(MessageKind.READY))))
+        out.flush()
+
+
+if __name__ == "__main__":
+    main()

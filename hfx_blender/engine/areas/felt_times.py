@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples at which effects are on, and at which their strength on a body is not 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import Bool
+from ..modality import MODALITIES, neutral_temperature_c
+from ..samples import SampleRun
+from ..scene import AnimationBlock, EffectDescription
+
+NEUTRAL_WITHIN_C = 1e-3
+"""Temperatures that are nearer to the neutral one are taken for it."""
+
+
+@dataclass
+class FeltTimes:
+    """Samples of a recording, by the ids of effects; plain data, so that processes can hand it on.
+
+    Effects that are missing in ``is_on`` have level 0 at all samples, or a value that is no number.
+    """
+
+    is_on: dict[str, bool] = field(default_factory=dict)  # level above 0 at any sample
+    no_number: dict[str, bool] = field(default_factory=dict)  # at any sample before it was on
+    # By effect and body: number of samples whose strength is not 0, the first and the last of them.
+    felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
+
+    def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
+        """Note which effects are on at a block's own samples."""
+        for effect, animated in zip(effects, block.effects, strict=True):
+            if effect.id in self.is_on:
+                continue
+            levels = animated.levels[block.own]
+            is_off = levels <= 0.0
+            if is_off.all():
+                continue
+            parameters = animated.parameters[block.own]
+            finite = np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
+            if (finite & ~is_off).any():
+                self.is_on[effect.id] = True
+            else:
+                self.no_number[effect.id] = True
+
+    def add_runs(self, effects: Sequence[EffectDescription], runs: Iterable[SampleRun]) -> None:
+        """Count samples whose strength is not 0; runs of a stream come in the order of time."""
+        contact = {effect.id for effect in effects if effect.is_contact} if runs else set()
+        for run in runs:
+            stream = run.stream
+            indices = run.indices[has_strength(run, stream.effect_id in contact)]
+            if len(indices):
+                span = [len(indices), int(indices[0]), int(indices[-1])]
+                self._count(stream.effect_id, stream.body_id, span)
+
+    def add(self, later: FeltTimes) -> None:
+        """Count what was counted over another part of the recording."""
+        self.is_on |= later.is_on
+        self.no_number |= later.no_number
+        for effect_id, spans in later.felt.items():
+            for body_id, span in spans.items():
+                self._count(effect_id, body_id, span)
+
+    def _count(self, effect_id: str, body_id: str, span: list[int]) -> None:
+        spans = self.felt.setdefault(effect_id, {})
+        count, first, last = spans.get(body_id, [0, *span[1:]])
+        spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
+
+
+def has_strength(run: SampleRun, is_contact: bool) -> Bool:
+    """Mask (n,) of the samples whose strength is not 0, or whose temperature is not neutral."""
+    modality = MODALITIES[run.stream.modality]
+    values = run.parameters[:, modality.parameter_names.index(modality.strength)]
+    if modality.name == "temperature":
+        deviation = np.abs(values - neutral_temperature_c(is_contact))
+        return np.asarray((run.levels > 0.0) & (deviation >= NEUTRAL_WITHIN_C))
+    return np.asarray((run.levels > 0.0) & (values > 0.0))

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Limits of the update rate: an actuator holds its value between updates."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+
+from ...arrays import F64
+
+
+def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:
+    """Give each update interval the strongest of its rows.
+
+    Intervals are counted from the first row, and a row belongs to the interval in which it
+    begins. A contact shorter than an interval so keeps its peak for a whole one; an update
+    comes at most one interval before what it shows.
+
+    Parameters
+    ----------
+    values : (T, P) float64
+        Controls of one actuator, its strength first.
+    neutral : (P,) float64
+        Strong is what is far from ``neutral[0]``.
+    rate_hz : Fraction
+        Of the rows.
+
+    Returns
+    -------
+    (T, P) float64
+        ``values`` itself if the rows are no closer than the interval.
+    """
+    numerator, denominator = _interval(rate_hz, interval_ms)
+    if numerator <= denominator or not len(values):
+        return values
+    intervals = np.arange(len(values), dtype=np.int64) * denominator // numerator
+    deviation = np.abs(values[:, 0] - neutral[0])
+    # Stable sort by interval, then the strongest, then the earliest comes first.
+    order = np.lexsort((-deviation, intervals))
+    peaks = order[np.flatnonzero(np.diff(intervals[order], prepend=-1))]
+    return np.asarray(values[peaks[intervals]])
+
+
+@lru_cache(maxsize=64)
+def _interval(rate_hz: Fraction, interval_ms: float) -> tuple[int, int]:
+    """Rows in an interval, as numerator and denominator."""
+    rows = Fraction(interval_ms) / 1000 * rate_hz
+    if rows.numerator >= 1 << 31:  # an interval such as 33.3 ms is a long binary fraction
+        rows = rows.limit_denominator(1 << 16)
+    return rows.as_integer_ratio()

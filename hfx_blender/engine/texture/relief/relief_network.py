@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small convolutional network in numpy that estimates relief from the colours of a picture.
+
+U-shaped (Ronneberger, Fischer and Brox 2015, "U-Net"), 280,000 weights of 8 bits, trained
+by ``hfx texture train-relief`` on pictures made by arithmetic.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import F32
+from .linear_light import luminance, srgb_to_linear
+
+STRIDE: Final = 32
+"""Edges of a picture are multiples of it; those of its half are multiples of 16."""
+
+WEIGHTS: Final = Path(__file__).with_suffix(".npz")
+
+_DARK: Final = 0.02  # light that is added before logarithms are taken
+_FLAT: Final = 0.03
+"""Slope below which most texels are flat: the network, whose slopes are above 0, says no less."""
+
+_STEP: Final = ".step"
+_LEAST_STEP: Final = np.float32(1e-30)  # of an output whose weights are all 0
+
+_ROWS: Final = 64  # of a convolution done together
+
+Weights = dict[str, F32]
+
+
+class Estimate(NamedTuple):
+    """Estimate of relief, each (H, W), bottom row first as the picture.
+
+    heights are in texels; slope, metres per metre, is the Sobel magnitude of the true heights
+    after a blur of one texel; roughness is 0 glossy to 1 dull.
+    """
+
+    heights: F32
+    slope: F32
+    roughness: F32
+
+
+def prepared(srgb: npt.ArrayLike) -> F32:
+    """Inputs (3, H, W) of colours (H, W, 3), sRGB 0..1: log luminance, and two ratios of colours.
+
+    What multiplies light, a colour or a shadow, is added there, and exposure is gone.
+    """
+    light = srgb_to_linear(srgb)
+    grey = np.log(luminance(light) + _DARK)
+    red, blue = (np.log(light[..., k] + _DARK) - grey for k in (0, 2))
+    return np.stack([2.0 * (grey - grey.mean()), 2.0 * red, 2.0 * blue]).astype(np.float32)
+
+
+@cache
+def stored_weights() -> Weights:
+    """Weights that come with the package."""
+    with np.load(WEIGHTS) as file:
+        return unpacked(dict(file))
+
+
+def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
+    """Weights as they are stored: those of each output of a layer as whole numbers from -127 to
+    127 and the size of a step, and biases as they are."""
+    stored: dict[str, npt.NDArray[np.generic]] = {}
+    for name, value in weights.items():
+        if value.ndim == 1:
+            stored[name] = value
+            continue
+        step = np.abs(value).max(tuple(range(1, value.ndim)), keepdims=True) / np.float32(127.0)
+        stored[name] = np.round(value / np.maximum(step, _LEAST_STEP)).astype(np.int8)
+        stored[name + _STEP] = step
+    return stored
+
+
+def unpacked(stored: dict[str, npt.NDArray[Any]]) -> Weights:
+    """Inverse of :func:`packed`, but for the rounding."""
+    return {
+        name: (value * stored.get(name + _STEP, 1)).astype(np.float32)
+        for name, value in stored.items()
+        if not name.endswith(_STEP)
+    }
+
+
+def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = None) -> Estimate:
+    """Relief of a picture.
+
+    Slopes have no scale: the picture at half its resolution tells their mean a second time, and
+    the geometric mean of both is taken.
+
+    Parameters
+    ----------
+    srgb : (H, W, 3)
+        sRGB 0..1; H and W multiples of 32.
+    tiles : bool
+        Whether it goes on at its opposite edge.
+    """
+    weights = stored_weights() if weights is None else weights
+    colours = np.asarray(srgb, np.float32)
+    found = of_all_turns(colours, weights, tiles)
+    half = _pooled_by_two(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
+    ratio = of_all_turns(half, weights, tiles).slope.mean() / found.slope.mean()
+    return found._replace(slope=found.slope * np.sqrt(ratio))
+
+
+def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
+    """Mean of the estimates of the four turns of a picture by 90 degrees."""
+    inputs = prepared(srgb)
+    total = np.zeros_like(inputs)
+    for turns in range(4):
+        found = forward(np.ascontiguousarray(np.rot90(inputs, turns, (1, 2))), weights, tiles)
+        total += np.rot90(found, -turns, (1, 2))
+    heights, slope, roughness = total * np.float32(0.25)
+    # Gently, so that the faint pattern of a smooth surface is kept.
+    return Estimate(heights, slope * (slope / (slope + np.float32(_FLAT))), roughness)
+
+
+def forward(x: F32, weights: Weights, tiles: bool) -> F32:
+    """Outputs (3, H, W) of inputs (3, H, W): heights, slope, roughness."""
+
+    def layer(x: F32, name: str, *, activated: bool = True) -> F32:
+        made = convolved(x, weights[f"{name}.weight"], weights[f"{name}.bias"], tiles)
+        return _leaky_relu(made) if activated else made
+
+    def up(x: F32, name: str) -> F32:
+        matrix = weights[f"{name}.weight"][:, :, 0, 0]
+        made = np.tensordot(matrix, x, 1) + weights[f"{name}.bias"][:, None, None]
+        return made.repeat(2, axis=1).repeat(2, axis=2)
+
+    def deeper(x: F32, name: str) -> F32:
+        x = layer(x, f"{name}1")
+        x += layer(x, f"{name}2")
+        return x
+
+    one = deeper(_unshuffled(x), "first")
+    two = deeper(_pooled_by_two(one), "second")
+    three = deeper(_pooled_by_two(two), "third")
+    four = deeper(_pooled_by_two(three), "fourth")
+    overall = weights["overall.weight"] @ four.mean((1, 2)) + weights["overall.bias"]
+    four += _leaky_relu(overall)[:, None, None]
+    three += up(four, "to_third")
+    three += layer(three, "back3")
+    two += up(three, "to_second")
+    two += layer(two, "back2")
+    one += up(two, "to_first")
+    one += layer(one, "back1")
+    height, slope, rough = _shuffled(layer(one, "last", activated=False))
+    return np.stack([4.0 * height, np.logaddexp(0.0, slope - 2.0), 1.0 / (1.0 + np.exp(-rough))])
+
+
+def _leaky_relu(x: F32) -> F32:
+    return np.maximum(x, np.float32(0.1) * x)
+
+
+def _pooled_by_two(x: F32) -> F32:
+    channels, rows, columns = x.shape
+    return x.reshape(channels, rows // 2, 2, columns // 2, 2).mean((2, 4))
+
+
+def _unshuffled(x: F32) -> F32:
+    """Squares of 2 x 2 texels as channels: (C, H, W) to (4 C, H / 2, W / 2)."""
+    channels, rows, columns = x.shape
+    parts = x.reshape(channels, rows // 2, 2, columns // 2, 2).transpose(0, 2, 4, 1, 3)
+    return np.ascontiguousarray(parts).reshape(4 * channels, rows // 2, columns // 2)
+
+
+def _shuffled(x: F32) -> F32:
+    """Inverse of :func:`_unshuffled`."""
+    channels, rows, columns = x.shape
+    parts = x.reshape(channels // 4, 2, 2, rows, columns).transpose(0, 3, 1, 4, 2)
+    return np.ascontiguousarray(parts).reshape(channels // 4, 2 * rows, 2 * columns)
+
+
+def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
+    """3 x 3 convolution (O, H, W) of (C, H, W): a product of matrices for each row of the kernel.
+
+    The three shifts along columns lie above one another, so that those along rows are parts of
+    the same array.
+    """
+    channels, rows, columns = x.shape
+    outputs = len(kernel)
+    padded = np.pad(x, ((0, 0), (1, 1), (1, 1)), "wrap" if tiles else "edge")
+    matrices = [kernel[:, :, k].transpose(0, 2, 1).reshape(outputs, -1) for k in range(3)]
+    made = np.zeros((outputs, rows * columns), np.float32)
+    for first in range(0, rows, _ROWS):
+        count = min(_ROWS, rows - first)
+        part = padded[:, first : first + count + 2]
+        shifts = np.stack([part[:, :, k : k + columns] for k in range(3)])
+        shifts = shifts.reshape(3 * channels, (count + 2) * columns)
+        place = slice(first * columns, (first + count) * columns)
+        total = matrices[0] @ shifts[:, : count * columns]
+        for k in (1, 2):
+            total += matrices[k] @ shifts[:, k * columns : (k + count) * columns]
+        total += bias[:, None]
+        made[:, place] = total
+    return made.reshape(outputs, rows, columns)

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Process that estimates the relief of one picture, so that Blender goes on meanwhile.
+
+``python -m hfx_blender.engine.texture.relief.relief_worker INPUT.npz OUTPUT.npz``; the input holds the
+arguments of :func:`.relief_estimate.estimate`, the output heights in metres, slope and roughness.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import HfxError
+from .relief_estimate import estimate
+
+
+def main(source: str, target: str) -> int:
+    """Estimate; returns the exit code, 3 with a message for a picture that cannot be used."""
+    with np.load(source) as file:
+        srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])
+    try:
+        found = estimate(srgb, (float(size_m[0]), float(size_m[1])), tiles=tiles)
+    except HfxError as error:
+        sys.stderr.write(str(error))
+        return 3
+    with Path(target).open("wb") as stream:
+        np.savez(
+            stream,
+            heights_m=found.field.heights_m,
+            slope=found.slope,
+            roughness=found.roughness,
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

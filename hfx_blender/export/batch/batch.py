@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scheduler of a batch: ready units go to workers, long scenes to several."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from ...processes import process_end
+from . import journal, pieces
+from .local_workers import Workers
+from .units import Outcome, Unit
+
+_LOOK_S: Final = 0.2  # Windows tells a waiting thread nothing of Ctrl-C
+
+Progress = Callable[[float], None]
+Tell = Callable[[Unit, Outcome], None]
+
+
+@dataclass(eq=False)
+class _Scene:
+    """State of one scene of the batch."""
+
+    unit: Unit
+    outcome: Outcome | None = None
+    shares: dict[int, float] = field(default_factory=lambda: {0: 0.0})  # of each part
+    parts: dict[int, dict[str, Any]] = field(default_factory=dict)  # recorded so far
+
+    @property
+    def share(self) -> float:
+        if self.outcome is not None:
+            return 1.0
+        return sum(self.shares.values()) / len(self.shares)
+
+
+def run(
+    units: Sequence[Unit],
+    workers: Workers,
+    *,
+    resume: bool = False,
+    progress: Progress = lambda share: None,
+    tell: Tell = lambda unit, outcome: None,
+) -> list[Outcome]:
+    """Process a batch of scenes; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    units : sequence of Unit
+        Of the kinds ``scene``, ``piece`` and ``join``.
+    workers : Workers
+        Is not closed.
+    resume : bool
+        Leave out what was exported before and has not changed since.
+    progress : callable
+        Is given the share of the whole batch that is done.
+    tell : callable
+        Is given each scene and its outcome as soon as there is one.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the units.
+    """
+    batch = _Batch([_Scene(unit) for unit in units], workers, progress, tell)
+    if resume:
+        batch.leave_out_finished()
+    return batch.run()
+
+
+class _Batch:
+    def __init__(
+        self, scenes: list[_Scene], workers: Workers, progress: Progress, tell: Tell
+    ) -> None:
+        self._scenes = scenes
+        self._workers = workers
+        self._progress = progress
+        self._tell = tell
+        self._waiting: deque[_Scene] = deque(scenes)
+        self._ready: deque[tuple[_Scene, int, Unit]] = deque()  # with the number of the part
+        self._running: dict[Future[Outcome], tuple[_Scene, int, Unit]] = {}
+
+    def leave_out_finished(self) -> None:
+        """Take the outcomes of the units that the journal lists as complete."""
+        with ThreadPoolExecutor() as pool:  # hashing takes time, and no Python
+            found = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
+        for scene, outcome in zip(self._scenes, found, strict=True):
+            if outcome is not None:
+                self._finish(scene, outcome)
+        self._waiting = deque(scene for scene in self._scenes if scene.outcome is None)
+
+    def run(self) -> list[Outcome]:
+        self._fill()
+        while self._running:
+            finished, _ = wait(self._running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+            process_end.check()
+            for future in finished:
+                scene, number, unit = self._running.pop(future)
+                self._take(scene, number, unit, future.result())
+            self._fill()
+        return [scene.outcome for scene in self._scenes if scene.outcome is not None]
+
+    def _fill(self) -> None:
+        """Give work to idle workers."""
+        while len(self._running) < self._workers.slots and (self._ready or self._waiting):
+            if self._ready:
+                scene, number, unit = self._ready.popleft()
+            else:
+                scene, number = self._waiting.popleft(), 0
+                # Only where nothing else waits do parts keep more workers busy.
+                parts = 1 if self._waiting else self._workers.slots
+                unit = replace(scene.unit, parts=parts)
+
+            def report_progress(share: float, scene: _Scene = scene, number: int = number) -> None:
+                scene.shares[number] = share
+                self._show()
+
+            self._running[self._workers.submit(unit, report_progress)] = scene, number, unit
+
+    def _take(self, scene: _Scene, number: int, unit: Unit, outcome: Outcome) -> None:
+        """Go on after a unit has ended."""
+        if scene.outcome is not None:  # another part of it has failed
+            return
+        if "split" in outcome:
+            cut = outcome["split"]
+            scene.shares = dict.fromkeys(range(len(cut)), 0.0)
+            for k, part in enumerate(cut):
+                part_unit = replace(unit, kind="part", part=tuple(part))
+                self._ready.append((scene, k, part_unit))
+        elif "part" in outcome:
+            scene.shares[number] = 1.0
+            scene.parts[number] = outcome["part"]
+            if len(scene.parts) == len(scene.shares):
+                ordered = tuple(scene.parts[k] for k in sorted(scene.parts))
+                self._ready.appendleft((scene, 0, replace(unit, kind="merge", done=ordered)))
+        else:
+            self._ready = deque(each for each in self._ready if each[0] is not scene)
+            self._finish(scene, outcome)
+
+    def _finish(self, scene: _Scene, outcome: Outcome) -> None:
+        scene.outcome = outcome
+        self._show()
+        self._tell(scene.unit, outcome)
+
+    def _show(self) -> None:
+        self._progress(sum(scene.share for scene in self._scenes) / max(len(self._scenes), 1))
+
+
+def _finished(unit: Unit) -> Outcome | None:
+    """The outcome of an earlier run, if nothing has changed since."""
+    report = journal.finished(unit)
+    if report is not None:  # then its pieces, too, were
+        return {"input": unit.title, "report": report, "unchanged": True}
+    record = pieces.finished(unit) if unit.kind == "piece" else None
+    if record is not None:
+        return {"input": unit.title, "piece": record, "unchanged": True}
+    return None

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pieces of a scene that a farm records one by one, in any order, and then merges.
+
+Piece 2 of 8 of ``out/scene`` lies in ``out/scene.pieces``: a track, where volumes were, and last
+its record, which says with sizes and hashes what was written and what it was made from.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from ...engine.track import SUFFIX as TRACK_SUFFIX
+from ...errors import InputError, OutputError
+from ...files.atomic import atomic_file
+from ...files.hashes import sha256_of
+from ...files.stage_folders import remove_abandoned, with_final_names
+from ...files.staging import make_folder, place
+from .. import report
+from . import inputs, journal
+from .units import Unit
+
+MOST_PIECES = 10_000
+_RECORD = re.compile(r"([1-9]\d*)-of-([1-9]\d*)\.json")
+
+
+def pieces_folder(folder: Path, stem: str) -> Path:
+    """Folder of the pieces of a scene whose results go to ``folder/stem.*``."""
+    return folder / f"{stem}.pieces"
+
+
+def folder_of(unit: Unit) -> Path:
+    """Folder of the pieces of a unit's scene."""
+    return pieces_folder(Path(unit.folder), unit.stem)
+
+
+def path_of(folder: Path, piece: tuple[int, int], suffix: str) -> Path:
+    """A file of a piece (number from 1, count)."""
+    return folder / f"{piece[0]}-of-{piece[1]}{suffix}"
+
+
+def final_track(unit: Unit) -> Path:
+    """Final name of the track of a unit: of its piece, or of its whole scene."""
+    if unit.piece is None:
+        return Path(unit.folder) / f"{unit.stem}{TRACK_SUFFIX}"
+    return path_of(folder_of(unit), unit.piece, TRACK_SUFFIX)
+
+
+def keep(
+    unit: Unit,
+    part: tuple[int, int] | None,
+    recorded: Mapping[str, Any] | None,
+    made_from: Mapping[str, Any],
+    files: tuple[Path, ...] = (),
+) -> dict[str, Any]:
+    """Put a finished piece into its folder.
+
+    Parameters
+    ----------
+    unit : Unit
+        Of the kind ``piece``.
+    part : (first, stop) or None
+        Its samples; None: the scene is too short for so many pieces, and this one is empty.
+    recorded : mapping or None
+        What recording told besides.
+    made_from : mapping
+        See :func:`.inputs.made_from`.
+    files : tuple of Path
+        Its finished files, on the same disk; they are moved.
+
+    Returns
+    -------
+    dict
+        Its record.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    assert unit.piece is not None
+    folder = folder_of(unit)
+    make_folder(folder)
+    named = [(path_of(path.parent, unit.piece, path.suffix), path) for path in files]
+    renamed = [path.replace(name) for name, path in named]
+    record = {
+        "piece": list(unit.piece),
+        "samples": None if part is None else list(part),
+        "recorded": recorded,
+        "made_from": made_from,
+        "files": [
+            {"name": path.name, "bytes": path.stat().st_size, "sha256": sha256_of(path)}
+            for path in renamed
+        ],
+    }
+    record_file = path_of(Path(unit.stage), unit.piece, ".json")
+    try:
+        with atomic_file(record_file) as file:
+            file.write((json.dumps(record, indent=1) + "\n").encode())
+        place([*renamed, record_file], folder)
+    except OutputError as error:
+        raise OutputError(with_final_names(str(error), Path(unit.stage), folder)) from error
+    return record
+
+
+def finished(unit: Unit) -> dict[str, Any] | None:
+    """Record of a piece that was recorded before, if nothing has changed since."""
+    assert unit.piece is not None
+    record = _record(folder_of(unit), unit.piece)
+    return record if record and inputs.is_still(record["made_from"], unit) else None
+
+
+def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list[dict[str, Any]]:
+    """The records of all pieces of a scene that are not empty, in the order of time.
+
+    Raises
+    ------
+    InputError
+        Some are missing, damaged, or made from something else than the scene as it is now.
+    """
+    folder = folder_of(unit)
+    count = _count(folder, unit)
+    records, missing, stale = [], [], []
+    for number in range(1, count + 1):
+        record = _record(folder, (number, count))
+        if record is None:
+            missing.append(number)
+        elif record["made_from"] != made_from:
+            stale.append(number)
+        elif record["samples"] is not None:
+            records.append(record)
+    if missing or stale:
+        wrong, why = (
+            (missing, "not there, or damaged")
+            if missing
+            else (stale, "made from another state of the scene, or with other options")
+        )
+        raise InputError(
+            f"{folder}: of {count} pieces, {_numbers(wrong)} {'are' if len(wrong) > 1 else 'is'} "
+            f"{why}; export with --piece {wrong[0]}/{count} and the same options."
+        )
+    edges = [0, *(edge for record in records for edge in record["samples"]), sample_count]
+    if any(stop != first for stop, first in list(pairwise(edges))[::2]):
+        raise InputError(f"{folder}: the pieces do not fit together; export all of them again.")
+    return records
+
+
+def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
+    """The files of a piece, by their suffixes."""
+    paths = [folder_of(unit) / each["name"] for each in record["files"]]
+    return {path.suffix: path for path in paths}
+
+
+def remove(unit: Unit) -> None:
+    """Remove the pieces after they were merged, of all divisions.
+
+    What no record lists, or has changed since, stays; :func:`remove_folder` removes the folder.
+    """
+    folder = folder_of(unit)
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            match = _RECORD.fullmatch(path.name)
+            record = match and _record(folder, (int(match[1]), int(match[2])))
+            if record:
+                for each in (*files_of(unit, record).values(), path):
+                    if each.name.startswith(f"{path.stem}."):
+                        each.unlink()
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder of pieces, if nothing is left in it but what killed jobs have left."""
+    remove_abandoned(folder)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _count(folder: Path, unit: Unit) -> int:
+    """Number of pieces of a scene; of several divisions, the most complete one."""
+    found: dict[int, int] = {}
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if match := _RECORD.fullmatch(path.name):
+                found[int(match[2])] = found.get(int(match[2]), 0) + 1
+    if not found:
+        raise InputError(
+            f"{folder}: has no pieces of {unit.title}; export them with --piece 1/N to N/N."
+        )
+    return max(found, key=lambda count: (found[count] / count, count))
+
+
+def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
+    """Record of a piece, if its files are unchanged."""
+    record = report.read(path_of(folder, piece, ".json"))
+    if record is None or not journal.has_files(record, folder):
+        return None
+    samples = record.get("samples")
+    is_known = record.get("piece") == list(piece) and isinstance(record.get("made_from"), dict)
+    if not is_known or not (samples is None or _are_samples(samples, record)):
+        return None
+    return record
+
+
+def _are_samples(samples: object, record: Mapping[str, Any]) -> bool:
+    return (
+        isinstance(samples, list)
+        and len(samples) == 2
+        and all(isinstance(each, int) for each in samples)
+        and isinstance(record.get("recorded"), dict)
+    )
+
+
+def _numbers(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:10]))
+    return f"{shown} and {len(numbers) - 10} more" if len(numbers) > 10 else shown

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Doing one unit of work, in a process that has Blender."""
+
+from __future__ import annotations
+
+import os
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from uuid import uuid4
+
+from ...devices.configuration import load_device
+from ...engine.rendering.device import DeviceConfig
+from ...engine.tolerance import parse as parse_tolerance
+from ...engine.track import SUFFIX as TRACK_SUFFIX
+from ...engine.track.layout import SAMPLES_PER_CHUNK
+from ...errors import HfxError, InputError, OutputError, fault_of_file
+from ...processes import blender_session
+from . import inputs, pieces, ranges
+from .options import ExportOptions
+from .units import Outcome, Unit, failure
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ...reading.scene_reader import SceneReader
+    from ..scene_export import ExportSettings, SceneExport
+
+Progress = Callable[[float], None]
+
+_VOLUMES: Final = ".npz"
+_LONGEST_NAME: Final = 255  # bytes, of file systems in use
+
+
+@dataclass
+class _State:
+    opened: tuple[str, int, int] | None = None  # file, time of change, size
+
+    def clear(self) -> None:
+        self.opened = None
+
+
+_state = _State()
+
+
+def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
+    """Do a unit; any fault, even one of ours, becomes its outcome, so that other units go on."""
+    try:
+        return done(unit, progress)
+    except HfxError as error:
+        return failure(unit, str(error), error.exit_code)
+    except BrokenPipeError:  # the master has gone; that ends a worker
+        raise
+    except OSError as error:
+        _state.clear()
+        if error.filename is None:
+            return _defect(unit, error)
+        found = fault_of_file(error)
+        return failure(unit, str(found), found.exit_code)
+    except MemoryError:
+        _state.clear()
+        return failure(unit, "not enough memory for this scene", 1, retire=True)
+    except Exception as error:
+        return _defect(unit, error)
+
+
+def _defect(unit: Unit, error: Exception) -> Outcome:
+    _state.clear()
+    reason = f"a defect of hfx ({error!r})"
+    return failure(unit, reason, 1, retire=True, traceback=traceback.format_exc())
+
+
+def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
+    """Do a unit of work.
+
+    Raises
+    ------
+    HfxError
+        The scene cannot be exported, or results cannot be written.
+    """
+    _check_name(unit)
+    blender_session.start()
+    _open(unit)
+
+    from ..recording import Recorded, why_in_one_go
+    from ..scene_export import SceneExport, ScenePart, scene_named
+    from ..summary import describe
+
+    scene = scene_named(unit.options.scene)
+    names, devices, missing = _devices(unit.options, scene)
+    settings = replace(_settings(unit.options, devices, missing), threads=unit.cores)
+    export = SceneExport(scene, settings)
+    if unit.kind == "part":
+        return {"part": _recorded_part(unit, export, progress)}
+    models = sorted({effect.model_id for effect in export.reader.description.effects})
+    made_from = inputs.made_from(unit, names, models)
+    if unit.kind == "piece":
+        return _piece(unit, export, made_from, progress)
+    folder, stage = Path(unit.folder), Path(unit.stage)
+    remarks = []
+    if unit.kind in ("merge", "join"):
+        recorded = _collected(unit, export, made_from) if unit.kind == "join" else unit.done
+        parts = [
+            ScenePart(
+                Path(each["track"]), Recorded.from_json(each["recorded"]), Path(each["volumes"])
+            )
+            for each in recorded
+        ]
+        report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
+        if unit.kind == "join":
+            pieces.remove(unit)
+    else:
+        cut = _parts(unit, export.reader)
+        if len(cut) > 1:
+            reason = why_in_one_go(export.reader)
+            if reason is None:
+                return {"split": cut}
+            remarks.append(f"exported in one go, not in {len(cut)} parts: {reason}")
+        report = export.whole(folder, unit.stem, progress, made_from, stage)
+    return {
+        "input": unit.title,
+        "report": report.as_dict(),
+        "text": describe(report),
+        "remarks": remarks,
+    }
+
+
+def _check_name(unit: Unit) -> None:
+    """Reject a file that its results could not be named after."""
+    longest = f"{unit.stem}.report.json.tmp"
+    if len(os.fsencode(longest)) > _LONGEST_NAME:
+        raise InputError(
+            f"{unit.input}: its name is too long: results are named after it, and '{longest}' has "
+            f"more than {_LONGEST_NAME} bytes."
+        )
+
+
+def _open(unit: Unit) -> None:
+    """Open the unit's file, unless it is open already and has not changed."""
+    if unit.input is None:
+        return
+    path = Path(unit.input)
+    try:
+        stat = path.stat()
+        now = (unit.input, stat.st_mtime_ns, stat.st_size)
+    except OSError:
+        now = None
+    if now is None or now != _state.opened or unit.kind == "scene":
+        _state.clear()
+        blender_session.open_blend(path)
+        _state.opened = now
+
+
+def _devices(
+    options: ExportOptions, scene: bpy.types.Scene
+) -> tuple[list[str], tuple[DeviceConfig, ...], dict[str, str]]:
+    """The devices, their names or files, and those that a scene names and that are none."""
+    from ...reading.description.scene_devices import scene_devices
+
+    if options.devices:
+        names = [name for name in options.devices if name != "none"]
+        return names, tuple(map(load_device, names)), {}
+    devices, missing = scene_devices(scene)
+    chosen = (device.name for device in scene.hfx.devices if device.is_exported)
+    named = dict.fromkeys(chosen)
+    return [name for name in named if name not in missing], devices, missing
+
+
+def _settings(
+    options: ExportOptions, devices: tuple[DeviceConfig, ...], missing: dict[str, str]
+) -> ExportSettings:
+    from ...reading.description.scene_devices import formats_without
+    from ..scene_export import ExportSettings
+
+    formats = options.formats or (("track", "csv") if devices else ("track",))
+    return ExportSettings(
+        formats=formats_without(missing, formats, devices),
+        devices=devices,
+        missing=missing,
+        frames=options.frames,
+        rate_hz=None if options.rate is None else Fraction(options.rate),
+        tolerance=None if options.tolerance is None else parse_tolerance(options.tolerance),
+        full_precision=options.full_precision,
+        record=options.record,
+        strict=options.strict,
+        per_clip=options.per_clip,
+        clip_detail=options.clip_detail,
+    )
+
+
+def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
+    """Parts of a scene that is long enough to be cut."""
+    time = reader.time
+    if unit.part_frames is not None:
+        size = ceil(unit.part_frames * time.rate_hz / time.fps)
+        return ranges.parts_of(size, time.sample_count)
+    return ranges.even_parts(reader.sample_indices, time.sample_count, unit.parts)
+
+
+def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
+    assert unit.part is not None
+    track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"  # others may try it, too
+    volumes = track.with_suffix(_VOLUMES)
+    try:
+        found = export.record_part(unit.part, track, volumes, progress)
+    except OutputError as error:  # the user knows the files by their final names
+        final = pieces.final_track(unit)
+        text = str(error).replace(str(volumes), str(final.with_suffix(_VOLUMES)))
+        raise OutputError(text.replace(str(track), str(final))) from error
+    return {
+        "track": str(found.track),
+        "volumes": str(found.volumes),
+        "recorded": found.recorded.as_json(),
+    }
+
+
+def _piece(
+    unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
+) -> Outcome:
+    """Record one piece of a scene, for a later command that merges all of them."""
+    from ..recording import why_in_one_go
+
+    assert unit.piece is not None
+    number, count = unit.piece
+    reader = export.reader
+    samples = reader.time.sample_count
+    cut = ranges.even_parts(reader.sample_indices, samples, count, SAMPLES_PER_CHUNK)
+    remarks = []
+    if len(cut) > 1 and (reason := why_in_one_go(reader)) is not None:
+        remarks.append(f"recorded in one go, as piece 1 of {count}: {reason}")
+        cut = [(0, samples)]
+    if number > len(cut):
+        record = pieces.keep(unit, None, None, made_from)
+        text = f"piece {number} of {count}: nothing to record"
+    else:
+        part = cut[number - 1]
+        found = _recorded_part(replace(unit, part=part), export, progress)
+        track, volumes = Path(found["track"]), Path(found["volumes"])
+        track = track.replace(track.with_suffix(TRACK_SUFFIX))
+        files = (track, volumes) if volumes.is_file() else (track,)
+        record = pieces.keep(unit, part, found["recorded"], made_from, files)
+        text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
+    return {"input": unit.title, "piece": record, "text": text, "remarks": remarks}
+
+
+def _collected(
+    unit: Unit, export: SceneExport, made_from: dict[str, Any]
+) -> tuple[dict[str, Any], ...]:
+    """Collect the pieces of a scene as parts for the merge."""
+    found = []
+    for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
+        files = pieces.files_of(unit, record)
+        found.append(
+            {
+                "track": str(files[TRACK_SUFFIX]),
+                "volumes": str(files.get(_VOLUMES, "")),
+                "recorded": record["recorded"],
+            }
+        )
+    return tuple(found)

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Report of an export: samples by effect, effects that no device played, files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..engine.areas.felt_times import FeltTimes
+from ..engine.counters import Unfelt, as_reported, powerless_reason
+from ..engine.rendering.raster import Raster, unrendered
+from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
+from ..files.hashes import sha256_of
+from ..text import counted
+from .result_files import listed
+
+REPORT_SUFFIX = ".report.json"
+_LARGEST_REPORT = 2**26
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """Results of one export."""
+
+    scene: str
+    folder: Path  # that the files are in, or in folders below
+    files: tuple[Path, ...]
+    felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
+    unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
+    warnings: tuple[str, ...]
+    effects: tuple[dict[str, Any], ...] = ()  # all of them: felt from and to, or why not
+    engine: dict[str, Any] = field(default_factory=dict)
+    reading: dict[str, Any] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
+    silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
+    notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
+    made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data; file names relative to the folder, with slashes."""
+        return {
+            "scene": self.scene,
+            "files": [
+                {
+                    "name": path.relative_to(self.folder).as_posix(),
+                    "bytes": path.stat().st_size,
+                    "sha256": sha256_of(path),
+                }
+                for path in self.files
+            ],
+            "felt": list(self.felt),
+            "effects": list(self.effects),
+            "unrendered": list(self.unrendered),
+            "warnings": list(self.warnings),
+            "left_out": list(self.left_out),
+            "silent_devices": list(self.silent_devices),
+            "notes": list(self.notes),
+            "engine": self.engine,
+            "reading": as_reported(self.reading),
+            "made_from": dict(self.made_from),
+        }
+
+
+def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[dict[str, Any], ...]:
+    """Summary of each effect on each body over a whole track.
+
+    With ``times``, samples whose strength is 0 count for the vertices only.
+    """
+    names = {effect.id: effect for effect in track.header.effects}
+    bodies = {body.id: body.name for body in track.header.bodies}
+    period_s = 1.0 / float(track.header.time.rate_hz)
+    return tuple(
+        {
+            "effect": names[summary.stream.effect_id].name,
+            "body": bodies[summary.stream.body_id],
+            "modality": summary.stream.modality,
+            "kind": names[summary.stream.effect_id].kind,
+            "seconds": round(strong.sample_count * period_s, 6),
+            "first_s": strong.first_s,
+            "last_s": strong.last_s,
+            "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
+            "peak_level": summary.peak_level,
+        }
+        for summary in track.summary()
+        for strong in [_with_strength(summary, track.header, times)]
+    )
+
+
+def _with_strength(
+    summary: StreamSummary, header: TrackHeader, times: FeltTimes | None
+) -> StreamSummary:
+    """Summary with the number and the times of those samples only whose strength is not 0."""
+    if times is None:
+        return summary
+    stream = summary.stream
+    span = times.felt.get(stream.effect_id, {}).get(stream.body_id)
+    if span is None:
+        return replace(summary, sample_count=0, first_s=None, last_s=None)
+    count, first, last = span
+    first_s, last_s = header.time.times_s(np.array([first, last])).tolist()
+    return replace(summary, sample_count=count, first_s=first_s, last_s=last_s)
+
+
+def told_effects(
+    track: TrackReader,
+    unfelt: Mapping[str, Unfelt],
+    warnings: Sequence[str],
+    *,
+    is_part: bool = False,
+    instances: Collection[str] = (),
+    times: FeltTimes | None = None,
+    answering: Collection[str] = (),
+    far: Collection[str] = (),
+    always_on: Collection[str] = (),
+) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+    """Each effect of a scene: when it is felt on any body, or the reason why it is not.
+
+    Parameters
+    ----------
+    track : TrackReader
+        Of all samples.
+    unfelt : mapping
+        Reasons that are known already, by the names of effects.
+    warnings : sequence of str
+        Of the recording. An effect that they name needs no other warning.
+    is_part : bool
+        Only some frames of the scene were recorded: effects that are felt at others are expected.
+    instances : collection of str
+        Ids of effects that are instances: one of them may pass by, if another is felt.
+    times : FeltTimes, optional
+        Samples at which effects are on, and have a strength.
+    answering : collection of str
+        Ids of volumes with a contact response.
+    far : collection of str
+        Names of volumes of which only the place was read at some samples, as they are near no skin.
+    always_on : collection of str
+        Names of effects that nothing turns on or off.
+
+    Returns
+    -------
+    tuple of dict
+        For the report.
+    tuple of str
+        Warnings about effects that are not felt.
+    """
+    spans_of: dict[str, list[tuple[float, float]]] = {}
+    powerless = set()
+    for summary in track.summary():
+        strong = _with_strength(summary, track.header, times)
+        if strong.first_s is not None and strong.last_s is not None:
+            span = (strong.first_s, strong.last_s)
+            spans_of.setdefault(summary.stream.effect_id, []).append(span)
+        elif summary.sample_count:
+            powerless.add(summary.stream.effect_id)
+    swarms = {each.rpartition(":")[0] for each in instances if each in spans_of}
+    told, missed = [], []
+    for effect in track.header.effects:
+        line: dict[str, Any] = {"effect": effect.name, "modality": effect.modality}
+        spans = spans_of.get(effect.id)
+        known = unfelt.get(effect.name)
+        if known is None and spans is None:
+            is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
+            if effect.id in powerless:
+                reason = powerless_reason(effect.modality, effect.is_contact)
+            else:
+                reason = _why_missed(
+                    effect,
+                    times,
+                    effect.id in answering,
+                    effect.name in far,
+                    effect.name in always_on,
+                )
+            known = Unfelt(reason, is_part or is_one_of_many)
+            is_told = any(f"'{effect.name}'" in text for text in warnings)
+            if not known.is_expected and not is_told:
+                missed.append((effect.name, known.reason))
+        told.append(line | _felt_or_not(spans, known))
+    names = {effect.name for effect in track.header.effects}
+    told += [
+        {"effect": name} | _felt_or_not(None, why)
+        for name, why in unfelt.items()
+        if name not in names
+    ]
+    return tuple(told), _of_missed(missed)
+
+
+_NO_TOUCH = "touches no body"
+_NEVER_ON = "is never on"
+_MISSED = {
+    "volume": _NO_TOUCH,
+    "painted": "covers no vertex of the body",
+    "spot": "covers no vertex of the body",
+    "actuators": "drives no actuator",
+}
+_SEVERAL = {
+    _NO_TOUCH: "effects that touch no body are not felt",
+    _NEVER_ON: "effects that are never on are not felt",
+}
+
+
+def _why_missed(
+    effect: TrackEffect,
+    times: FeltTimes | None,
+    has_response: bool,
+    is_far: bool,
+    is_always_on: bool,
+) -> str:
+    """Reason why an effect has no sample at all."""
+    # Where a volume is near no skin, its level may not have been read.
+    is_unread = is_far and is_always_on
+    if times is not None and effect.id not in times.is_on and not is_unread:
+        if effect.id in times.no_number:
+            return "has a value that is no number wherever it would be on"
+        return f"{_NO_TOUCH}, or {_NEVER_ON}" if is_far else _NEVER_ON
+    if has_response:
+        return f"{_NO_TOUCH}, or its contact response gives nothing"
+    return _MISSED.get(effect.kind, _NEVER_ON)
+
+
+def _felt_or_not(
+    spans: Sequence[tuple[float, float]] | None, known: Unfelt | None
+) -> dict[str, Any]:
+    if known is not None or spans is None:
+        known = known or Unfelt(_NEVER_ON)
+        return {"felt": False, "reason": known.reason, "expected": known.is_expected}
+    first, last = zip(*spans, strict=True)
+    return {"felt": True, "from_s": min(first), "to_s": max(last)}
+
+
+def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Warnings about effects, each with the reason, that are not felt."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in missed:
+        reasons.setdefault(why, []).append(name)
+    return tuple(
+        text
+        for why, names in reasons.items()
+        for text in (
+            (f"effect '{names[0]}' {why}: it is not felt",)
+            if len(names) == 1
+            else counted(names, _SEVERAL.get(why, f"effects are not felt, as each {why}"))
+        )
+    )
+
+
+def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
+    """Effects on a body that none of its devices renders."""
+    effects = {effect.id: effect.name for effect in header.effects}
+    bodies = {body.id: body.name for body in header.bodies}
+    return tuple(
+        {
+            "effect": effects[lost.effect_id],
+            "body": bodies[lost.body_id],
+            "modality": lost.modality,
+            "seconds": round(lost.seconds, 6),
+            "share": round(lost.share, 4),
+        }
+        for lost in unrendered(rasters)
+    )
+
+
+_OTHERWISE = {
+    "frequency": "plays effect '{}' at another frequency",
+    "limit": "cuts effect '{}' to an actuator's limits",
+    "threshold": "plays effect '{}' below the detection threshold",
+}
+
+
+def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
+    """Notes on effects that devices play differently or not at all.
+
+    What no device plays of an effect is told by :func:`not_played`; that one of several devices
+    does not lie where an effect is felt is how devices share a body.
+    """
+    effects = {effect.id: effect.name for effect in header.effects}
+    notes = []
+    for raster in rasters:
+        lacking = {each.modality for each in raster.shortfalls if each.reason == "modality"}
+        if lacking:
+            notes.append(f"device '{raster.device_id}' plays no {', '.join(sorted(lacking))}")
+        notes += [
+            f"device '{raster.device_id}' "
+            f"{_OTHERWISE[each.reason].format(effects[each.effect_id])} "
+            f"for {each.seconds:.2f} s ({each.share:.0%})"
+            for each in raster.shortfalls
+            if each.reason in _OTHERWISE
+        ]
+    return tuple(notes)
+
+
+def read(path: Path) -> dict[str, Any] | None:
+    """Read a report; None if the file is missing or no report."""
+    try:
+        # A pipe of that name would be waited for, and no signal ends that.
+        if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
+            return None
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
+    """Unchanged device files that an earlier export of this name wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the results and their report are.
+    stem : str
+        Their common name.
+    devices : collection of str
+        Ids of the devices.
+    """
+    report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
+    return tuple(
+        path
+        for path, digest in _listed(report or {}, folder)
+        if path.name.startswith(f"{stem}.")
+        and any(f".{device}." in path.name.removeprefix(stem) for device in devices)
+        and _is(path, digest)
+    )
+
+
+def _listed(report: Mapping[str, Any], folder: Path) -> Iterator[tuple[Path, str]]:
+    files = report.get("files")
+    for each in files if isinstance(files, list) else ():
+        if isinstance(each, dict):
+            path, digest = listed(folder, each.get("name")), each.get("sha256")
+            if path is not None and isinstance(digest, str):
+                yield path, digest
+
+
+def _is(path: Path, digest: str) -> bool:
+    try:
+        return not path.is_symlink() and path.is_file() and sha256_of(path) == digest
+    except OSError:
+        return False

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bakes a contact response: its value at each frame becomes a key of a property."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..blender import compat
+from ..errors import InputError
+
+TARGETS = (
+    (
+        "ENVELOPE",
+        "Envelope",
+        "The property 'envelope' of the volume, for drivers of sound, light or anything else",
+    ),
+    (
+        "INTENSITY",
+        "Intensity",
+        "The volume's own intensity; its filters are muted, so that it is felt as before while "
+        "it touches",
+    ),
+    ("SPEAKER", "Speaker Volume", "Volume (loudness) of the speakers that are parented to it"),
+)
+
+
+def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELOPE") -> int:
+    """Write the values of a volume's response at each frame as keys; returns their number.
+
+    Of several bodies the one that feels it most counts. Keys where nothing changes are left out.
+
+    Raises
+    ------
+    InputError
+        There is no body, the volume touches nobody, or there is nothing to write to.
+    """
+    import numpy as np
+
+    from ..engine.evaluate import Engine
+    from ..reading.curves.animation_time import animation_frames
+    from ..reading.scene_reader import SceneReader
+
+    reader = SceneReader(scene)
+    ids = [e.id for e in reader.description.effects if e.name == effect.name]
+    if not ids:
+        raise InputError(f"'{effect.name}' is muted, hidden or no effect of this scene.")
+    engine = Engine(reader.description, tolerance=reader.tolerance)
+    levels = np.zeros(reader.time.sample_count)
+    base = np.ones(reader.time.sample_count)
+    for block in reader.blocks():
+        for each, animated in zip(reader.description.effects, block.effects, strict=True):
+            if each.id == ids[0]:
+                base[block.own_indices] = animated.levels[block.own]
+        for run in engine.evaluate(block):
+            if run.stream.effect_id == ids[0]:
+                levels[run.indices] = np.maximum(levels[run.indices], run.levels)
+    if not levels.any():
+        raise InputError(f"'{effect.name}' touches no body between these frames.")
+    first, last = reader.time.frame_first, reader.time.frame_last
+    every = np.arange(first, last + 1)
+    # The strongest moment of each frame: an impact between two frames is not lost.
+    at = np.minimum(
+        [int((f - first) * reader.time.rate_hz / reader.time.fps) for f in [*every, last + 1]],
+        len(levels),
+    )
+    pairs = list(zip(at[:-1].tolist(), at[1:].tolist(), strict=True))
+    if target == "INTENSITY":
+        # Activation still counts on top of it; a clip is not baked twice.
+        shares = np.divide(levels, base, out=np.zeros_like(levels), where=base > 0.0)
+        intensity = effect.hfx.intensity if not _is_animated(effect, "hfx.intensity") else 1.0
+        values = [float(shares[a : max(b, a + 1)].max()) * intensity for a, b in pairs]
+    else:
+        values = [float(levels[a : max(b, a + 1)].max()) for a, b in pairs]
+    keyed = animation_frames(scene, every.astype(np.float64)).tolist()
+    keys = _without_repeats(list(zip(keyed, values, strict=True)))
+    for owner, path in _owners(effect, target):
+        compat.set_keys(compat.own_fcurve(owner, path, "Response"), keys)
+    if target == "INTENSITY":
+        for each in effect.hfx.response:
+            each.is_muted = True
+    effect.update_tag()
+    return len(keys)
+
+
+def _owners(effect: bpy.types.Object, target: str) -> list[tuple[bpy.types.ID, str]]:
+    if target == "SPEAKER":
+        speakers = [child.data for child in effect.children if child.type == "SPEAKER"]
+        if not speakers:
+            raise InputError(f"'{effect.name}' has no speaker. Parent one to it first.")
+        return [(speaker, "volume") for speaker in speakers]
+    return [(effect, f"hfx.{target.lower()}")]
+
+
+def _is_animated(effect: bpy.types.Object, path: str) -> bool:
+    return any(curve.data_path == path for curve in compat.fcurves(effect))
+
+
+def _without_repeats(keys: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Drop keys that have the same value as both of their neighbours."""
+    return [
+        key
+        for k, key in enumerate(keys)
+        if k in (0, len(keys) - 1) or not keys[k - 1][1] == key[1] == keys[k + 1][1]
+    ]

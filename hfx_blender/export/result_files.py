@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names and folders of an export's files.
+
+All begin with ``folder/scene``. Where a scene has several bodies, what their devices play has
+folders: ``folder/scene/Anna/insoles/scene.Anna.insoles.csv``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..formats.written import name_part
+
+if TYPE_CHECKING:
+    from ..engine.track import TrackBody
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Parts of files' names, a different one for each name, on any file system.
+
+    Characters of names may be left out, and case may not count.
+    """
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        part, number = name_part(name), 1
+        while part.casefold() in taken:
+            number += 1
+            part = name_part(f"{name} {number}")
+        taken.add(part.casefold())
+        found.append(part)
+    return found
+
+
+def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
+    """Part of the names of each body's files, by its id; empty for an only body."""
+    if len(bodies) < 2:
+        return dict.fromkeys((body.id for body in bodies), "")
+    parts = map(_as_folder, distinct(body.name or body.id for body in bodies))
+    return {body.id: part for body, part in zip(bodies, parts, strict=True)}
+
+
+def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
+    """``folder/stem`` of what a device plays.
+
+    Parameters
+    ----------
+    scene : Path
+        ``folder/scene``.
+    stem : Path
+        The same, or ``folder/scene.clip``.
+    body : str
+        Of :func:`body_parts`.
+    device_id : str
+    """
+    if not body:
+        return stem.with_name(f"{stem.name}.{device_id}")
+    return scene / body / device_id / f"{stem.name}.{body}.{device_id}"
+
+
+def listed(folder: Path, name: object) -> Path | None:
+    """Path of a file that a report lists, its name relative to ``folder``; None: it is outside."""
+    if not isinstance(name, str) or re.search(r"[\\\x00-\x1f]", name):
+        return None
+    path = PurePosixPath(name)
+    is_plain = path.parts and not path.is_absolute() and ".." not in path.parts
+    return folder / path if is_plain and str(path) == name and ":" not in path.parts[0] else None
+
+
+def _as_folder(part: str) -> str:
+    """Escape what means another folder, or is cut off on Windows: dots and spaces at the ends."""
+    return re.sub(r"^[. ]|[. ]$", lambda found: f"%{ord(found[0]):02X}", part)

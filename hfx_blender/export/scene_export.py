@@ -1,0 +1,471 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exports one scene: records its track, renders it for devices, writes files and a report.
+
+Everything is written into a folder of its own beside the destination and moved into place when
+all of it is complete.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+import bpy
+
+from ..blender import linked_files
+from ..devices.script_rendering import Rendered, rendering
+from ..engine.areas.felt_times import FeltTimes
+from ..engine.arrays import write_npz
+from ..engine.body.model import load_model
+from ..engine.evaluate import Engine
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.devices import misfits, renderers_of_track
+from ..engine.rendering.raster import Raster
+from ..engine.rendering.render import Renderer
+from ..engine.rendering.room import needs_positions
+from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription
+from ..engine.stepwise import Progress, finish
+from ..engine.tolerance import Tolerance
+from ..engine.track import SUFFIX, TrackHeader, TrackReader
+from ..engine.track.excerpt import write_excerpt
+from ..engine.track.merging import merge
+from ..engine.track.named_clips import named_clips
+from ..errors import InputError
+from ..files.atomic import atomic_file, inputs_kept
+from ..files.staging import place, staging
+from ..formats import gate, registry
+from ..formats.clip import DETAIL
+from ..formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
+from ..formats.signals.curves import CurveTolerance
+from ..formats.signals.signals import DEFAULT_TOLERANCE
+from ..formats.written import Written
+from ..processes.start import cores
+from ..reading.description.scene_devices import formats_without
+from ..reading.description.scene_tolerance import scene_tolerance
+from ..reading.scene_reader import BLOCK_SIZE, SceneReader
+from ..text import MOST_LINES, counted, shortened
+from . import result_files
+from .recorders import SceneRecorders
+from .recording import Recorded, record_track
+from .report import (
+    REPORT_SUFFIX,
+    ExportReport,
+    felt_effects,
+    not_played,
+    shortfalls,
+    stale_files,
+    told_effects,
+)
+
+_THREADS: Final = 8
+"""Largest number of threads that look at skin: more would wait for the one that reads, renders and
+writes."""
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """Settings of an export. A format or a device that is given twice counts once.
+
+    Raises
+    ------
+    UsageError
+        No scene could be exported with these formats and devices.
+    """
+
+    formats: tuple[str, ...] = ("track",)
+    devices: tuple[DeviceConfig, ...] = ()
+    frames: tuple[int, int] | None = None  # both included; None: the scene's own
+    rate_hz: Fraction | None = None  # None: the scene's own
+    tolerance: Tolerance | None = None  # None: the scene's own
+    full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
+    record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
+    strict: bool = False  # a warning about the scene is an error
+    threads: int = field(default_factory=cores)  # at most; the results are the same
+    clip_detail: int = DETAIL  # level of detail of bodies in game clips
+    per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
+    missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
+
+    def __post_init__(self) -> None:
+        registry.check(self.formats, self.devices)
+        devices = {device.id: device for device in self.devices}
+        object.__setattr__(self, "devices", tuple(devices.values()))
+        object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
+
+    def without(self, missing: Mapping[str, str]) -> ExportSettings:
+        """The same, but some devices play nothing.
+
+        Raises
+        ------
+        InputError
+            Nothing is left to be written.
+        """
+        if not missing:
+            return self
+        devices = tuple(each for each in self.devices if each.id not in missing)
+        together = {**self.missing, **missing}
+        formats = formats_without(together, self.formats, devices)
+        return replace(self, formats=formats, devices=devices, missing=together)
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePart:
+    """Part of a scene's samples that was recorded alone."""
+
+    track: Path
+    recorded: Recorded
+    volumes: Path  # where volumes were; only if a format asks for it
+
+
+class SceneExport:
+    """Export of one scene of the open file: in one go, or part by part.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, settings: ExportSettings) -> None:
+        if needs_positions(settings.devices) and "positions" not in settings.record:
+            settings = replace(settings, record=(*settings.record, "positions"))
+        self._scene = scene
+        self.tolerance = settings.tolerance or scene_tolerance(scene)
+        self.reader = SceneReader(
+            scene,
+            frames=settings.frames,
+            rate_hz=settings.rate_hz,
+            tolerance=self.tolerance,
+            with_positions="positions" in settings.record or "glb" in settings.formats,
+            with_velocities="velocities" in settings.record,
+            with_far="glb" in settings.formats or "clip" in settings.formats,
+        )
+        self._settings = settings.without(misfits(self.reader.description, settings.devices))
+        self._warnings = self.reader.description.warnings
+        if settings.per_clip:
+            others = [each.name for each in self.reader.description.effects if not each.clips]
+            text = "effects without a clip are left out with --per-clip"
+            self._warnings = (*self._warnings, *counted(others, text))
+        if settings.strict:
+            _refuse((*self._warnings, *self._settings.missing.values()))
+
+    def _recorders(self) -> SceneRecorders:
+        return SceneRecorders(
+            self.reader.description, self._settings.formats, self._settings.clip_detail
+        )
+
+    def whole(
+        self,
+        folder: Path,
+        stem: str,
+        progress: Progress = lambda share: None,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> ExportReport:
+        """Export to ``folder/stem.*``; see :func:`export_scene`.
+
+        ``made_from`` is told in the report. ``stage_in`` holds what is not finished, in a
+        folder of its own; by default ``folder`` does.
+        """
+        return finish(self.steps(folder, stem, made_from, stage_in), progress)
+
+    def steps(
+        self,
+        folder: Path,
+        stem: str,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> Generator[float, None, ExportReport]:
+        """:meth:`whole` in steps; see :mod:`.stepwise`. Given up, it leaves nothing."""
+        with staging(folder, stem, stage_in) as stage:
+            track = stage / (stem + SUFFIX)
+            seen = self._recorders()
+            recorded, renderers = yield from self._record(track, seen, None, self._settings.devices)
+            with TrackReader(track) as whole:
+                rendered = yield from rendering(whole, renderers)
+            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
+
+    def record_part(
+        self,
+        part: tuple[int, int],
+        track: Path,
+        volumes: Path,
+        progress: Progress = lambda share: None,
+    ) -> ScenePart:
+        """Record some samples (first, stop) only, whole chunks of the track."""
+        seen = self._recorders()
+        recorded, _ = finish(self._record(track, seen, part, ()), progress)
+        if seen.is_any:
+            with atomic_file(volumes) as file:
+                write_npz(file, seen.arrays())
+        return ScenePart(track, recorded, volumes)
+
+    def merge_parts(
+        self,
+        parts: Sequence[ScenePart],
+        folder: Path,
+        stem: str,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> ExportReport:
+        """Write the results of :meth:`whole` from parts in the order of time.
+
+        All that carries on from one sample to the next is worked out here, on the whole track.
+        """
+        with staging(folder, stem, stage_in) as stage:
+            track = stage / (stem + SUFFIX)
+            merge([part.track for part in parts], track)
+            seen = self._recorders()
+            if seen.is_any:
+                seen.join([part.volumes for part in parts], self._blocks_at)
+            with TrackReader(track) as whole:
+                rendered = finish(
+                    rendering(whole, renderers_of_track(whole, self._settings.devices))
+                )
+            recorded = Recorded.merged([part.recorded for part in parts])
+            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
+
+    def _record(
+        self,
+        track: Path,
+        seen: SceneRecorders,
+        part: tuple[int, int] | None,
+        devices: Sequence[DeviceConfig],
+    ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
+        settings = self._settings
+        engine = Engine(
+            self.reader.description,
+            record=settings.record,
+            tolerance=self.tolerance,
+            threads=min(settings.threads, _THREADS),
+        )
+        times = FeltTimes()
+        renderers = yield from record_track(
+            self.reader,
+            engine,
+            track,
+            devices=devices,
+            record=settings.record,
+            full_precision=settings.full_precision,
+            watch=seen.add if seen.is_any else None,
+            part=part,
+            times=times,
+        )
+        return Recorded.of(self.reader, engine, times), renderers
+
+    def _blocks_at(self, sample: int) -> Iterable[AnimationBlock]:
+        start = sample // BLOCK_SIZE * BLOCK_SIZE
+        return self.reader.blocks((start, start + BLOCK_SIZE))
+
+    def _finish(
+        self,
+        track: Path,
+        seen: SceneRecorders,
+        recorded: Recorded,
+        rendered: Rendered,
+        folder: Path,
+        made_from: Mapping[str, Any],
+    ) -> ExportReport:
+        settings = self._settings
+        stem = track.with_name(track.name.removesuffix(SUFFIX))
+        tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
+        with TrackReader(track) as whole:
+            felt = felt_effects(whole, recorded.times)
+            effects, missed = told_effects(
+                whole,
+                self.reader.unfelt,
+                recorded.warnings,
+                is_part=self.reader.is_part,
+                instances=self.reader.instance_ids,
+                times=recorded.times,
+                answering=_with_response(self.reader.description),
+                far=recorded.reading.get("far", {}),
+                always_on=self.reader.always_on,
+            )
+            if settings.per_clip:
+                written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
+            else:
+                tracks = (track,) if "track" in settings.formats else ()
+                played = _placed(whole.header, rendered.played, stem, stem)
+                written = Written(tracks) + registry.write_all(
+                    settings.formats,
+                    played,
+                    whole,
+                    settings.devices,
+                    stem,
+                    tolerance,
+                    seen.spatial,
+                )
+            written = gate.valid_only(written)
+            if settings.formats and not written.files and seen.volumes is None:
+                _refuse(written.left_out)
+            rasters = [raster for _, raster in rendered.played]
+            lost = not_played(whole.header, rasters)
+            short = shortfalls(whole.header, rasters)
+            if seen.volumes is not None:
+                models = [load_model(model.id) for model in whole.header.models]
+                names = {path.name for path in written.files}
+                has_hjif = stem.name + HJIF_SUFFIX in names and not settings.per_clip
+                written += seen.volumes.write(
+                    models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
+                )
+        silenced = {**settings.missing, **rendered.silent}
+        silent = tuple(silenced.values())
+        if settings.strict:
+            _refuse((*recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out))
+        new = {folder / path.relative_to(stem.parent) for path in written.files}
+        earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
+        removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
+        report = ExportReport(
+            scene=self._scene.name,
+            folder=stem.parent,
+            files=written.files,
+            felt=felt,
+            effects=effects,
+            unrendered=lost,
+            warnings=shortened(
+                (
+                    *self._warnings,
+                    *recorded.warnings,
+                    *missed,
+                    *rendered.warnings,
+                    *silent,
+                    *written.left_out,
+                )
+            ),
+            left_out=written.left_out,
+            silent_devices=silent,
+            engine={
+                "tolerance": self.tolerance.name,
+                "stepping": recorded.stepping,
+                **recorded.engine,
+            },
+            reading=recorded.reading,
+            notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
+            made_from=made_from,
+        )
+        report_file = stem.with_name(stem.name + REPORT_SUFFIX)
+        with atomic_file(report_file) as file:
+            file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
+        # The report comes last: if it exists, all of its files do.
+        with inputs_kept(linked_files.files_read()):
+            placed = place((*report.files, report_file), folder, stem.parent)
+        for path in earlier:  # it would be mistaken for the device's present output
+            path.unlink(missing_ok=True)
+        return replace(report, folder=folder, files=placed)
+
+
+def _with_response(scene: SceneDescription) -> set[str]:
+    """Ids of the volumes that have a contact response."""
+    return {
+        each.id
+        for each in scene.effects
+        if isinstance(each.area, HapticVolume) and each.area.response
+    }
+
+
+def export_scene(
+    scene: bpy.types.Scene,
+    folder: Path,
+    stem: str,
+    settings: ExportSettings,
+    progress: Progress = lambda share: None,
+) -> ExportReport:
+    """Export a scene of the open file as ``folder/stem.*``.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported; nothing was written.
+    OutputError
+        The folder cannot be written to; nothing was left there.
+    """
+    return SceneExport(scene, settings).whole(folder, stem, progress)
+
+
+def _write_clips(
+    whole: TrackReader,
+    settings: ExportSettings,
+    rendered: Rendered,
+    stem: Path,
+    tolerance: CurveTolerance,
+) -> tuple[Written, Rendered]:
+    """Write each named clip of a track as files of its own, from time 0.
+
+    Scripts begin anew with each clip; a device whose script fails in one of them is left out
+    of all, and is silent in what is returned.
+    """
+    found = named_clips(whole.header)
+    if not found:
+        raise InputError("There are no clips to write one by one: no effect has a named clip.")
+    written = Written()
+    of_clips: list[str] = []
+    names = result_files.distinct(named.name for named in found)
+    for named, name in zip(found, names, strict=True):
+        part = stem.with_name(f"{stem.name}.{name}")
+        path = part.with_name(part.name + SUFFIX)
+        try:
+            write_excerpt(whole, named.effect_ids, named.clip, path)
+        except ValueError:
+            note = f"clip '{named.name}' is outside the exported frames, so it gets no file"
+            written += Written(notes=(note,))
+            continue
+        with TrackReader(path) as track:
+            if "track" in settings.formats:
+                written += Written((path,))
+            devices = [each for each in settings.devices if each.id not in rendered.silent]
+            of_clip = finish(rendering(track, renderers_of_track(track, devices)))
+            if of_clip.silent:
+                reasons = {
+                    device: f"clip '{named.name}': {reason}"
+                    for device, reason in of_clip.silent.items()
+                }
+                left = rendered.without(reasons)
+                return _write_clips(whole, settings, left, stem, tolerance)
+            written += Written(notes=of_clip.notes)
+            of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
+            played = _placed(whole.header, of_clip.played, stem, part)
+            made = registry.write_all(
+                settings.formats, played, track, settings.devices, part, tolerance
+            )
+            written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
+    return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))
+
+
+def _placed(
+    whole: TrackHeader,
+    played: Sequence[tuple[DeviceConfig, Raster]],
+    scene: Path,
+    stem: Path,
+) -> list[tuple[Path, DeviceConfig, Raster]]:
+    """Devices and rasters with ``folder/stem`` of their files, in folders that are there.
+
+    ``scene`` is that of the whole scene, ``stem`` that of these files.
+    """
+    parts = result_files.body_parts(whole.bodies)
+    found = []
+    for device, raster in played:
+        path = result_files.device_stem(scene, stem, parts[raster.body_id], device.id)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        found.append((path, device, raster))
+    return found
+
+
+def _refuse(warnings: Sequence[str]) -> None:
+    """Raise InputError if there is anything to warn of."""
+    if warnings:
+        raise InputError("; ".join(shortened(warnings, MOST_LINES)) + ".")
+
+
+def scene_named(name: str | None) -> bpy.types.Scene:
+    """Get a scene of the open file; by default the one that was active when it was saved."""
+    if name is None:
+        return bpy.context.scene
+    if name not in bpy.data.scenes:
+        names = ", ".join(f"'{scene.name}'" for scene in bpy.data.scenes)
+        raise InputError(f"{bpy.data.filepath}: has no scene '{name}'; there are: {names}.")
+    return bpy.data.scenes[name]

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Kinds of JSON documents of this program, told by a mark in them, whatever a file is called."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from ..errors import InputError, refuse_no_file
+
+_MARKS: Final = ("format", "schema")
+
+_TITLES: Final = {
+    "hfx-device": "a device configuration",
+    "hfx-effects": "a file of effects (.hfxeffect)",
+    "hfx-generated-texture": "the record of a generated surface (.generated.json)",
+    "hfx-openxr-parametric": "OpenXR vibration (.openxr.json)",
+    "hfx-path": "a path (.hfxpath)",
+    "hfx-sound-channels": "the channels of a sound (.channels.json)",
+    "hfx-texture-map": "a texture map (.texture.json)",
+    "hfx-wav-channels": "the channels of a WAV (.channels.json)",
+    "hfx bone mapping": "a table of bones",
+    "report": "the report of an export (.report.json)",
+}
+_MOST_BYTES: Final = 64 << 20
+
+
+def refuse_another(document: Any, file: str, own: str) -> None:
+    """Raise InputError if the document of a file is of another kind than its reader's ``own``."""
+    mark = _mark_of(document)
+    if mark not in ("", own):
+        raise InputError(f"{file}: is {_TITLES[mark]}, expected {_TITLES[own]}.")
+
+
+def title_of(path: Path) -> str:
+    """Kind of a file by its content, with an article; by its suffix where that is unknown."""
+    suffix = f"a {path.suffix} file" if path.suffix else "a file without a suffix"
+    try:
+        if path.suffix.lower() != ".json" or path.stat().st_size > _MOST_BYTES:
+            return suffix
+        refuse_no_file(path)
+        mark = _mark_of(json.loads(path.read_bytes()))
+    except (OSError, ValueError, RecursionError, InputError):
+        return f"{suffix} that cannot be read"
+    return _TITLES[mark] if mark else "JSON of another program or kind"
+
+
+def _mark_of(value: Any) -> str:
+    if not isinstance(value, dict):
+        return ""
+    marks = (value.get(key) for key in _MARKS)
+    known = next((mark for mark in marks if isinstance(mark, str) and mark in _TITLES), "")
+    return known or ("report" if {"scene", "files"} <= set(value) else "")

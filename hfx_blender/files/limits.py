@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Limits on the memory that one file may ask for, checked before any is taken.
+
+A few bytes can ask for days of values. Every reader and converter asks here first;
+``hfx ... --largest N``, or :func:`raised` in Python, allows N times as much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Final
+
+from ..errors import InputError
+
+_times: ContextVar[float] = ContextVar("hfx_file_limits", default=1.0)
+
+MOST_TIMES: Final = 1e6
+_COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
+
+
+class TooLargeError(InputError):
+    """Raised for a file that may be valid but asks for more than is allowed."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limit on one kind of quantity that a file may ask for."""
+
+    default: float
+    unit: str  # as a message says it, behind the number
+
+    @property
+    def allowed(self) -> float:
+        """Current limit."""
+        return self.default * _times.get()
+
+    def check(self, asked: float, name: str, asks: str) -> None:
+        """Reject more than is allowed.
+
+        Parameters
+        ----------
+        asked : float
+            How much it is, in the limit's unit.
+        name : str
+            The file, for the message.
+        asks : str
+            What would be so large: ``its envelope lasts``, ``values would take``.
+
+        Raises
+        ------
+        TooLargeError
+        """
+        if not asked <= self.allowed:  # not a number is too much as well
+            times = asked / self.default if asked < _COUNTLESS else math.inf
+            way = f"'--largest {_up(times)}' allows it" if times <= MOST_TIMES else "far too much"
+            raise TooLargeError(
+                f"{name}: {asks} {_shown(asked)} {self.unit}, allowed are "
+                f"{_shown(self.allowed)} {self.unit} ({way})."
+            )
+
+
+MEMORY: Final = Limit(float(1 << 30), "bytes")
+"""Limit on arrays held at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
+
+SECONDS: Final = Limit(86_400.0, "s")
+"""A day of envelopes."""
+
+UNFOLDED: Final = Limit(2e6, "effects and keyframes")
+"""Limit on the expansion of a file's references, all of them together."""
+
+OVERLAP: Final = Limit(2e7, "keyframes")
+"""Limit on overlapping sounds, counted for each piece that sounds."""
+
+PIXELS: Final = Limit(float(1 << 26), "pixels")
+"""Limit on one picture: 8192 x 8192."""
+
+UNPACKED: Final = Limit(float(1 << 28), "bytes")
+"""Limit on the unpacked size of any file, however small it is; :func:`check_unfolded`
+is the rule."""
+
+PACKING: Final = 200.0
+"""Largest ratio of unpacked to packed size: recorded values pack 2 to 100 times."""
+
+
+def check_unfolded(unfolded: float, size: float, name: str) -> None:
+    """Reject a small file, of ``size`` bytes, that unfolds to a huge one.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    if unfolded > PACKING * size * _times.get():
+        UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
+
+
+def check_unpacked(unpacked: float, packed: float, name: str) -> None:
+    """Reject a small packed file that unpacks to a huge one, and any that is too large.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    check_unfolded(unpacked, packed, name)
+    MEMORY.check(unpacked, name, "its arrays would take")
+
+
+@contextmanager
+def raised(times: float) -> Iterator[None]:
+    """Context in which ``times`` as much is allowed, in this thread.
+
+    Raises
+    ------
+    ValueError
+        It is not more than 0, or more than ``MOST_TIMES``.
+    """
+    if not 0.0 < times <= MOST_TIMES:
+        raise ValueError(f"expected more than 0, up to {MOST_TIMES:g} times, found {times}")
+    token = _times.set(times)
+    try:
+        yield
+    finally:
+        _times.reset(token)
+
+
+def _shown(amount: float) -> str:
+    if abs(amount) < 1e15:
+        return f"{amount:,.0f}"
+    return f"{amount:.3g}" if abs(amount) < _COUNTLESS else "countless"
+
+
+def _up(times: float) -> str:
+    """Two digits that are not below it."""
+    step = 10.0 ** (math.floor(math.log10(times)) - 1) if times >= 1.0 else 0.1
+    return f"{math.ceil(times / step) * step:.10g}"

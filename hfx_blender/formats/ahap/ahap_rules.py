@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of Apple AHAP files."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, Final
+
+from ...files.json_shapes import (
+    Anything,
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Shape,
+    Text,
+    check,
+    json_validator,
+)
+
+MAX_EVENT_S: Final = 30.0
+MAX_CURVE_POINTS: Final = 16
+INTENSITY, SHARPNESS = "HapticIntensity", "HapticSharpness"
+INTENSITY_CONTROL, SHARPNESS_CONTROL = "HapticIntensityControl", "HapticSharpnessControl"
+
+_TIME = Number(0.0, 1e6)
+_EVENT_PARAMETERS = (
+    INTENSITY,
+    SHARPNESS,
+    "AttackTime",
+    "DecayTime",
+    "ReleaseTime",
+    "Sustained",
+    "AudioVolume",
+    "AudioPitch",
+    "AudioPan",
+    "AudioBrightness",
+)
+_CONTROLS = tuple(
+    f"{kind}{name}Control"
+    for kind, names in (
+        ("Haptic", ("Intensity", "Sharpness", "AttackTime", "DecayTime", "ReleaseTime")),
+        (
+            "Audio",
+            ("Volume", "Pitch", "Pan", "Brightness", "AttackTime", "DecayTime", "ReleaseTime"),
+        ),
+    )
+    for name in names
+)
+_EVENT = Record(
+    {
+        "Time": _TIME,
+        "EventType": Text(
+            ("HapticTransient", "HapticContinuous", "AudioContinuous", "AudioCustom")
+        ),
+    },
+    {
+        "EventDuration": Number(0.0, 1e6),
+        "EventWaveformPath": Text(),
+        "EventWaveformUseVolumeEnvelope": Anything(),
+        "EventParameters": Items(
+            Record({"ParameterID": Text(_EVENT_PARAMETERS), "ParameterValue": Number()})
+        ),
+    },
+)
+_PARAMETER = Record({"ParameterID": Text(_CONTROLS), "Time": _TIME, "ParameterValue": Number()})
+_PARAMETER_CURVE = Record(
+    {
+        "ParameterID": Text(_CONTROLS),
+        "Time": _TIME,
+        "ParameterCurveControlPoints": Items(
+            Record({"Time": _TIME, "ParameterValue": Number()}), least=1
+        ),
+    }
+)
+_ENTRIES: Final = {"Event": _EVENT, "Parameter": _PARAMETER, "ParameterCurve": _PARAMETER_CURVE}
+_MEMBERS: Final[dict[str, Shape]] = {
+    key: member
+    for shape in _ENTRIES.values()
+    for key, member in {**shape.required, **shape.optional}.items()
+}
+DOCUMENT = Record(
+    {"Pattern": Items(Record({}, _ENTRIES))},
+    {"Version": Number(0.0, 1e3), "Metadata": Anything()},
+)
+_VERSION: Final = 1.0
+_RANGES: Final = {
+    INTENSITY: (0.0, 1.0),
+    SHARPNESS: (0.0, 1.0),
+    INTENSITY_CONTROL: (0.0, 1.0),
+    SHARPNESS_CONTROL: (-1.0, 1.0),
+}
+
+
+def findings(found: Any) -> list[Finding]:
+    """Faults of a parsed document."""
+    report = Report("AHAP")
+    check(DOCUMENT, found, report)
+    _check_misplaced(found, report)
+    if report.has_errors:
+        return report.findings
+    if "Version" not in found:
+        message = f"'Version' is missing: not every player takes that; it is {_VERSION}"
+        report.warn("VERSION", None, message)
+    elif found["Version"] != _VERSION:
+        message = f"{found['Version']:g}: phones do not play it; they know {_VERSION}"
+        report.warn("VERSION", (None, "Version"), message)
+    for k, entry in enumerate(found["Pattern"]):
+        place = ((None, "Pattern"), k)
+        if len(entry) != 1:
+            report.error("ENTRY", place, "expected one of Event, Parameter, ParameterCurve")
+        event = entry.get("Event", {})
+        if "Continuous" in event.get("EventType", ""):
+            duration = event.get("EventDuration")
+            if duration is None:
+                report.error("DURATION-MISSING", (place, "Event"), "it has no EventDuration")
+            elif duration > MAX_EVENT_S:
+                message = f"lasts {duration:g} s, the most is {MAX_EVENT_S:g} s"
+                report.error("DURATION", (place, "Event"), message)
+        for each in event.get("EventParameters", []):
+            _check_range(each, report, (place, "Event"))
+        if "Parameter" in entry:
+            _check_range(entry["Parameter"], report, (place, "Parameter"))
+        curve = entry.get("ParameterCurve", {})
+        points = curve.get("ParameterCurveControlPoints", [])
+        here = (place, "ParameterCurve")
+        if len(points) > MAX_CURVE_POINTS:
+            message = f"{len(points)} control points, the most is {MAX_CURVE_POINTS}"
+            report.warn("CURVE-POINTS", here, message)  # vendors write more, and it plays
+        times = [point["Time"] for point in points]
+        if any(b < a for a, b in pairwise(times)):
+            report.error("CURVE-ORDER", here, "the times of its control points descend")
+        for point in points:
+            _check_range({**point, "ParameterID": curve["ParameterID"]}, report, here)
+    return report.findings
+
+
+def _check_misplaced(found: Any, report: Report) -> None:
+    """Check members that stand in another kind of entry than theirs against their own shapes."""
+    pattern = found.get("Pattern") if isinstance(found, dict) else None
+    for k, entry in enumerate(pattern if isinstance(pattern, list) else ()):
+        for kind, item in entry.items() if isinstance(entry, dict) else ():
+            shape = _ENTRIES.get(kind)
+            if shape is None or not isinstance(item, dict):
+                continue
+            known = {**shape.required, **shape.optional}
+            for key in (item.keys() - known.keys()) & _MEMBERS.keys():
+                check(_MEMBERS[key], item[key], report, ((((None, "Pattern"), k), kind), key))
+
+
+validate = json_validator(findings)
+
+
+_NEEDED: Final = {
+    "Event": ("EventType",),
+    "Parameter": ("ParameterID", "ParameterValue"),
+    "ParameterCurve": ("ParameterID", "ParameterCurveControlPoints"),
+    "EventParameters": ("ParameterID", "ParameterValue"),
+    "ParameterCurveControlPoints": ("ParameterValue",),
+}
+"""Members without which an entry, or an item of a list, says nothing."""
+
+
+def completed(found: dict[str, Any]) -> dict[str, Any]:
+    """A document, valid but for what is missing, as Core Haptics takes it.
+
+    Times that are missing are 0; what lacks anything else has no effect and is left out.
+    """
+    entries = []
+    for entry in found.get("Pattern", []):
+        full = {kind: _completed(kind, entry[kind]) for kind in entry.keys() & _NEEDED.keys()}
+        entries.append({kind: item for kind, item in full.items() if item is not None})
+    return {**found, "Pattern": entries}
+
+
+def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
+    """An entry or an item with its time; None: it has no effect."""
+    found = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
+    for listed in ("EventParameters", "ParameterCurveControlPoints"):
+        if listed in found:
+            rows = [_completed(listed, each) for each in found[listed]]
+            found[listed] = [each for each in rows if each is not None]
+    has_no_points = found.get("ParameterCurveControlPoints") == []
+    return None if has_no_points or any(key not in found for key in _NEEDED[kind]) else found
+
+
+def _check_range(parameter: dict[str, Any], report: Report, place: Any) -> None:
+    name, value = parameter["ParameterID"], parameter["ParameterValue"]
+    low, high = _RANGES.get(name, (-1e9, 1e9))
+    if not low <= value <= high:
+        message = f"{name} is {value:g}, allowed is {low:g} to {high:g}"
+        report.warn("RANGE", place, message)

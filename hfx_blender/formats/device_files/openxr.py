@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""OpenXR parametric vibration (XR_EXT_haptic_parametric) as JSON.
+
+The extension has no file format. Each frame of ours is the content of one
+``XrHapticParametricVibrationEXT``, to be given to ``xrApplyHapticFeedback`` at its ``start``;
+member names and units (nanoseconds since the start of the frame, values 0 to 1) are its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ...files.json_shapes import (
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Text,
+    check,
+    clean,
+    json_validator,
+    parse,
+    refuse_errors,
+)
+from ..signals.curves import Curve
+from ..signals.signals import FrequencyRange, Signal, Transient, joined_times
+from ..written import Written, silent_note, write_json
+
+SUFFIX: Final = ".openxr.json"
+FORMAT: Final = "hfx-openxr-parametric"
+MAX_POINTS: Final = 500  # XR_HAPTIC_PARAMETRIC_MAX_POINTS_TRANSIENTS_EXT
+MIN_HZ, MAX_HZ = 1.0, 1000.0  # XR_HAPTIC_PARAMETRIC_FREQUENCY_MIN_HZ_EXT, _MAX_HZ_EXT
+
+_NS: Final = 1e9
+_MOST_NS = 2**62
+_SHARE = Number(0.0, 1.0)
+_POINT = Record({"time": Number(0, _MOST_NS, is_whole=True), "value": _SHARE})
+_TICK = Record(
+    {"time": Number(0, _MOST_NS, is_whole=True), "amplitude": _SHARE, "frequency": _SHARE}
+)
+_FRAME_TYPES = ("NONE", "FIRST_FRAME", "INTERMEDIATE_FRAME", "LAST_FRAME")
+_FRAME = Record(
+    {
+        "start": Number(0, _MOST_NS, is_whole=True),
+        "streamFrameType": Text(_FRAME_TYPES),
+        "amplitudePoints": Items(_POINT, most=MAX_POINTS),
+    },
+    {
+        "frequencyPoints": Items(_POINT, most=MAX_POINTS),
+        "transients": Items(_TICK, most=MAX_POINTS),
+    },
+)
+_DOCUMENT = Record(
+    {
+        "format": Text((FORMAT,)),
+        "version": Number(1, 1, is_whole=True),
+        "minFrequencyHz": Number(MIN_HZ, MAX_HZ),
+        "maxFrequencyHz": Number(MIN_HZ, MAX_HZ),
+        "channels": Items(Record({"actuator": Text(), "frames": Items(_FRAME)})),
+    }
+)
+
+
+def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
+    """Write all audible signals into one file: ``stem.openxr.json``."""
+    silent = [each.name for each in signals if each.is_silent]
+    path = stem.with_name(stem.name + SUFFIX)
+    write_json(document([each for each in signals if not each.is_silent], frequencies), path)
+    notes = tuple(note.replace("file", "channel") for note in silent_note(silent))
+    return Written((path,), notes=notes)
+
+
+def held(frequencies: FrequencyRange) -> FrequencyRange:
+    """Part of a range of frequencies that a file can hold."""
+    low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
+    return FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
+
+
+def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
+    """Signals as the content of a file."""
+    hertz = held(frequencies)
+    return {
+        "format": FORMAT,
+        "version": 1,
+        "minFrequencyHz": hertz.lowest_hz,
+        "maxFrequencyHz": hertz.highest_hz,
+        "channels": [
+            {"actuator": clean(each.name), "frames": list(_frames(each, hertz))} for each in signals
+        ],
+    }
+
+
+def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
+    """A signal in as few frames as the limits of points allow."""
+    ticks = sorted(signal.transients, key=lambda each: each.time_s)
+    knots = np.unique(np.concatenate([signal.amplitude.times_s, [each.time_s for each in ticks]]))
+    if len(knots) == 1:
+        knots = np.append(knots, knots[0] + 0.001)
+    pitch_times = signal.frequency_hz.times_s
+    cuts, first = [float(knots[0])], 0
+    while first < len(knots) - 1:
+        last = min(first + MAX_POINTS - 1, len(knots) - 1)
+        # Each frame also has a frequency at both of its ends.
+        begin = np.searchsorted(pitch_times, knots[first], side="right")
+        while last > first + 1:
+            end = np.searchsorted(pitch_times, knots[last], side="left")
+            if end - begin <= MAX_POINTS - 2:
+                break
+            last = first + (last - first) // 2
+        inside = pitch_times[begin : np.searchsorted(pitch_times, knots[last], side="left")]
+        cuts += inside[MAX_POINTS - 2 :: MAX_POINTS - 2].tolist()
+        cuts.append(float(knots[last]))
+        first = last
+    for k, (start, end) in enumerate(pairwise(cuts)):
+        is_last = k == len(cuts) - 2
+        amplitude = signal.amplitude
+        times = joined_times([amplitude], start, end)
+        levels = amplitude.at(times)
+        levels[-1] = amplitude.before(end)
+        pitch = joined_times([signal.frequency_hz], start, end)
+        shares = hertz.share(signal.frequency_hz.at(pitch))
+        kind = "NONE" if len(cuts) == 2 else "FIRST_FRAME" if k == 0 else "INTERMEDIATE_FRAME"
+        yield {
+            "start": _ns(start),
+            "streamFrameType": "LAST_FRAME" if is_last and len(cuts) > 2 else kind,
+            "amplitudePoints": _points(times - start, levels),
+            "frequencyPoints": _points(pitch - start, shares),
+            "transients": [
+                {
+                    "time": _ns(each.time_s - start),
+                    "amplitude": round(each.amplitude, 6),
+                    "frequency": round(float(hertz.share(each.frequency_hz)), 6),
+                }
+                for each in ticks
+                if start <= each.time_s < end or (is_last and each.time_s == end)
+            ],
+        }
+
+
+def _ns(seconds: float) -> int:
+    return max(0, round(seconds * _NS))
+
+
+def _points(times: Any, values: Any) -> list[dict[str, Any]]:
+    return [
+        {"time": _ns(time), "value": round(value, 6)}
+        for time, value in zip(times.tolist(), values.tolist(), strict=True)
+    ]
+
+
+def _findings(found: Any) -> list[Finding]:
+    report = Report("OPENXR")
+    check(_DOCUMENT, found, report)
+    if report.has_errors:
+        return report.findings
+    if found["minFrequencyHz"] > found["maxFrequencyHz"]:
+        report.error("FREQUENCY-RANGE", None, "minFrequencyHz is above maxFrequencyHz")
+    for k, channel in enumerate(found["channels"]):
+        place = (((None, "channels"), k), "frames")
+        kinds = [frame["streamFrameType"] for frame in channel["frames"]]
+        middle = ["INTERMEDIATE_FRAME"] * (len(kinds) - 2)
+        if len(kinds) > 1 and kinds != ["FIRST_FRAME", *middle, "LAST_FRAME"]:
+            message = "several frames are a FIRST_FRAME, INTERMEDIATE_FRAMEs and a LAST_FRAME"
+            report.error("STREAM", place, message)
+        if kinds and len(kinds) == 1 and kinds != ["NONE"]:
+            report.error("STREAM", place, "a single frame has the type NONE")
+        last = -1
+        for i, frame in enumerate(channel["frames"]):
+            if frame["start"] <= last:
+                report.error("ORDER", (place, i), "it does not begin after the frame before it")
+            last = frame["start"]
+            for name in ("amplitudePoints", "frequencyPoints", "transients"):
+                times = [point["time"] for point in frame.get(name, [])]
+                if any(b < a for a, b in pairwise(times)):
+                    report.error("POINT-ORDER", ((place, i), name), "its times descend")
+    return report.findings
+
+
+validate = json_validator(_findings)
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """The signals of a file.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    found = parse(content, name)
+    refuse_errors(_findings(found), name)
+    hertz = FrequencyRange(float(found["minFrequencyHz"]), float(found["maxFrequencyHz"]))
+    return [_signal(channel, hertz) for channel in found["channels"]], hertz
+
+
+def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
+    amplitude: list[tuple[float, float]] = []
+    pitch: list[tuple[float, float]] = []
+    ticks = []
+    for frame in channel["frames"]:
+        start = frame["start"]
+        for name, points in (("amplitudePoints", amplitude), ("frequencyPoints", pitch)):
+            for point in frame.get(name, []):
+                entry = ((start + point["time"]) / _NS, float(point["value"]))
+                if not points or entry != points[-1]:
+                    points.append(entry)
+        for tick in frame.get("transients", []):
+            frequency = float(hertz.hertz(tick["frequency"]))
+            time = (start + tick["time"]) / _NS
+            ticks.append(Transient(time, float(tick["amplitude"]), frequency))
+    levels = np.array(amplitude or [(0.0, 0.0)], np.float64)
+    shares = np.array(pitch or [(0.0, 0.5)], np.float64)
+    return Signal(
+        channel["actuator"],
+        Curve(np.maximum.accumulate(levels[:, 0]), levels[:, 1]),
+        Curve(np.maximum.accumulate(shares[:, 0]), hertz.hertz(shares[:, 1])),
+        tuple(ticks),
+    )

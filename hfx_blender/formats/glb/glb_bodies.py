@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bodies of a scene as skinned, moving glTF nodes.
+
+Each body is a node that moves as its armature does, with a joint below it for each bone that
+moves skin. A joint stands at the middle of what it moves: its inverse bind matrix takes that
+point to the origin. A body that follows its mesh has a joint for each patch of its skin instead.
+Every perceptual model that is felt on the body is a mesh with that skin,
+its vertices in the body's rest pose and in the order of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.active_rows import posed_rows
+from ...engine.arrays import F32, F64, I64
+from ...engine.body.model import PerceptualModel, load_model
+from ...engine.kinematics.motion import longest_axis
+from ...engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    SceneDescription,
+    SkinBinding,
+    SurfaceBinding,
+)
+from ...engine.skin.bound_weights import BoundWeights
+from ...engine.skin.surface_joints import SurfaceJoints
+from ...files.json_shapes import clean
+from .glb import TO_GLTF, Document, add_model
+from .glb_motion import move, turned
+
+_SET: Final = 4  # influences of one attribute of glTF
+_STILL: Final = "rest"
+
+
+@dataclass(eq=False)
+class _Motion:
+    """Recorded poses of one body."""
+
+    indices: list[I64] = field(default_factory=list)
+    to_world: list[F64] = field(default_factory=list)  # (T, 4, 4)
+    bones: list[F32] = field(default_factory=list)  # (T, B, 3, 4)
+    errors_m: F64 = field(default_factory=lambda: np.zeros(2))  # of patches of skin: 99 %, all
+
+
+class BodyRecorder:
+    """Recorder of the motion of a scene's bodies, block by block."""
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._scene = scene
+        self._motions = [_Motion() for _ in scene.bodies]
+        self._patches: dict[str, SurfaceJoints] = {}  # by body
+
+    def add(self, block: AnimationBlock) -> None:
+        """Take the next block, in the order of time."""
+        for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
+            rows = posed_rows(pose)
+            rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
+            if not len(rows):
+                continue
+            if pose.surface is not None:
+                patches = self._patches_of(body)
+                bones: npt.NDArray[Any]
+                bones, errors = patches.matrices(pose, rows)
+                scale = float(longest_axis(pose.to_world[rows, :3, :3]).max())
+                motion.errors_m = np.maximum(motion.errors_m, scale * errors)
+            else:
+                bones = np.zeros((len(rows), 0, 3, 4)) if pose.bones is None else pose.bones[rows]
+            motion.indices.append(block.indices[rows])
+            motion.to_world.append(pose.to_world[rows])
+            motion.bones.append(bones.astype(np.float32))
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Motion of the bodies, as arrays that one process can hand on to another."""
+        found: dict[str, npt.NDArray[Any]] = {}
+        for k, motion in enumerate(self._motions):
+            if motion.indices:
+                found[f"body.{k}.indices"] = np.concatenate(motion.indices)
+                found[f"body.{k}.to_world"] = np.concatenate(motion.to_world)
+                found[f"body.{k}.bones"] = np.concatenate(motion.bones)
+                found[f"body.{k}.errors_m"] = motion.errors_m
+        return found
+
+    def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
+        """Replace the recorded motion by that of others, given in the order of time."""
+        for k, motion in enumerate(self._motions):
+            mine = [part for part in parts if f"body.{k}.indices" in part]
+            motion.indices = [part[f"body.{k}.indices"] for part in mine]
+            motion.to_world = [part[f"body.{k}.to_world"] for part in mine]
+            motion.bones = [part[f"body.{k}.bones"] for part in mine]
+            errors = [part[f"body.{k}.errors_m"] for part in mine]
+            motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
+
+    def _patches_of(self, body: BodyDescription) -> SurfaceJoints:
+        assert isinstance(body.binding, SurfaceBinding)
+        if body.id not in self._patches:
+            self._patches[body.id] = SurfaceJoints(body.binding, load_model)
+        return self._patches[body.id]
+
+    def write(
+        self, document: Document, models: Sequence[PerceptualModel], notes: list[str]
+    ) -> tuple[list[int], list[int]]:
+        """Add all bodies; nodes for the scene, and those of them that have a mesh."""
+        roots: list[int] = []
+        meshes: list[int] = []
+        for body, motion in zip(self._scene.bodies, self._motions, strict=True):
+            nodes = self._add(document, body, motion, models, notes)
+            roots += nodes
+            meshes += nodes[1:]
+        return roots, meshes
+
+    def _add(
+        self,
+        document: Document,
+        body: BodyDescription,
+        motion: _Motion,
+        models: Sequence[PerceptualModel],
+        notes: list[str],
+    ) -> list[int]:
+        """Add a body: its own node, then one for each model."""
+        binding = body.binding
+        node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
+        is_posed = bool(motion.indices)
+        names: tuple[str, ...] = ()
+        bound: list[BoundWeights] = []
+        to_world = np.concatenate(motion.to_world) if is_posed else np.eye(4)[None]
+        indices = np.concatenate(motion.indices) if is_posed else np.zeros(1, np.int64)
+        times = self._scene.time.times_s(indices) - self._scene.time.times_s(np.zeros(1, int))
+        if not isinstance(binding, SkinBinding):
+            if is_posed:
+                patches = self._patches_of(body)
+                names, bound = patches.names, [patches.bound(each) for each in models]
+                most_mm, all_mm = 1000.0 * motion.errors_m
+                notes.append(
+                    f"body '{body.name}' follows its mesh: in the scene file {len(names)} patches "
+                    f"of its skin do, 99 % within {most_mm:.1f} mm, all within {all_mm:.1f} mm"
+                )
+        else:
+            names, fitted = binding.bone_names, binding.fitted
+            models = [fitted[m.id].of(m) if m.id in fitted else m for m in models]
+            bound = [BoundWeights.of(each, binding.bone_names) for each in models]
+        used = np.unique(np.concatenate([each.bones for each in bound])) if bound else np.arange(0)
+        pivots = _pivots(bound, used)
+        children = []
+        is_sheared = move(document, node, times, turned(to_world))
+        root = len(document.json["nodes"]) - 1
+        bones = np.concatenate(motion.bones) if is_posed else None
+        for bone, pivot in zip(used.tolist(), pivots, strict=True):
+            name = _STILL
+            matrices = np.tile(np.eye(4), (len(times), 1, 1))
+            if bone < len(names):
+                name = names[bone]
+                if bones is not None:
+                    matrices[:, :3] = bones[:, bone]
+            matrices[:, :3, 3] += matrices[:, :3, :3] @ pivot
+            joint: dict[str, Any] = {"name": clean(name)}
+            is_sheared |= move(document, joint, times, turned(matrices))
+            children.append(len(document.json["nodes"]) - 1)
+        if is_sheared.any():
+            notes.append(f"bones of body '{body.name}' are sheared, which moving nodes cannot be")
+        found = [root]
+        if children:
+            document.json["nodes"][root]["children"] = children
+            skin = self._add_skin(document, body.name, root, children, pivots)
+        for k, model in enumerate(models):
+            mesh = add_model(document, model)
+            shown: dict[str, Any] = {"name": clean(f"{body.name}: {model.id}"), "mesh": mesh}
+            if bound:
+                _add_weights(document, mesh, bound[k], used)
+                shown["skin"] = skin
+            found.append(document.append("nodes", shown))
+        return found
+
+    def _add_skin(
+        self, document: Document, name: str, root: int, joints: Sequence[int], pivots: F64
+    ) -> int:
+        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+        inverse[:, :3, 3] = -(pivots @ TO_GLTF.T)
+        columns = inverse.transpose(0, 2, 1).reshape(-1, 16)
+        return document.append(
+            "skins",
+            {
+                "name": clean(name),
+                "inverseBindMatrices": document.accessor(columns),
+                "skeleton": root,
+                "joints": list(joints),
+            },
+        )
+
+
+def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
+    """Middle of what each bone moves, rest space, (len(used), 3)."""
+    sums = np.zeros((len(used), 4))
+    for each in bound:
+        owners = np.repeat(np.arange(len(each.offsets) - 1), np.diff(each.offsets))
+        place = np.searchsorted(used, each.bones)
+        np.add.at(sums, place, each.values[:, None] * each.rest[owners])
+    return np.asarray(sums[:, :3] / np.maximum(sums[:, 3:], 1e-12))
+
+
+def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:
+    """Add joints and weights to a mesh: all influences, the strongest four first."""
+    counts = np.diff(weights.offsets)
+    owners = np.repeat(np.arange(len(counts)), counts)
+    order = np.lexsort([-weights.values, owners])  # a vertex's own, the strongest first
+    column = np.arange(len(owners)) - np.repeat(weights.offsets[:-1], counts)
+    width = _SET * -(-int(counts.max(initial=1)) // _SET)
+    joints = np.zeros((len(counts), width), np.uint16)
+    shares = np.zeros((len(counts), width), np.float32)
+    joints[owners, column] = np.searchsorted(used, weights.bones[order])
+    shares[owners, column] = weights.values[order]
+    shares /= shares.sum(axis=1, keepdims=True)
+    attributes = document.json["meshes"][mesh]["primitives"][0]["attributes"]
+    for k in range(width // _SET):
+        part = slice(_SET * k, _SET * (k + 1))
+        attributes[f"JOINTS_{k}"] = document.accessor(joints[:, part], is_vertex=True)
+        attributes[f"WEIGHTS_{k}"] = document.accessor(shares[:, part], is_vertex=True)

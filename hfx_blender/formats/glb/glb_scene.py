@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene as glTF: its bodies, its haptic volumes as nodes that move, and draft MPEG triggers.
+
+Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
+pull request 2503): when the body collides with it, the perceptions of an HJIF file beside it
+are played. The extensions are used, never required: any reader sees bodies and moving nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.active_rows import FARTHEST
+from ...engine.arrays import F64, I64
+from ...engine.body.model import PerceptualModel
+from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, SceneDescription
+from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from ...engine.volume.shape import Shape
+from ...files.atomic import atomic_file
+from ...files.json_shapes import clean
+from ..written import Written
+from .glb import SUFFIX, Document, add_extensions, hjif_media
+from .glb_bodies import BodyRecorder
+from .glb_extras import volume_extras
+from .glb_motion import move, to_gltf
+
+_COLLISION, _ACTION_HAPTIC = 0, 7
+_CUBOID, _CYLINDER, _CAPSULE, _SPHEROID = 0, 2, 3, 4
+_ACTIVATE_ON, _PARALLEL, _PLAY = 2, 1, 0
+_ALL_OF_THE_BODY: Final = 2**32 - 1
+_MODALITIES: Final = {"temperature": 3, "vibration": 4, "pressure": 5, "wind": 5}  # 5: custom
+
+
+@dataclass(eq=False)
+class _Volume:
+    """Recorded motion of one volume."""
+
+    effect: EffectDescription
+    shape: Shape | None = None
+    indices: list[I64] = field(default_factory=list)
+    matrices: list[F64] = field(default_factory=list)
+    values: list[F64] = field(default_factory=list)  # (T, 1 + P) level and parameters
+    changes_shape: bool = False
+
+
+class VolumeRecorder:
+    """Recorder of the motion of a scene's volumes and bodies, block by block.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._scene = scene
+        self._bodies = BodyRecorder(scene)
+        self._volumes = {
+            k: _Volume(effect)
+            for k, effect in enumerate(scene.effects)
+            if isinstance(effect.area, HapticVolume)
+        }
+
+    def add(self, block: AnimationBlock) -> None:
+        """Take the next block, in the order of time."""
+        self._bodies.add(block)
+        rows = block.own
+        for k, volume in self._volumes.items():
+            effect = block.effects[k]
+            if effect.matrices is None or not effect.shapes:
+                continue
+            finite = (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
+            finite &= np.isfinite(effect.parameters[rows]).all(axis=1)
+            finite &= effect.levels[rows] > 0.0  # other rows may hold anything
+            if not finite.any():
+                continue
+            shape = effect.shapes[0]
+            volume.changes_shape |= len(effect.shapes) > 1
+            volume.changes_shape |= volume.shape is not None and type(volume.shape) is not type(
+                shape
+            )
+            volume.shape = volume.shape or shape
+            volume.indices.append(block.indices[rows][finite])
+            volume.matrices.append(effect.matrices[rows][finite])
+            values = np.column_stack([effect.levels[rows], effect.parameters[rows]])
+            volume.values.append(values[finite])
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Recorded values as arrays that one process can hand on to another."""
+        found = self._bodies.arrays()
+        for k, volume in self._volumes.items():
+            if volume.shape is not None:
+                found[f"{k}.indices"] = np.concatenate(volume.indices)
+                found[f"{k}.matrices"] = np.concatenate(volume.matrices)
+                found[f"{k}.values"] = np.concatenate(volume.values)
+                found[f"{k}.changes"] = np.array(volume.changes_shape)
+                found[f"{k}.shape"] = np.array(type(volume.shape).__name__)
+        return found
+
+    def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
+        """The first sample of each volume in :meth:`arrays` of others, in the order of time."""
+        firsts = (
+            next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
+            for k in self._volumes
+        )
+        return sorted({first for first in firsts if first is not None})
+
+    def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
+        """Replace the recorded motion by that of others, given in the order of time; only the
+        shapes are kept.
+        """
+        self._bodies.replace(parts)
+        for k, volume in self._volumes.items():
+            mine = [part for part in parts if f"{k}.indices" in part]
+            volume.indices = [part[f"{k}.indices"] for part in mine]
+            volume.matrices = [part[f"{k}.matrices"] for part in mine]
+            volume.values = [part[f"{k}.values"] for part in mine]
+            shapes = {str(part[f"{k}.shape"]) for part in mine}
+            volume.changes_shape = len(shapes) > 1 or any(part[f"{k}.changes"] for part in mine)
+
+    def write(
+        self, models: Sequence[PerceptualModel], stem: Path, hjif_name: str | None = None
+    ) -> Written:
+        """Write ``stem.scene.glb``.
+
+        Parameters
+        ----------
+        models : sequence of PerceptualModel
+            Of the canonical body; each body gets all of them, fitted to it.
+        stem : Path
+        hjif_name : str, optional
+            File beside it whose perceptions the triggers play.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written; nothing is left of it then.
+        """
+        document = Document()
+        triggers: list[dict[str, Any]] = []
+        notes: list[str] = []
+        roots, bodies = self._bodies.write(document, models, notes)
+        nodes = []
+        for volume in self._volumes.values():
+            if volume.shape is None:
+                notes.append(f"volume '{volume.effect.name}' is never active: not in the scene")
+                continue
+            nodes.append(self._add(document, volume, triggers, bodies, notes))
+        if triggers and hjif_name is None:
+            notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
+        _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
+        document.json["scenes"] = [{"nodes": [*roots, *nodes]}]
+        document.json["scene"] = 0
+        path = stem.with_name(f"{stem.name}.scene{SUFFIX}")
+        with atomic_file(path) as file:
+            file.write(document.encoded())
+        return Written((path,), notes=tuple(notes))
+
+    def _add(
+        self,
+        document: Document,
+        volume: _Volume,
+        triggers: list[dict[str, Any]],
+        bodies: Sequence[int],
+        notes: list[str],
+    ) -> int:
+        assert volume.shape is not None
+        indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
+        placed = to_gltf(matrices)
+        effect = volume.effect
+        node: dict[str, Any] = {
+            "name": clean(effect.name),
+            "extras": volume_extras(
+                effect, volume.shape, matrices, np.concatenate(volume.values), self._scene.time
+            ),
+        }
+        primitive = _primitive(volume.shape, placed[0])
+        if primitive is None:
+            node["mesh"] = _add_mesh(document, volume.shape)
+        times = self._scene.time.times_s(indices)
+        times = times - self._scene.time.times_s(np.array([0]))[0]
+        if move(document, node, times, placed).any():
+            notes.append(f"volume '{effect.name}' is sheared, which a moving node cannot be")
+        index = len(document.json["nodes"]) - 1
+        if volume.changes_shape:
+            notes.append(f"volume '{effect.name}' changes its shape; the first one is written")
+        trigger: dict[str, Any] = {"type": _COLLISION, "nodes": [*bodies, index]}
+        if primitive is not None:
+            trigger["primitives"] = [primitive]
+        triggers.append(trigger)
+        return index
+
+
+def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
+    """A shape as a draft primitive; its axes are width x, height y, length z. None: a mesh."""
+    placed = {"transformationMatrix": matrix.T.ravel().tolist()}
+    centre = [0.0, 0.0, 0.0]
+    if isinstance(shape, Cuboid):
+        size = {"width": 2.0, "height": 2.0, "length": 2.0}
+        return {"type": _CUBOID, **size, "centroid": centre, **placed}
+    if isinstance(shape, Sphere):
+        return {"type": _SPHEROID, "radius": 1.0, "centroid": centre, **placed}
+    if isinstance(shape, Cylinder):
+        return {"type": _CYLINDER, "radius": 1.0, "length": 2.0, "centroid": centre, **placed}
+    if isinstance(shape, Capsule):
+        ends = {
+            "baseCentroid": [0.0, 0.0, -shape.half_segment],
+            "topCentroid": [0.0, 0.0, shape.half_segment],
+        }
+        return {"type": _CAPSULE, "radius": 1.0, **ends, **placed}
+    return None
+
+
+def _add_mesh(document: Document, shape: Any) -> int:
+    attributes = {"POSITION": document.accessor(np.asarray(shape.vertices), is_vertex=True)}
+    triangles = document.accessor(np.asarray(shape.triangles).ravel(), is_index=True)
+    return document.append(
+        "meshes", {"primitives": [{"attributes": attributes, "indices": triangles}]}
+    )
+
+
+def _add_interactivity(
+    document: Document,
+    triggers: list[dict[str, Any]],
+    nodes: Sequence[int],
+    scene: SceneDescription,
+    hjif_name: str | None,
+) -> None:
+    """The draft extensions: for each trigger an action that plays its effect's modality."""
+    if not triggers:
+        return
+    modalities = {clean(effect.id): effect.modality for effect in scene.effects}
+    actions, behaviors = [], []
+    for k, node in enumerate(nodes):
+        effect_id = document.json["nodes"][node]["extras"]["hfx_effect"]
+        media = {
+            "mediaIndex": 0,
+            "perceptionIndices": [],  # all that the file has of this modality
+            "hapticModality": [_MODALITIES[modalities[effect_id]]],
+            "hapticControl": _PLAY,
+            "loop": False,
+        }
+        actions.append(
+            {
+                "type": _ACTION_HAPTIC,
+                "hapticActionNodes": [
+                    {
+                        "node": node,
+                        "actionLocation": _ALL_OF_THE_BODY,
+                        "useCollider": True,
+                        "hapticActionMedias": [media],
+                    }
+                ],
+            }
+        )
+        behaviors.append(
+            {
+                "triggers": [k],
+                "actions": [k],
+                "triggersCombinationControl": "#1",
+                "triggersActivationControl": _ACTIVATE_ON,
+                "actionsControl": _PARALLEL,
+            }
+        )
+    extensions: dict[str, Any] = {
+        "MPEG_interactivity": {"triggers": triggers, "actions": actions, "behaviors": behaviors}
+    }
+    if hjif_name is not None:
+        extensions["MPEG_media"] = hjif_media(hjif_name)
+    add_extensions(document, extensions)

@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""RichTap .he, versions 1 and 2, and OpenHarmony's variant: events with short curves.
+
+Sources: AOSP's HapticPlayer.java (RichTap's own parser on phones), OpenHarmony's vibrator
+guidelines, files of RichTap Creator Pro. Times are whole milliseconds, frequencies 0 to 100
+of the device's range; a curve has 16 points at most, so a signal is many events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.json_shapes import clean, encoded, known_members, parse
+from ...text import counted
+from ..leniency import refuse_but
+from ..signals import losses
+from ..signals.credits import Credits, text_of
+from ..signals.curves import Curve, CurveTolerance, clipped
+from ..signals.signals import (
+    DEFAULT_TOLERANCE,
+    FrequencyRange,
+    Piece,
+    Signal,
+    Transient,
+    mixed,
+    simplified_signals,
+)
+from ..written import Written, beside, silent_note, write_json
+from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
+from .he_rules import (
+    MAX_PATTERN_EVENTS,
+    MAX_RELATIVE_MS,
+    OPENHARMONY_MAX_BYTES,
+    OPENHARMONY_MAX_EVENTS,
+    OPENHARMONY_MAX_START_MS,
+    TRANSIENT_MS,
+    findings,
+    shape_of,
+)
+
+SUFFIX: Final = ".he"
+V1_SUFFIX: Final = ".v1.he"
+OPENHARMONY_SUFFIX: Final = ".openharmony.json"
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
+"""Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
+
+_MOST: Final = 1e6  # of strengths and frequencies of files, which are 0 to 100
+_COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
+_COARSER: Final = 1.5
+_RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
+_MISSED_BY_NOBODY: Final = tuple(
+    f"'{key}' is missing" for key in ("Index", "Metadata", "MetaData", "Version", "ChannelNumber")
+)
+_SIDES: Final = {0: "", 1: "left", 2: "right"}
+
+
+def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
+    """Write version 2, one file for each audible signal: ``stem.<name>.he``.
+
+    Events follow each other without gaps; there may be any number of them.
+    """
+    late = [
+        each.name
+        for each in signals
+        if any(
+            group[0].start_ms < start
+            for start, group in patterns_of(events_of(each, frequencies, falls_to_zero=False))
+        )
+    ]
+    text = f"ticks closer than {TRANSIENT_MS} ms come up to that later between two patterns"
+    written = _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+    return written + Written((), counted(late, text))
+
+
+def write_v1(
+    signals: Sequence[Signal],
+    frequencies: FrequencyRange,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write version 1: 16 events in 50 s at most, which begin and end at 0.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Not simplified: what does not fit is simplified more, up to a tenth of full scale.
+    frequencies : FrequencyRange
+    stem : Path
+    tolerance : CurveTolerance
+
+    Raises
+    ------
+    InputError
+        No signal fits however it is simplified; nothing was written. If some do, the others
+        are told in ``left_out``.
+    """
+
+    def build(signal: Signal) -> dict[str, Any] | None:
+        events = events_of(signal, frequencies, falls_to_zero=True)
+        events = _with_end(signal, events, MAX_PATTERN_EVENTS, MAX_RELATIVE_MS)
+        if len(events) > MAX_PATTERN_EVENTS or any(e.start_ms > MAX_RELATIVE_MS for e in events):
+            return None
+        return {
+            "Metadata": _metadata(signal, frequencies, 1),
+            "Pattern": [{"Event": event_entry(each, each.start_ms)} for each in events],
+        }
+
+    limit = f"{MAX_PATTERN_EVENTS} events within {MAX_RELATIVE_MS // 1000} s; version 2 holds more"
+    written = _write_fitting(
+        signals, stem, V1_SUFFIX, tolerance, build, f".he version 1 holds {limit}"
+    )
+    return written + Written(notes=("between two events it is silent for up to 2 ms",))
+
+
+def write_openharmony(
+    signals: Sequence[Signal],
+    frequencies: FrequencyRange,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write OpenHarmony's variant: 128 events and 64 KiB a file at most; else as version 1."""
+
+    def build(signal: Signal) -> dict[str, Any] | None:
+        events = events_of(signal, frequencies, falls_to_zero=False)
+        most = OPENHARMONY_MAX_EVENTS // 2  # their size has a limit, too
+        events = _with_end(signal, events, most, OPENHARMONY_MAX_START_MS)
+        if len(events) > OPENHARMONY_MAX_EVENTS:
+            return None
+        if any(each.start_ms > OPENHARMONY_MAX_START_MS for each in events):
+            return None
+        found = _openharmony(signal, frequencies, events)
+        return found if len(encoded(found)) <= OPENHARMONY_MAX_BYTES else None
+
+    limit = f"{OPENHARMONY_MAX_EVENTS} events and {OPENHARMONY_MAX_BYTES >> 10} KiB"
+    title = f"an OpenHarmony pattern holds {limit}"
+    return _write_fitting(signals, stem, OPENHARMONY_SUFFIX, tolerance, build, title)
+
+
+def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
+    """Events with silence up to the signal's end, where a format has room for it."""
+    whole = [*events, *silent_end(signal, events)]
+    is_held = len(whole) <= most and all(each.start_ms <= latest_ms for each in whole)
+    return whole if is_held else events
+
+
+def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
+    """A signal as the content of a version 2 file."""
+    events = events_of(signal, frequencies, falls_to_zero=False)
+    patterns = [
+        {
+            "AbsoluteTime": start,
+            "Pattern": [
+                {"Event": {**event_entry(e, max(e.start_ms - start, 0)), "Index": 0}} for e in group
+            ],
+        }
+        for start, group in patterns_of([*events, *silent_end(signal, events)])
+    ]
+    return {"Metadata": _metadata(signal, frequencies, 2), "PatternList": patterns}
+
+
+def _write(
+    signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
+) -> Written:
+    files = []
+    for each in signals:
+        if not each.is_silent:
+            path = beside(stem, each.name)
+            files.append(path.with_name(path.name + suffix))
+            write_json(build(each), files[-1])
+    notes = []
+    for each in signals:
+        weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in each.transients)
+        if weak:
+            notes.append(f"'{each.name}': {weak} ticks too weak for steps of 1 % are silent")
+    silent = silent_note([each.name for each in signals if each.is_silent])
+    return Written(tuple(files), notes=(*silent, *notes))
+
+
+def _write_fitting(
+    signals: Sequence[Signal],
+    stem: Path,
+    suffix: str,
+    tolerance: CurveTolerance,
+    build: Callable[[Signal], Any],
+    limit: str,
+) -> Written:
+    documents: dict[str, Any] = {}
+    notes = []
+    refused: list[str] = []
+    dense, simple = [], []
+    for signal in signals:
+        if signal.is_silent:
+            continue  # told by _write
+        value, found = tolerance.value, None
+        while found is None and value <= max(_COARSEST, tolerance.value):
+            (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s))
+            found = build(few)
+            if found is not None and value > tolerance.value:
+                notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
+            value *= _COARSER
+        if found is None:
+            refused.append(
+                f"'{signal.name}': {limit}; this one needs more even if it is simplified "
+                f"to {_COARSEST:.0%} of full scale. Export a shorter range"
+            )
+            continue
+        documents[signal.name] = found
+        dense.append(signal)
+        simple.append(few)
+    if refused and not documents:
+        raise InputError(f"{refused[0]}.")
+    kept = [each for each in signals if each.is_silent or each.name in documents]
+    written = _write(kept, stem, suffix, lambda each: documents[each.name])
+    within = (
+        f"curves are within {tolerance.value:.1%} of full scale, their times whole milliseconds"
+    )
+    return written + Written((), tuple(refused), (within, *notes, *losses.silenced(dense, simple)))
+
+
+def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
+    hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
+    return {
+        "Version": version,
+        "Created": clean(signal.credits.created),
+        "Description": f"{clean(signal.name)}; {hertz}",
+    }
+
+
+def _openharmony(
+    signal: Signal, frequencies: FrequencyRange, events: Sequence[HeEvent]
+) -> dict[str, Any]:
+    entries = []
+    for each in events:
+        event = event_entry(each, each.start_ms)
+        event["StartTime"] = event.pop("RelativeTime")
+        entries.append({"Event": event})
+    hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
+    return {
+        "MetaData": {
+            "Version": 1.0,
+            "ChannelNumber": 1,
+            "Create": clean(signal.credits.created),
+            "Description": f"{clean(signal.name)}; {hertz}",
+        },
+        "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
+    }
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """Read the signals of a file of any of the three kinds: one, or a left and a right one.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    found = parse(content, name)
+    # Phones play what the editor would not make: only the form matters, and an actuator is
+    # both of them unless it is named.
+    notes = refuse_but(
+        findings(found),
+        name,
+        lambda each: (
+            each.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING")
+            or each.message in _MISSED_BY_NOBODY
+        ),
+    )
+    found = known_members(shape_of(found), found)
+    metadata = found.get("Metadata", found.get("MetaData", {}))
+    title = metadata.get("Description")
+    frequencies = _range_of(title if isinstance(title, str) else "")
+    pieces: dict[int, list[Piece]] = {}
+    ticks: dict[int, list[Transient]] = {}
+    end_s = 0.0
+    beyond = endless = 0
+    for index, start_ms, event in _absolute_events(found):
+        parameters = event["Parameters"]
+        curve = parameters.get("Curve") or ()
+        hundredths = [parameters["Frequency"] + each.get("Frequency", 0) for each in curve]
+        beyond += sum(not 0 <= each <= 100 for each in hundredths)
+        level, pitch = (
+            min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
+        )
+        level /= 100.0
+        start = start_ms / 1000.0
+        if event["Type"] == "transient":
+            hertz = float(frequencies.hertz(pitch / 100.0))
+            tick = Transient(start, min(max(level, 0.0), 1.0), hertz)
+            ticks.setdefault(index, []).append(tick)
+            end_s = max(end_s, start)
+        elif "Duration" not in event:
+            endless += 1
+        else:
+            pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
+            end_s = max(end_s, pieces[index][-1].end_s)
+    label = (title or "").partition(";")[0] if isinstance(title, str) else ""
+    signals = [
+        mixed(
+            " ".join(filter(None, [label or Path(name).stem, _SIDES.get(index, str(index))])),
+            pieces.get(index, []),
+            ticks.get(index, []),
+            end_s,
+        )
+        for index in sorted({*pieces, *ticks}) or [0]
+    ]
+    left_out = signals[0].left_out
+    if endless:
+        left_out = (f"{endless} continuous events without a duration", *left_out)
+    if beyond:
+        left_out = (
+            f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",
+            *left_out,
+        )
+    created = text_of(metadata, "Created") or text_of(metadata, "Create")
+    signals = [replace(each, credits=Credits(created=created)) for each in signals]
+    signals[0] = replace(signals[0], left_out=left_out, notes=notes)
+    return signals, frequencies
+
+
+def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
+    """Events with their actuator's index and their time, ms."""
+    if "Channels" in found:
+        return [
+            (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
+            for channel in found["Channels"]
+            for entry in channel["Pattern"]
+        ]
+    patterns = found.get("PatternList", [{"AbsoluteTime": 0, "Pattern": found.get("Pattern", [])}])
+    return [
+        (
+            entry["Event"].get("Index", 0),
+            pattern["AbsoluteTime"] + entry["Event"]["RelativeTime"],
+            entry["Event"],
+        )
+        for pattern in patterns
+        for entry in pattern["Pattern"]
+    ]
+
+
+def _piece(
+    event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
+) -> Piece:
+    curve = event["Parameters"].get("Curve")
+    end = start + event["Duration"] / 1000.0
+    if not curve:
+        amplitude = Curve.of([start], [level])
+        return Piece(
+            start, end, amplitude, Curve(amplitude.times_s, frequencies.hertz([pitch / 100]))
+        )
+    curve = sorted(curve, key=lambda point: point["Time"])
+    times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
+    levels = level * np.clip([float(point["Intensity"]) for point in curve], -_MOST, _MOST)
+    offsets = np.clip([float(point.get("Frequency", 0)) for point in curve], -_MOST, _MOST)
+    hundredths = pitch + offsets
+    shares = clipped(Curve(times, hundredths / 100.0), 0.0, 1.0)
+    hertz = Curve(shares.times_s, frequencies.hertz(shares.values))
+    return Piece(start, end, Curve(times, levels), hertz)
+
+
+def _range_of(description: str) -> FrequencyRange:
+    words = description.rpartition(";")[2].split()
+    try:
+        if words[:4] == ["0", "to", "100", "is"] and words[5:8:2] == ["to", "Hz"]:
+            return FrequencyRange(float(words[4]), float(words[6]))
+    except (ValueError, IndexError):
+        pass  # a foreign description: it states no range
+    return DEFAULT_RANGE

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A signal cut into the events of .he files: short, few points, whole milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from ...engine.arrays import F64
+from ..signals.signals import FrequencyRange, Signal, bursts, joined_times
+from .he_rules import (
+    MAX_CURVE_POINTS,
+    MAX_DURATION_MS,
+    MAX_PATTERN_EVENTS,
+    MAX_RELATIVE_MS,
+    MIN_CURVE_POINTS,
+    PatternSpacing,
+)
+
+_SAME_LEVEL: Final = 0.005
+_SAME_SHARE: Final = 1.0  # of a hundred
+
+
+@dataclass(frozen=True)
+class HeEvent:
+    """Event of a .he file; a transient has no points."""
+
+    start_ms: int
+    points: tuple[tuple[int, float, int], ...]  # time within it, intensity 0..1, frequency
+    transient: tuple[int, int] | None = None  # intensity, frequency
+
+    @property
+    def end_ms(self) -> int:
+        return self.start_ms + (self.points[-1][0] if self.points else 0)
+
+
+def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
+    """Silent events from the last event to the end of a signal: a loop keeps its length."""
+    end = round(1000.0 * signal.duration_s)
+    begin = max((each.end_ms for each in events), default=0)
+    starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
+    silence = [(start, min(end - start, MAX_DURATION_MS)) for start in starts]
+    return [
+        HeEvent(start, tuple(_with_enough_points([(0, 0.0, 0), (length, 0.0, 0)])))
+        for start, length in silence
+    ]
+
+
+def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
+    """A signal as events in the order of time.
+
+    Parameters
+    ----------
+    signal : Signal
+        Simplified; no two keyframes at the same time.
+    frequencies : FrequencyRange
+    falls_to_zero : bool
+        Each event begins and ends silent, as version 1 wants it.
+    """
+    ticks = [
+        HeEvent(
+            round(each.time_s * 1000.0),
+            (),
+            (round(100 * each.amplitude), round(100 * float(frequencies.share(each.frequency_hz)))),
+        )
+        for each in signal.transients
+    ]
+    cuts = sorted({each.start_ms for each in ticks})
+    events = []
+    times = signal.amplitude.times_s
+    for first, last in bursts(signal.amplitude):
+        start, end = float(times[first]), float(times[last])
+        knots = joined_times([signal.amplitude, signal.frequency_hz], start, end)
+        levels = signal.amplitude.at(knots)
+        levels[-1] = signal.amplitude.before(end)
+        shares = np.rint(100.0 * frequencies.share(signal.frequency_hz.at(knots)))
+        kept = _kept(knots, levels, shares)
+        grid = _whole_ms(1000.0 * knots[kept])
+        points = list(
+            zip(grid, levels[kept].tolist(), shares[kept].astype(int).tolist(), strict=True)
+        )
+        points = _with_long_gaps_cut(points, cuts)
+        events += _cut(points, set(cuts), falls_to_zero)
+    return sorted([*events, *ticks], key=lambda each: (each.start_ms, each.end_ms))
+
+
+def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
+    """Events as patterns of version 2: the absolute time of each, ms, and its events.
+
+    A pattern ends where players let the next one begin; of 16 events that leave no such place
+    the next tick comes late, with the pattern that it begins.
+    """
+    found: list[tuple[int, list[HeEvent]]] = []
+    spacing = PatternSpacing()
+    first = 0
+    while first < len(events):
+        start = max(events[first].start_ms, spacing.earliest_ms)
+        most = events[first : first + MAX_PATTERN_EVENTS]
+        most = [each for each in most if each.start_ms - start <= MAX_RELATIVE_MS]
+        times = [
+            (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0]) for e in most
+        ]
+        delays = {}  # how late the next pattern would be, by the number of events in this one
+        for count in range(len(most), 0, -1):
+            following = events[first + count : first + count + 1]
+            earliest = spacing.after(start, times[:count])
+            if not following or following[0].start_ms >= earliest:
+                delays[count] = 0
+                break
+            if following[0].transient:
+                delays[count] = earliest - following[0].start_ms
+        count = min(delays, key=lambda each: delays[each], default=len(most))
+        spacing.follow(start, times[:count])
+        found.append((start, list(most[:count])))
+        first += count
+    return found
+
+
+def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
+    """Indices of keyframes without near-duplicates in the same millisecond: a step has two."""
+    kept = [0]
+    last = len(knots) - 1
+    for k in range(1, last + 1):
+        before = kept[-1]
+        is_alike = (
+            abs(levels[k] - levels[before]) <= _SAME_LEVEL
+            and abs(shares[k] - shares[before]) <= _SAME_SHARE
+        )
+        if round(1000.0 * knots[k]) > round(1000.0 * knots[before]) or not is_alike:
+            kept.append(k)
+        elif k == last and len(kept) > 1:
+            kept[-1] = k
+    return kept if kept[-1] == last else [*kept, last]
+
+
+def _whole_ms(times_ms: Any) -> list[int]:
+    """Round to whole milliseconds, each later than the one before."""
+    steps = np.arange(len(times_ms))
+    return list(np.maximum.accumulate(np.rint(times_ms).astype(np.int64) - steps) + steps)
+
+
+_PointMs = tuple[int, float, int]
+
+
+def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
+    """Add points where an event must end: at ticks, and before it gets too long."""
+    grid = [time for time, _, _ in points]
+    wanted = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
+    for time, after in pairwise(sorted(wanted)):
+        wanted |= set(range(time, after, MAX_DURATION_MS))
+    times = sorted(wanted)
+    levels = np.interp(times, grid, [level for _, level, _ in points])
+    shares = np.rint(np.interp(times, grid, [share for _, _, share in points])).astype(int)
+    return list(zip(map(int, times), levels.tolist(), shares.tolist(), strict=True))
+
+
+def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
+    """Cut points into events; the last point of one begins the next."""
+    events = []
+    most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
+    first = 0
+    while first < len(points) - 1:
+        stop = first + 1
+        while (
+            stop + 1 < len(points)
+            and stop + 1 - first < most
+            and points[stop + 1][0] - points[first][0] <= MAX_DURATION_MS
+            and points[stop][0] not in cuts
+        ):
+            stop += 1
+        start = int(points[first][0])
+        part = [(int(t) - start, level, share) for t, level, share in points[first : stop + 1]]
+        if falls_to_zero:
+            part = _falling_to_zero(part)
+        events.append(HeEvent(start, tuple(_with_enough_points(part))))
+        first = stop
+    return events
+
+
+def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
+    """Add silence at both ends, a millisecond short where it is loud there."""
+    (_, level, share), (end, last_level, last_share) = part[0], part[-1]
+    inner = part[1:-1]
+    if level > 0.0:
+        inner = [(min(1, end), level, share), *[point for point in inner if point[0] > 1]]
+    if last_level > 0.0:
+        inner = [point for point in inner if point[0] < end - 1]
+        inner.append((max(end - 1, 0), last_level, last_share))
+    return [(0, 0.0, share), *inner, (end, 0.0, last_share)]
+
+
+def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
+    """Four points at least, without changing the curve."""
+    while len(part) < MIN_CURVE_POINTS:
+        gaps = [b[0] - a[0] for a, b in pairwise(part)]
+        k = int(np.argmax(gaps))
+        a, b = part[k], part[k + 1]
+        time = (a[0] + b[0]) // 2
+        share = (time - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
+        level = a[1] + share * (b[1] - a[1])
+        part = [*part[: k + 1], (time, level, round(a[2] + share * (b[2] - a[2]))), *part[k + 1 :]]
+    return part
+
+
+def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
+    """JSON entry of an event, at a time relative to its pattern."""
+    if event.transient is not None:
+        intensity, frequency = event.transient
+        return {
+            "Type": "transient",
+            "RelativeTime": relative_ms,
+            "Parameters": {"Intensity": intensity, "Frequency": frequency},
+        }
+    return {
+        "Type": "continuous",
+        "RelativeTime": relative_ms,
+        "Duration": event.points[-1][0],
+        "Parameters": {
+            "Intensity": 100,
+            "Frequency": 0,
+            "Curve": [
+                {"Time": time, "Intensity": round(intensity, 4), "Frequency": frequency}
+                for time, intensity, frequency in event.points
+            ],
+        },
+    }

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of .he files: versions 1 and 2 of RichTap, and OpenHarmony's variant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Final
+
+from ...files.json_shapes import (
+    Anything,
+    Finding,
+    Items,
+    Number,
+    Place,
+    Record,
+    Report,
+    Shape,
+    Text,
+    check,
+    encoded,
+    json_validator,
+)
+
+MAX_PATTERN_EVENTS: Final = 16
+MAX_RELATIVE_MS: Final = 50_000
+MAX_DURATION_MS: Final = 5_000
+MIN_CURVE_POINTS: Final = 4
+MAX_CURVE_POINTS: Final = 16
+TRANSIENT_MS: Final = 48
+"""Duration that players reckon with for a transient."""
+
+OPENHARMONY_MAX_EVENTS: Final = 128
+OPENHARMONY_MAX_START_MS: Final = 1_800_000
+OPENHARMONY_MAX_BYTES: Final = 64 << 10
+
+_PERCENT = Number(0, 100)
+_POINT = Record(
+    {"Time": Number(0, MAX_DURATION_MS, is_whole=True), "Intensity": Number(0.0, 1.0)},
+    {"Frequency": Number(-100, 100)},
+)
+_PARAMETERS = Record({"Intensity": _PERCENT, "Frequency": _PERCENT}, {"Curve": Items(_POINT)})
+
+
+def _event(time: str, most_ms: int, indexed: bool) -> Shape:
+    index = {"Index": Number(0, 2, is_whole=True)}
+    return Record(
+        {
+            "Type": Text(("continuous", "transient")),
+            time: Number(0, most_ms, is_whole=True),
+            "Parameters": _PARAMETERS,
+            **(index if indexed else {}),
+        },
+        {"Duration": Number(0, MAX_DURATION_MS, is_whole=True), **({} if indexed else index)},
+    )
+
+
+def _pattern(event: Shape) -> Items:
+    return Items(Record({"Event": event}))
+
+
+_METADATA = Record(
+    {"Version": Number(1, 2)},
+    dict.fromkeys(("Created", "Description"), Anything()),
+    unknown="ignore",
+)
+_V1 = Record(
+    {"Metadata": _METADATA, "Pattern": _pattern(_event("RelativeTime", MAX_RELATIVE_MS, False))}
+)
+_V2 = Record(
+    {
+        "Metadata": _METADATA,
+        "PatternList": Items(
+            Record(
+                {
+                    "AbsoluteTime": Number(0, 2**31 - 1, is_whole=True),
+                    "Pattern": _pattern(_event("RelativeTime", MAX_RELATIVE_MS, True)),
+                }
+            )
+        ),
+    }
+)
+_OPENHARMONY = Record(
+    {
+        "MetaData": Record(
+            {"Version": Number(1, 1), "ChannelNumber": Number(1, 3, is_whole=True)},
+            {"Create": Anything(), "Description": Anything()},
+        ),
+        "Channels": Items(
+            Record(
+                {
+                    "Parameters": Record({}, {"Index": Number(0, 2, is_whole=True)}),
+                    "Pattern": _pattern(_event("StartTime", OPENHARMONY_MAX_START_MS, False)),
+                }
+            ),
+            least=1,
+            most=3,
+        ),
+    }
+)
+
+
+def shape_of(found: Any) -> Shape:
+    """Shape that a parsed document is to have, by its members."""
+    keys = found if isinstance(found, dict) else {}
+    if "MetaData" in keys or "Channels" in keys:
+        return _OPENHARMONY
+    return _V1 if "Pattern" in keys else _V2
+
+
+def findings(found: Any) -> list[Finding]:
+    """Faults of a parsed document."""
+    report = Report("HE")
+    shape = shape_of(found)
+    check(shape, found, report)
+    if report.has_errors:
+        return report.findings
+    if shape is _OPENHARMONY:
+        _check_openharmony(found, report)
+    elif shape is _V1:
+        if found["Metadata"]["Version"] != 1:
+            report.error("VERSION", (None, "Metadata"), "a file with 'Pattern' is version 1")
+        _check_pattern(found["Pattern"], (None, "Pattern"), report, is_first=True)
+    else:
+        _check_pattern_list(found, report)
+    return report.findings
+
+
+validate = json_validator(findings)
+
+
+def _check_pattern_list(found: dict[str, Any], report: Report) -> None:
+    if found["Metadata"]["Version"] != 2:
+        report.error("VERSION", (None, "Metadata"), "a file with 'PatternList' is version 2")
+    pause = PatternSpacing()
+    for k, entry in enumerate(found["PatternList"]):
+        place = ((None, "PatternList"), k)
+        start = entry["AbsoluteTime"]
+        if k and start < pause.android_ms:
+            message = (
+                f"begins at {start} ms; Android's player refuses the whole file if that is before "
+                f"{pause.android_ms} ms, when the last pattern has ended for it"
+            )
+            report.error("ABSOLUTE-TIME", place, message)
+        elif k and start < pause.library_ms:
+            message = (
+                f"begins at {start} ms; versions of RichTap's library refuse the whole file if "
+                f"that is before {pause.library_ms} ms: a tick lasts {TRANSIENT_MS} ms for them"
+            )
+            report.warn("TICK-TIME", place, message)
+        _check_pattern(entry["Pattern"], (place, "Pattern"), report)
+        events = [each["Event"] for each in entry["Pattern"]]
+        pause.follow(
+            start,
+            [
+                (e["RelativeTime"], e.get("Duration") if e["Type"] == "continuous" else None)
+                for e in events
+            ],
+        )
+
+
+class PatternSpacing:
+    """Earliest times of patterns of a version 2 file, as two players reckon.
+
+    Android's HapticPlayer adds the duration of the latest continuous event, of this pattern or
+    one before, to the relative time of the last event, and compares that with the next absolute
+    time. For versions of RichTap's library a pattern ends when all of its events have, a
+    transient after 48 ms. Both return without playing anything if a pattern begins earlier.
+    """
+
+    def __init__(self, last_duration_ms: int = 0) -> None:
+        self.android_ms = self.library_ms = 0
+        self._last_duration_ms = last_duration_ms
+
+    @property
+    def earliest_ms(self) -> int:
+        """Earliest time of the next pattern for either."""
+        return max(self.android_ms, self.library_ms)
+
+    def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
+        """Take the next pattern: relative times and durations, None for a transient."""
+        ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
+        self.library_ms = start_ms + max((sum(each) for each in ends), default=0)
+        continuous = [(time, lasts) for time, lasts in events if lasts is not None]
+        self._last_duration_ms = continuous[-1][1] if continuous else self._last_duration_ms
+        last_ms = events[-1][0] if events else 0
+        ended_ms = start_ms + max((sum(each) for each in continuous), default=0)
+        self.android_ms = max(last_ms + self._last_duration_ms, ended_ms)
+
+    def after(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> int:
+        """Earliest time of a pattern after this one, which is not taken."""
+        other = PatternSpacing(self._last_duration_ms)
+        other.follow(start_ms, events)
+        return other.earliest_ms
+
+
+def _check_openharmony(found: dict[str, Any], report: Report) -> None:
+    count = sum(len(channel["Pattern"]) for channel in found["Channels"])
+    if count > OPENHARMONY_MAX_EVENTS:
+        message = f"{count} events, the most is {OPENHARMONY_MAX_EVENTS}"
+        report.error("EVENTS", (None, "Channels"), message)
+    if found["MetaData"]["ChannelNumber"] != len(found["Channels"]):
+        message = f"says {found['MetaData']['ChannelNumber']}, there are {len(found['Channels'])}"
+        report.error("CHANNELS", ((None, "MetaData"), "ChannelNumber"), message)
+    size = len(encoded(found))
+    if size > OPENHARMONY_MAX_BYTES:
+        report.error("BYTES", None, f"{size} bytes, the most is {OPENHARMONY_MAX_BYTES}")
+    for k, channel in enumerate(found["Channels"]):
+        place = (((None, "Channels"), k), "Pattern")
+        _check_events(channel["Pattern"], place, report, "StartTime")
+
+
+def _check_pattern(
+    pattern: list[Any], place: Place, report: Report, *, is_first: bool = False
+) -> None:
+    if len(pattern) > MAX_PATTERN_EVENTS:
+        message = f"{len(pattern)} events, the most is {MAX_PATTERN_EVENTS}"
+        report.error("EVENTS", place, message)
+    _check_events(pattern, place, report, "RelativeTime", is_first=is_first)
+
+
+def _check_events(
+    pattern: list[Any], place: Place, report: Report, time: str, *, is_first: bool = False
+) -> None:
+    last = 0
+    for k, entry in enumerate(pattern):
+        event, here = entry["Event"], ((place, k), "Event")
+        if event[time] < last:
+            report.error("ORDER", here, f"begins at {event[time]} ms, before the one before it")
+        last = max(last, event[time])
+        curve = event["Parameters"].get("Curve")
+        if event["Type"] == "transient":
+            if curve:
+                report.error("TRANSIENT-CURVE", here, "a transient has no curve")
+        elif "Duration" not in event:
+            report.error("DURATION", here, "a continuous event has a Duration")
+        elif curve is not None:
+            _check_curve(curve, event["Duration"], here, report, is_first=is_first)
+
+
+def _check_curve(
+    curve: list[Any], duration: int, place: Place, report: Report, *, is_first: bool
+) -> None:
+    if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
+        message = f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
+        report.error("CURVE-POINTS", place, message)
+    if not curve:
+        return
+    if any(b["Time"] < a["Time"] for a, b in pairwise(curve)):
+        report.error("CURVE-ORDER", place, "the times of its curve descend")
+    if curve[0]["Time"] != 0 or curve[-1]["Time"] != duration:
+        message = f"its curve must go from 0 to its duration ({duration} ms)"
+        report.error("CURVE-ENDS", place, message)
+    if is_first and (curve[0]["Intensity"] != 0 or curve[-1]["Intensity"] != 0):
+        report.error("CURVE-ZERO", place, "in version 1 a curve begins and ends with intensity 0")

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compact encoding of JSON Lines of samples: what changed since the line before.
+
+The header says ``"encoding": "compact"``. A set with ``from`` is that set with some vertices
+changed: ``gaps`` are the differences of ascending vertex ids (the first from 0), ``weights``
+their new weights in 1/255, 0 for a vertex that is no longer in it. Effects and bodies are
+places in the header's lists. A sample without ``parameters`` has those of the last one of its
+effect and body. ``docs/formats/samples.schema.json`` is the schema.
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from typing import Any, Final
+
+import numpy as np
+
+from ...engine.modality import MODALITIES
+from ...files import limits
+from ...files.json_shapes import Items, Number, Place, Record, Report, Text, check, clean
+from .jsonl_entries import SampleEntry, SetEntry
+
+ENCODING: Final = "compact"
+
+_STEPS: Final = 255
+_ENTRY_BYTES: Final = 64.0  # about, of a vertex of an unpacked set
+_ID = Number(0, 2**31 - 1, is_whole=True)
+_SET = Record(
+    {
+        "type": Text(("set",)),
+        "set": _ID,
+        "gaps": Items(_ID),
+        "weights": Items(Number(0, _STEPS, is_whole=True)),
+    },
+    {"from": _ID},
+    unknown="error",
+)
+_SAMPLE = Record(
+    {"type": Text(("sample",)), "t": Number(), "effect": _ID, "body": _ID, "set": _ID},
+    {"parameters": Items(Number())},
+    unknown="ignore",
+)
+
+
+class CompactEncoder:
+    """Encoder of lines, in their order."""
+
+    def __init__(self, header: dict[str, Any]) -> None:
+        self.header = {**header, "encoding": ENCODING}
+        self._effects = {each["id"]: k for k, each in enumerate(header["effects"])}
+        self._bodies = {each["id"]: k for k, each in enumerate(header["bodies"])}
+        self._sets: dict[Any, tuple[int, dict[int, int]]] = {}  # the last of each stream
+        self._parameters: dict[Any, list[float]] = {}
+
+    def line(self, entry: SetEntry | SampleEntry) -> dict[str, Any]:
+        """A set or a sample as a line."""
+        return self._set(entry) if isinstance(entry, SetEntry) else self._sample(entry)
+
+    def _set(self, entry: SetEntry) -> dict[str, Any]:
+        # A weight of less than a step is still felt.
+        steps = np.maximum(np.rint(entry.weights * float(_STEPS)), 1.0).astype(np.int64)
+        new = dict(zip(entry.vertices.tolist(), steps.tolist(), strict=True))
+        number, old = self._sets.get(entry.stream, (None, {}))
+        changed = {vertex: step for vertex, step in new.items() if old.get(vertex) != step}
+        changed.update((vertex, 0) for vertex in old if vertex not in new)
+        is_change = number is not None and len(changed) < len(new)
+        written = changed if is_change else new
+        ids = sorted(written)
+        self._sets[entry.stream] = (entry.number, new)
+        return {
+            "type": "set",
+            "set": entry.number,
+            **({"from": number} if is_change else {}),
+            "gaps": [b - a for a, b in zip([0, *ids], ids, strict=False)],
+            "weights": [written[each] for each in ids],
+        }
+
+    def _sample(self, entry: SampleEntry) -> dict[str, Any]:
+        stream = entry.run.stream
+        parameters = list(entry.parameters.values())
+        is_same = self._parameters.get(stream) == parameters
+        self._parameters[stream] = parameters
+        return {
+            "type": "sample",
+            "t": entry.time_s,
+            "effect": self._effects[clean(stream.effect_id)],
+            "body": self._bodies[clean(stream.body_id)],
+            "set": entry.set_number,
+            **entry.felt(),
+            **({} if is_same else {"parameters": parameters}),
+        }
+
+
+class CompactDecoder:
+    """Decoder of lines, in their order, into lines of the plain encoding."""
+
+    def __init__(self, header: dict[str, Any], name: str) -> None:
+        self.header = {key: value for key, value in header.items() if key != "encoding"}
+        self._name = name
+        self._unfolded = 0
+        self._sets: dict[int, dict[int, int]] = {}
+        self._parameters: dict[tuple[int, int], list[float]] = {}
+
+    def line(self, value: Any, report: Report, place: Place) -> Any:
+        """A plain line; None for one with a fault, which is reported."""
+        kind = value.get("type") if isinstance(value, dict) else None
+        if kind not in ("set", "sample"):
+            return value
+        before = report.count
+        check(_SET if kind == "set" else _SAMPLE, value, report, place)
+        if report.count > before:
+            return None
+        return (self._set if kind == "set" else self._sample)(value, report, place)
+
+    def _set(self, value: dict[str, Any], report: Report, place: Place) -> Any:
+        base = value.get("from")
+        if base is not None and base not in self._sets:
+            report.error("SET-FROM", place, f"there is no set {base} before it")
+            return None
+        ids = list(accumulate(value["gaps"]))
+        if len(ids) != len(value["weights"]):
+            report.error("SET-SIZE", place, "there are not as many weights as gaps")
+            return None
+        found = {
+            **(self._sets[base] if base is not None else {}),
+            **dict(zip(ids, value["weights"], strict=True)),
+        }
+        self._unfolded += len(found)
+        limits.MEMORY.check(_ENTRY_BYTES * self._unfolded, self._name, "its sets would take")
+        found = {vertex: step for vertex, step in sorted(found.items()) if step}
+        self._sets[value["set"]] = found
+        weights = [round(step / _STEPS, 6) for step in found.values()]
+        return {"type": "set", "set": value["set"], "vertices": [*found], "weights": weights}
+
+    def _sample(self, value: dict[str, Any], report: Report, place: Place) -> Any:
+        effects, bodies = self.header.get("effects", ()), self.header.get("bodies", ())
+        key = (value["effect"], value["body"])
+        parameters = value.get("parameters", self._parameters.get(key))
+        if key[0] >= len(effects) or key[1] >= len(bodies) or parameters is None:
+            what = "the header has no such effect or body, or its parameters were never told"
+            report.error("SAMPLE-ID", place, what)
+            return None
+        self._parameters[key] = parameters
+        names = MODALITIES[effects[key[0]]["modality"]].parameter_names
+        if len(parameters) != len(names):
+            report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(names)}")
+            return None
+        return {
+            **value,
+            "effect": effects[key[0]]["id"],
+            "body": bodies[key[1]]["id"],
+            "parameters": dict(zip(names, parameters, strict=True)),
+        }

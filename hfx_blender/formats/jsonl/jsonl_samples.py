@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A track as JSON Lines, for game engines: a header, vertex sets, and samples in time order.
+
+``docs/formats/samples.schema.json`` is the schema of a line. A set is told once, before the
+first sample that refers to it; what an effect does at a vertex is weight times level times the
+parameter of its strength (of a temperature: its deviation from neutral).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.modality import MODALITIES
+from ...engine.rendering.render import blocks
+from ...engine.samples import Stream
+from ...engine.track import TrackHeader, TrackReader
+from ...files.atomic import atomic_file
+from ...files.json_shapes import (
+    Finding,
+    Flag,
+    Items,
+    Number,
+    Place,
+    Record,
+    Report,
+    Shape,
+    Table,
+    Text,
+    check,
+    clean,
+    encoded,
+    parse,
+    read_bytes,
+    refuse_errors,
+)
+from . import jsonl_compact
+from .jsonl_entries import SampleEntry, SetEntry, set_of
+
+SUFFIX: Final = ".samples.jsonl"
+COMPACT_SUFFIX: Final = f".compact{SUFFIX}"
+FORMAT: Final = "hfx-samples"
+
+_WEIGHT_STEPS: Final = 10_000
+_LARGEST_TABLE: Final = 2**20
+"""Vertex ids from here on are written one by one, not looked up."""
+
+_TEXT = Text()
+_SHARE = Number(0.0, 1.0)
+_LINES: Final[dict[str, Shape]] = {
+    "header": Record(
+        {
+            "type": _TEXT,
+            "format": Text((FORMAT,)),
+            "version": Number(1, 1, is_whole=True),
+            "rate_hz": Number(1e-9),
+            "duration_s": Number(0.0),
+            "models": Items(
+                Record(
+                    {
+                        "id": _TEXT,
+                        "modality": _TEXT,
+                        "hash": _TEXT,
+                        "vertex_count": Number(1, is_whole=True),
+                    },
+                    unknown="error",
+                )
+            ),
+            "bodies": Items(Record({"id": _TEXT, "name": _TEXT}, unknown="error")),
+            "effects": Items(
+                Record(
+                    {
+                        "id": _TEXT,
+                        "name": _TEXT,
+                        "modality": Text(tuple(MODALITIES)),
+                        "kind": Text(("painted", "volume", "spot", "actuators")),
+                        "model": _TEXT,
+                        "is_contact": Flag(),
+                    },
+                    {"device": _TEXT, "actuators": Items(_TEXT)},
+                    unknown="error",
+                )
+            ),
+        },
+        unknown="error",
+    ),
+    "set": Record(
+        {
+            "type": _TEXT,
+            "set": Number(0, is_whole=True),
+            "vertices": Items(Number(0, 2**31 - 1, is_whole=True)),
+            "weights": Items(_SHARE),
+        },
+        unknown="error",
+    ),
+    "sample": Record(
+        {
+            "type": _TEXT,
+            "t": Number(),
+            "effect": _TEXT,
+            "body": _TEXT,
+            "set": Number(0, is_whole=True),
+            "level": _SHARE,
+            "parameters": Table(Number()),
+        },
+        {
+            "spot": Record({"centre_m": Items(Number(), least=3, most=3), "radius_m": Number(0.0)}),
+            "actuators": Items(_SHARE),
+        },
+        unknown="error",
+    ),
+}
+
+
+def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
+    """Write a track; positions, velocities and depths are left out.
+
+    ``is_compact`` writes what :mod:`.jsonl_compact` describes.
+
+    Raises
+    ------
+    InputError
+        The track is damaged.
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    with atomic_file(path) as file:
+        header = _header(track.header)
+        if is_compact:
+            encoder = jsonl_compact.CompactEncoder(header)
+            file.write(encoded(encoder.header))
+            for each in _entries(track):
+                file.write(encoded(encoder.line(each)))
+            return
+        file.write(encoded(header))
+        for each in _entries(track):
+            file.write(_set_line(each) if isinstance(each, SetEntry) else encoded(each.line()))
+
+
+def _header(header: TrackHeader) -> dict[str, Any]:
+    time = header.time
+    return {
+        "type": "header",
+        "format": FORMAT,
+        "version": 1,
+        "rate_hz": float(time.rate_hz),
+        "duration_s": time.sample_count / float(time.rate_hz),
+        "models": [
+            {
+                "id": model.id,
+                "modality": model.modality,
+                "hash": model.content_hash,
+                "vertex_count": model.vertex_count,
+            }
+            for model in header.models
+        ],
+        "bodies": [{"id": clean(body.id), "name": clean(body.name)} for body in header.bodies],
+        "effects": [
+            {
+                "id": clean(effect.id),
+                "name": clean(effect.name),
+                "modality": effect.modality,
+                "kind": effect.kind,
+                "model": effect.model_id,
+                "is_contact": effect.is_contact,
+                **(
+                    {"device": clean(effect.device_id), "actuators": list(effect.actuators)}
+                    if effect.device_id is not None
+                    else {}
+                ),
+            }
+            for effect in header.effects
+        ],
+    }
+
+
+def _entries(track: TrackReader) -> Iterator[SetEntry | SampleEntry]:
+    """Sets and samples in the order of time; a set comes before the first sample with it."""
+    last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
+    count = 0
+    for block in blocks(track.header, track.runs()):
+        entries = sorted(
+            (int(index), b, k) for b, run in enumerate(block) for k, index in enumerate(run.indices)
+        )
+        for _, b, k in entries:
+            run = block[b]
+            vertices, weights = set_of(run, k)
+            content = vertices.tobytes() + weights.tobytes()
+            if run.stream not in last or last[run.stream][0] != content:
+                yield SetEntry(count, run.stream, vertices, weights)
+                last[run.stream] = (content, count)
+                count += 1
+            yield SampleEntry(run, k, last[run.stream][1])
+
+
+def _set_line(entry: SetEntry) -> bytes:
+    """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
+    number, vertices, weights = entry.number, entry.vertices, entry.weights
+    steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
+    highest = int(vertices[-1]) if len(vertices) else 0
+    if highest < _LARGEST_TABLE:
+        ids = _joined(_texts_of_ids(1 << highest.bit_length()), vertices)
+    else:
+        ids = ",".join(map(str, vertices.tolist())).encode()
+    shares = _joined(_texts_of_weights(), steps)
+    head = f'{{"type":"set","set":{number},"vertices":['.encode()
+    return head + ids + b'],"weights":[' + shares + b"]}\n"
+
+
+def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
+    """Concatenate entries of a table of texts, without the comma at the end."""
+    return texts[chosen].tobytes().translate(None, b"\0")[:-1]
+
+
+@lru_cache(maxsize=4)
+def _texts_of_ids(count: int) -> npt.NDArray[np.uint64]:
+    """The numbers below ``count`` with a comma behind each, see :func:`_table`."""
+    return _table([f"{number}," for number in range(count)])
+
+
+@lru_cache(maxsize=1)
+def _texts_of_weights() -> npt.NDArray[np.uint64]:
+    return _table([f"{step / _WEIGHT_STEPS!r}," for step in range(_WEIGHT_STEPS + 1)])
+
+
+def _table(texts: list[str]) -> npt.NDArray[np.uint64]:
+    """Table of texts of at most 8 bytes, zero-padded, as integers for fast look-up."""
+    return np.array(texts, "S8").view(np.uint64)
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file: those of each line, and broken references.
+
+    Raises
+    ------
+    InputError
+        A line is no JSON.
+    """
+    return _checked(content, name)[1]
+
+
+def read(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines of a file, the header first.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    lines, findings = _checked(read_bytes(path), str(path))
+    refuse_errors(findings, str(path))
+    yield from lines
+
+
+def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
+    report = Report("JSONL")
+    lines: list[dict[str, Any]] = []
+    sets: dict[int, int] = {}  # highest vertex of each
+    models: dict[str, int] = {}
+    effects: dict[str, dict[str, Any]] = {}
+    bodies: set[str] = set()
+    time = -np.inf
+    decoder: jsonl_compact.CompactDecoder | None = None
+    for k, text in enumerate(content.splitlines()):
+        place: Place = (None, f"line {k + 1}")
+        value = parse(text, f"{name}, line {k + 1}")
+        if k == 0 and isinstance(value, dict) and value.get("encoding") == jsonl_compact.ENCODING:
+            decoder = jsonl_compact.CompactDecoder(value, name)
+            value = decoder.header
+        elif decoder is not None:
+            value = decoder.line(value, report, place)
+            if value is None:
+                continue
+        kind = value.get("type") if isinstance(value, dict) else None
+        if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != (k == 0):
+            report.error("LINE", place, "expected a header first, then sets and samples")
+            if k == 0:
+                break
+            continue
+        before = report.count
+        check(_LINES[kind], value, report, place)
+        if report.count > before:
+            if kind == "header":  # all lines refer to it
+                return [], report.findings
+            continue
+        lines.append(value)
+        if kind == "header":
+            models = {each["id"]: each["vertex_count"] for each in value["models"]}
+            effects = {each["id"]: each for each in value["effects"]}
+            bodies = {each["id"] for each in value["bodies"]}
+        elif kind == "set":
+            vertices = value["vertices"]
+            if len(vertices) != len(value["weights"]):
+                report.error("SET-SIZE", place, "there are not as many weights as vertices")
+            if any(b <= a for a, b in pairwise(vertices)):
+                report.error("SET-ORDER", place, "the vertices do not ascend")
+            if value["set"] in sets:
+                report.error("SET-DUPLICATE", place, f"the set {value['set']} is there before")
+            sets[value["set"]] = max(vertices, default=-1)
+        else:
+            _check_sample(value, place, report, sets, models, effects, bodies)
+            if value["t"] < time:
+                report.error("ORDER", place, "its time is before that of the sample before it")
+            time = value["t"]
+    if not lines:
+        report.error("EMPTY", None, "it has no header")
+    return lines, report.findings
+
+
+def _check_sample(
+    value: dict[str, Any],
+    place: Place,
+    report: Report,
+    sets: dict[int, int],
+    models: dict[str, int],
+    effects: dict[str, dict[str, Any]],
+    bodies: set[str],
+) -> None:
+    effect = effects.get(value["effect"])
+    if effect is None or value["body"] not in bodies:
+        report.error("SAMPLE-ID", place, "the header has no such effect or body")
+        return
+    wanted = MODALITIES[effect["modality"]].parameter_names
+    if tuple(value["parameters"]) != wanted:
+        report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(wanted)}")
+    highest = sets.get(value["set"])
+    if highest is None:
+        report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
+    elif highest >= models.get(effect["model"], 0):
+        report.error("SET-VERTEX", place, "its set has vertices that the model has not")

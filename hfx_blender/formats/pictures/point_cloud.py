@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Point clouds of scanners: PLY (text or binary) and XYZ (a line a point)."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import warnings
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ...engine.arrays import F64
+from ...errors import InputError, refuse_no_file
+
+SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv", ".asc")
+MOST_POINTS: Final = 50_000_000
+_MOST_HEADER = 65_536
+
+_TYPES: Final = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+
+
+def read(path: Path) -> F64:
+    """Read the points (N, 3) of a file, in its own unit; non-finite ones are left out.
+
+    Raises
+    ------
+    InputError
+        It is missing, of no known kind, broken, or holds fewer than three points.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: expected a point cloud ({', '.join(SUFFIXES)}).")
+    refuse_no_file(path)
+    try:
+        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    points = _ply(content, path) if path.suffix.lower() == ".ply" else _lines(content, path)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 3:
+        raise InputError(f"{path}: {len(points)} points; a surface needs three at least.")
+    return points
+
+
+def _lines(content: bytes, path: Path) -> F64:
+    text = content.replace(b",", b" ").replace(b";", b" ")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # no lines at all, which is reported below
+            table = np.loadtxt(
+                io.BytesIO(text), np.float64, comments=("#", "//"), usecols=(0, 1, 2), ndmin=2
+            )
+    except (ValueError, IndexError, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0][:200]
+        raise InputError(f"{path}: expected x, y and z in each line ({reason}).") from error
+    return table.reshape(-1, 3)
+
+
+def _ply(content: bytes, path: Path) -> F64:
+    head, mark, body = content.partition(b"end_header")
+    if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
+        raise InputError(f"{path}: is no PLY file.")
+    body = body.partition(b"\n")[2]
+    order, before, count, columns = _header(head.decode("ascii", "replace").split("\n"), path)
+    if before:
+        raise InputError(f"{path}: its points do not come first; save it with vertices first.")
+    names = [name for name, _ in columns]
+    if not {"x", "y", "z"} <= set(names):
+        raise InputError(f"{path}: its vertices have no x, y and z.")
+    if order == "":
+        return _ply_text(body, count, [names.index(axis) for axis in "xyz"], path)
+    record = np.dtype([(name, order + kind) for name, kind in columns])
+    if len(body) < count * record.itemsize:
+        raise InputError(f"{path}: ends early; {count} points were announced.")
+    table = np.frombuffer(body, record, count)
+    with np.errstate(invalid="ignore"):  # any kind of NaN: it is left out
+        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
+    lines = body.split(b"\n", count)[:count]
+    if len(lines) < count or (count and not lines[-1].strip()):
+        raise InputError(f"{path}: ends early; {count} points were announced.")
+    try:
+        return np.loadtxt(lines, np.float64, usecols=places, ndmin=2).reshape(-1, 3)
+    except (ValueError, IndexError) as error:
+        reason = str(error).splitlines()[0][:200]
+        raise InputError(f"{path}: a point is no three numbers ({reason}).") from error
+
+
+def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
+    """Parse the header: byte order ("" for text), data before the points, their count, columns."""
+    orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+    order, count, columns, element, before = None, -1, [], "", False
+    try:
+        for words in (line.split() for line in lines):
+            if words[:1] == ["format"]:
+                order = orders.get(words[1])
+            elif words[:1] == ["element"]:
+                element, size = words[1], int(words[2])
+                if element == "vertex":
+                    count = size
+                elif count < 0 and size:
+                    before = True
+            elif words[:1] == ["property"] and element == "vertex":
+                columns.append((words[2], _TYPES[words[1]]))  # a list has no such type
+    except (IndexError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: its PLY header is broken ({error}).") from error
+    if order is None or not 0 <= count <= MOST_POINTS or len(dict(columns)) != len(columns):
+        raise InputError(
+            f"{path}: expected a PLY header with a format and up to {MOST_POINTS} vertices."
+        )
+    return order, before, count, columns

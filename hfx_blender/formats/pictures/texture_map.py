@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic maps as files: two grey PNG layers and a JSON with the meaning of their values.
+
+Both layers are linear, 0 to full code: intensity is the share of the amplitude's range and
+sharpness that of the frequency's. The JSON names the layers; they lie beside it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.texture.device_range import DeviceRange, NoticeableSteps
+from ...engine.texture.haptic_map import HapticMap
+from ...engine.texture.height_field import HeightField
+from ...errors import InputError
+from ...files import suffixes
+from ...files.kinds import refuse_another
+from ...files.strict_json import Node
+from ...files.strict_json import read as read_json
+from ..written import Written, write_json
+from . import png
+
+SUFFIX: Final = suffixes.TEXTURE_MAP
+_FORMAT: Final = "hfx-texture-map"
+_VERSION: Final = 1
+_LAYERS: Final = ("intensity", "sharpness")
+_REQUIRED: Final = ("format", "version", "layers", "size_mm", "amplitude_g", "frequency_hz")
+_OPTIONAL: Final = ("name", "tiles", "bits", "steps", "carrier_hz", "update_ms", "about")
+
+
+def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
+    """Write ``stem.intensity.png``, ``stem.sharpness.png`` and ``stem.texture.json``.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written.
+    """
+    if bits not in (8, 16):
+        raise ValueError(f"bits: expected 8 or 16, got {bits}")
+    files = {layer: stem.with_name(f"{stem.name}.{layer}.png") for layer in _LAYERS}
+    for layer, path in files.items():
+        png.write(_codes(getattr(map_, layer), bits), path)
+    device, steps = map_.device, map_.steps
+    document: dict[str, Any] = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "name": name or stem.name,
+        "layers": {layer: path.name for layer, path in files.items()},
+        "bits": bits,
+        "size_mm": [1e3 * s for s in map_.size_m],
+        "tiles": map_.tiles,
+        "amplitude_g": list(device.amplitude_g),
+        "frequency_hz": list(device.frequency_hz),
+        "carrier_hz": device.carrier_hz,
+        "update_ms": 1e3 * device.update_s,
+        "steps": None
+        if steps is None
+        else {"amplitude_g": steps.amplitude_g, "frequency_hz": steps.frequency_hz},
+        "about": "Linear values. Intensity 0 is silent, full code is the highest amplitude "
+        "(peak); sharpness 0 is the lowest frequency (rough), full code the highest (smooth).",
+    }
+    path = stem.with_name(stem.name + SUFFIX)
+    write_json(document, path)
+    return Written((path, *files.values()))
+
+
+def write_relief(
+    field: HeightField, map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16
+) -> tuple[Path, ...]:
+    """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written.
+    """
+    heights = field.heights_m - field.heights_m.min()
+    layers = {
+        "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
+        "roughness": 1.0 - map_.sharpness,
+    }
+    files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
+    for name, path in files.items():
+        png.write(_codes(layers[name], bits), path)
+    return tuple(files.values())
+
+
+def read(path: Path) -> HapticMap:
+    """Read a map by its JSON.
+
+    Raises
+    ------
+    InputError
+        A file is missing or damaged, the layers differ in size, or a value means nothing.
+    """
+    document = read_json(path)
+    refuse_another(document.value, document.file, _FORMAT)
+    members = document.members(_REQUIRED, _OPTIONAL)
+    if members["format"].value != _FORMAT:
+        members["format"].fail(f'"{_FORMAT}"')
+    if members["version"].value != _VERSION:
+        members["version"].fail(str(_VERSION))
+    layers = members["layers"].members(_LAYERS)
+    intensity, sharpness = (_layer(path, layers[name]) for name in _LAYERS)
+    width, height = _pair(members["size_mm"], 1e6)
+    rows, columns = intensity.shape
+    tiles = members["tiles"].value if "tiles" in members else True
+    if not isinstance(tiles, bool):
+        members["tiles"].fail("true or false")
+    try:
+        device = DeviceRange(
+            _pair(members["amplitude_g"], 1e3),
+            _pair(members["frequency_hz"], 1e5),
+            members["carrier_hz"].number(0.0, 1e5) if "carrier_hz" in members else 160.0,
+            1e-3 * members["update_ms"].number(0.0, 1e6) if "update_ms" in members else 0.05,
+        )
+        return HapticMap(
+            intensity,
+            sharpness,
+            (1e-3 * width / columns, 1e-3 * height / rows),
+            tiles,
+            device,
+            _steps(members.get("steps")),
+        )
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from error
+
+
+def _codes(layer: npt.NDArray[np.floating[Any]], bits: int) -> png.Grey:
+    full = (1 << bits) - 1
+    codes = np.rint(layer[::-1].astype(np.float64) * full)
+    return codes.astype(np.uint8 if bits == 8 else np.uint16)
+
+
+def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
+    name = node.value
+    if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
+        node.fail("the name of a picture in the same folder")
+    codes, _ = png.read(path.parent / name)
+    full = np.iinfo(codes.dtype).max
+    return (codes[::-1].astype(np.float64) / full).astype(np.float32)
+
+
+def _pair(node: Node, most: float) -> tuple[float, float]:
+    first, second = (item.number(0.0, most) for item in node.items(least=2, most=2))
+    return first, second
+
+
+def _steps(node: Node | None) -> NoticeableSteps | None:
+    if node is None or node.value is None:
+        return None
+    members = node.members(("amplitude_g", "frequency_hz"))
+    return NoticeableSteps(
+        members["amplitude_g"].number(0.0, 1e3), members["frequency_hz"].number(0.0, 1e5)
+    )

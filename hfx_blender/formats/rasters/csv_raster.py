@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Raster as a CSV table: one row for each time, one column for each parameter of an actuator."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.rendering.raster import Column, Raster
+from ...errors import InputError
+from ...files import limits
+from ...files.atomic import atomic_file
+from ...files.json_shapes import MAX_BYTES, Finding, decoding_findings, read_bytes
+from . import raster_rules
+
+SUFFIX = ".csv"
+_BLOCK_ROWS = 4096
+_COLUMN: Final = re.compile(r"([^\n,]{1,400})\.([a-z0-9_]{1,60}) \[([^\n,\]]{1,20})\]")
+_MAX_COLUMNS: Final = 100_000
+
+
+def header_line(raster: Raster) -> str:
+    """Column names with units: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
+    return ",".join(["time_s", *(column_name(each) for each in raster.columns)])
+
+
+def column_name(column: Column) -> str:
+    """A column's name in the first line: ``r1c1.amplitude_m_s2 [m/s^2]``."""
+    return f"{column.actuator}.{column.parameter} [{column.unit}]"
+
+
+def write(raster: Raster, path: Path) -> None:
+    """Write a raster as CSV (RFC 4180, UTF-8, no comments, a dot before decimals).
+
+    Values have nine significant digits, times twelve: finer than any device, and a time on
+    a 1 kHz clock reads as it is meant (``0.003``).
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    row_format = ",".join(["%.9g"] * len(raster.columns))
+    with atomic_file(path) as file:
+        file.write((header_line(raster) + "\r\n").encode())
+        for first in range(0, len(raster.times_s), _BLOCK_ROWS):
+            part = slice(first, first + _BLOCK_ROWS)
+            known: dict[bytes, str] = {}  # most rows of most devices are alike: silent, or held
+            lines = []
+            rows = raster.values[part] + 0.0
+            for time_s, row in zip(raster.times_s[part].tolist(), rows, strict=True):
+                key = row.tobytes()
+                if key not in known:
+                    known[key] = row_format % tuple(row.tolist())
+                lines.append(f"{time_s:.12g},{known[key]}\r\n")
+            file.write("".join(lines).encode())
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file."""
+    return decoding_findings("CSV", decode, content, name)
+
+
+def read(path: Path) -> Raster:
+    """The raster of a table, for conversion: it knows neither device, body nor neutral values.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or is no such table.
+    """
+    return decode(read_bytes(path, 4 * MAX_BYTES), str(path))
+
+
+def decode(content: bytes, name: str) -> Raster:
+    """:func:`read` from bytes. Neutral is the first row; the rate is that of the times."""
+    first, _, rest = content.partition(b"\n")
+    try:
+        names = first.decode("utf-8-sig").rstrip("\r").split(",")
+        text = rest.decode("ascii")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: is not text ({error.reason}).") from None
+    found = [_COLUMN.fullmatch(each) for each in names[1:_MAX_COLUMNS]]
+    if names[0] != "time_s" or not all(found) or len(names) > _MAX_COLUMNS:
+        raise InputError(
+            f"{name}: line 1 is not 'time_s,actuator.parameter [unit],...', which rasters have."
+        )
+    columns = tuple(Column(each[1], each[2], each[3]) for each in found if each)
+    if not text.strip():
+        raise InputError(f"{name}: has no rows.")
+    numbers = text.count(",") + text.count("\n") + text.count("\r") + 1
+    limits.MEMORY.check(8.0 * numbers, name, "its values would take")
+    lines = io.TextIOWrapper(io.BytesIO(rest), "ascii")
+    try:
+        table = np.loadtxt(lines, np.float64, delimiter=",", ndmin=2, comments=None)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{name}: not a table of numbers ({error}).") from None
+    if table.size == 0 or table.shape[1] != len(names):
+        raise InputError(f"{name}: expected {len(names)} numbers in each line.")
+    times = table[:, 0]
+    raster = Raster(
+        device_id="",
+        body_id="",
+        actuators=tuple(dict.fromkeys(each.actuator for each in columns)),
+        columns=columns,
+        times_s=times,
+        rate_hz=_rate_of(times),
+        values=table[:, 1:],
+        neutral=table[0, 1:].copy(),
+        shortfalls=(),
+        felt=(),
+    )
+    raster_rules.refuse(raster, name)
+    return raster
+
+
+def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
+    """Sampling rate of a clock's times; 100 Hz where they are too few, which the rules reject."""
+    if len(times) > 1 and np.isfinite(times).all():
+        lasts = float(times[-1]) - float(times[0])
+        rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0
+        if 0.0 < rate < math.inf:
+            return Fraction(rate).limit_denominator(1001)
+    return Fraction(100)

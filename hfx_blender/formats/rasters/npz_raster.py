@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Raster as a NumPy archive, complete and bit-exact.
+
+``docs/formats/index.md`` names the arrays; ``numpy.load`` reads them without this package.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import struct
+import tokenize
+import zipfile
+import zlib
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import write_npz
+from ...engine.rendering.raster import Column, FeltStream, Raster, Shortfall
+from ...engine.samples import Stream
+from ...errors import InputError
+from ...files import limits
+from ...files.atomic import atomic_file
+from ...files.json_shapes import (
+    MAX_BYTES,
+    Anything,
+    Finding,
+    Items,
+    Number,
+    Record,
+    Report,
+    Text,
+    check,
+    decoding_findings,
+    parse,
+    read_bytes,
+    refuse_errors,
+)
+from . import raster_rules
+
+SUFFIX: Final = ".raster.npz"
+FORMAT: Final = "hfx-raster"
+_MOST_ENTRIES: Final = 10_000
+_BLOCK_BYTES: Final = 1 << 20
+_META: Final = 64 << 20
+_HEAD_BYTES: Final = 1 << 12  # of an array, in which its shape is
+
+_TEXT = Text()
+_DOCUMENT = Record(
+    {
+        "format": Text((FORMAT,)),
+        "version": Number(1, 1, is_whole=True),
+        "device": _TEXT,
+        "body": _TEXT,
+        "rate_hz": Items(Number(1, 2**63 - 1, is_whole=True), least=2, most=2),
+        "actuators": Items(_TEXT),
+        "columns": Items(Record({"actuator": _TEXT, "parameter": _TEXT, "unit": _TEXT})),
+        "shortfalls": Items(
+            Record(
+                {
+                    "effect_id": _TEXT,
+                    "body_id": _TEXT,
+                    "modality": _TEXT,
+                    "reason": Text(
+                        ("modality", "place", "device", "frequency", "limit", "threshold")
+                    ),
+                    "samples": Number(0, is_whole=True),
+                    "share": Number(),
+                    "seconds": Number(),
+                }
+            )
+        ),
+        "felt": Items(Items(_TEXT, least=4, most=4)),
+    },
+    {"tools": Anything()},
+    unknown="error",
+)
+_FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.bool_}
+_DAMAGE: Final = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    IndexError,
+    RuntimeError,
+    NotImplementedError,
+    struct.error,
+    # numpy takes an array's header apart as Python text
+    SyntaxError,
+    TypeError,
+    MemoryError,
+    RecursionError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+def write(raster: Raster, path: Path) -> None:
+    """Write a raster; the same bytes for the same raster.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    meta = {
+        "format": FORMAT,
+        "version": 1,
+        "device": raster.device_id,
+        "body": raster.body_id,
+        "rate_hz": list(raster.rate_hz.as_integer_ratio()),
+        "actuators": list(raster.actuators),
+        "columns": [
+            {"actuator": c.actuator, "parameter": c.parameter, "unit": c.unit}
+            for c in raster.columns
+        ],
+        "shortfalls": [vars(each) for each in raster.shortfalls],
+        "felt": [
+            [each.stream.effect_id, each.stream.body_id, each.stream.modality, each.stream.model_id]
+            for each in raster.felt
+        ],
+    }
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
+        "times_s": raster.times_s,
+        "values": raster.values,
+        "neutral": raster.neutral,
+    }
+    for k, each in enumerate(raster.felt):
+        arrays |= {f"felt.{k}.{name}": getattr(each, name) for name in _FELT}
+    with atomic_file(path) as file:
+        write_npz(file, arrays, is_compressed=True)
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file."""
+    read: list[Raster] = []
+    findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
+    if read and not read[0].columns:
+        message = "it has no columns: nothing can be played of it"
+        findings.append(Finding("NPZ-COLUMNS", "columns", message, "warning"))
+    return findings
+
+
+def read(path: Path) -> Raster:
+    """The raster of a file.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is no raster, or is damaged.
+    """
+    return decode(read_bytes(path, 16 * MAX_BYTES), str(path))
+
+
+def decode(content: bytes, name: str) -> Raster:
+    """:func:`read` from bytes. Shapes are compared before an array is unpacked."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return _decoded(archive, len(content), name)
+    except _DAMAGE as error:
+        raise InputError(f"{name}: not a raster archive, or damaged ({error}).") from error
+
+
+def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
+    entries = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
+    if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
+        raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")
+    limits.check_unpacked(sum(each.file_size for each in entries.values()), packed_bytes, name)
+    heads = {key: _head(archive, each) for key, each in entries.items()}
+    if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
+        raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
+    meta = parse(_array(archive, entries["meta"], heads["meta"]).tobytes(), name)
+    report = Report("NPZ")
+    check(_DOCUMENT, meta, report)
+    refuse_errors(report.findings, name)
+    rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
+    columns = (len(meta["columns"]),)
+    shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
+    for key, shape in shapes.items():
+        head = heads.get(key)
+        if head is None:
+            raise InputError(f"{name}: not a raster archive: it has no '{key}'.")
+        if head.kind != np.float64 or head.shape != shape or not rows:
+            raise InputError(
+                f"{name}: '{key}' is {head.kind} of the shape {head.shape}, "
+                f"allowed is float64 of {shape}."
+            )
+    for k in range(len(meta["felt"])):
+        first = heads.get(f"felt.{k}.indices")
+        for each, kind in _FELT.items():
+            head = heads.get(f"felt.{k}.{each}")
+            if head is None or first is None or head.kind != kind or head.shape != first.shape:
+                raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
+    arrays = {key: _array(archive, each, heads[key]) for key, each in entries.items()}
+    raster = Raster(
+        device_id=meta["device"],
+        body_id=meta["body"],
+        actuators=tuple(meta["actuators"]),
+        columns=tuple(Column(**each) for each in meta["columns"]),
+        times_s=arrays["times_s"],
+        rate_hz=Fraction(*meta["rate_hz"]),
+        values=arrays["values"],
+        neutral=arrays["neutral"],
+        shortfalls=tuple(Shortfall(**each) for each in meta["shortfalls"]),
+        felt=tuple(
+            FeltStream(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
+            for k, each in enumerate(meta["felt"])
+        ),
+    )
+    raster_rules.refuse(raster, name)
+    return raster
+
+
+@dataclass(frozen=True)
+class _Head:
+    """Shape, kind and place of an array, without its numbers."""
+
+    shape: tuple[int, ...]
+    kind: np.dtype[Any]
+    begin: int  # bytes before its first number
+    is_fortran: bool  # its numbers come column after column
+
+
+def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
+    """Read the head of an array, and check the array's size by it."""
+    with archive.open(entry) as packed:
+        file = io.BytesIO(packed.read(_HEAD_BYTES))
+    version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
+    if version != (1, 0):
+        raise ValueError("an array of an unknown version")
+    header = np.lib.format.read_array_header_1_0(file)  # type: ignore[no-untyped-call]
+    shape, is_fortran, kind = header
+    if kind.hasobject or kind.itemsize == 0 or kind.fields or kind.subdtype:
+        raise ValueError("an array of an unknown kind")
+    if any(type(each) is not int or each < 0 for each in shape):
+        raise ValueError("an array of an unknown shape")
+    if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
+        raise ValueError("an array of the wrong size")
+    return _Head(shape, kind, file.tell(), is_fortran)
+
+
+def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, head: _Head) -> npt.NDArray[Any]:
+    """An array, unpacked straight into its place: its numbers are in memory once."""
+    found = np.zeros(head.shape, head.kind)
+    place: Any = found.reshape(-1).view(np.uint8)
+    with archive.open(entry) as packed:
+        packed.read(head.begin)
+        at = 0
+        while at < len(place):
+            part = packed.read(min(_BLOCK_BYTES, len(place) - at))
+            if not part:
+                raise EOFError("an array ends early")
+            place[at : at + len(part)] = np.frombuffer(part, np.uint8)
+            at += len(part)
+        if packed.read(1):  # the end is read, where the sum is checked
+            raise ValueError("an array of the wrong size")
+    if head.is_fortran:
+        return np.ascontiguousarray(found.reshape(head.shape[::-1]).T)
+    return found

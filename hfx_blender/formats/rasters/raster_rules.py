@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of rasters, for any file format."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ...engine.rendering.raster import Raster
+from ...errors import InputError
+from ...files import limits
+
+_MOST_HZ: Final = 10**6
+_UNEVEN: Final = 0.01  # of a row that a time may be off
+_BLOCK_ROWS: Final = 1 << 16
+
+
+def refuse(raster: Raster, name: str) -> None:
+    """Refuse a raster that breaks a rule: finite values, rows evenly spaced in ascending time.
+
+    Raises
+    ------
+    InputError
+        It names the file and the field.
+    """
+    times, rate = raster.times_s, raster.rate_hz
+    if not len(times):
+        raise InputError(f"{name}: 'times_s' has no rows.")
+    shape = (len(times), len(raster.columns))
+    if raster.values.shape != shape:
+        raise InputError(
+            f"{name}: 'values' has the shape {raster.values.shape}, allowed is {shape}."
+        )
+    if not 0 < rate <= _MOST_HZ:
+        raise InputError(f"{name}: 'rate_hz' is {float(rate):g}, allowed is up to {_MOST_HZ} Hz.")
+    limits.SECONDS.check(len(times) / float(rate), name, "its rows last")
+    parts = [slice(first, first + _BLOCK_ROWS) for first in range(0, len(times), _BLOCK_ROWS)]
+    for key, array in (("times_s", times), ("values", raster.values), ("neutral", raster.neutral)):
+        if not all(np.isfinite(array[part]).all() for part in parts):
+            raise InputError(f"{name}: '{key}' has numbers that are not finite.")
+    with np.errstate(over="ignore"):  # endless gaps are uneven
+        gaps = np.diff(times)
+    if (gaps <= 0.0).any():
+        row = int(np.flatnonzero(gaps <= 0.0)[0]) + 1
+        raise InputError(f"{name}: 'times_s' does not ascend in row {row}.")
+    # A time far from 0 is rounded more: that is no uneven spacing.
+    slack = _UNEVEN + 4.0 * float(rate) * float(np.spacing(np.abs(times[[0, -1]]).max()))
+    with np.errstate(over="ignore"):
+        off = np.abs(gaps * float(rate) - 1.0)
+    if len(gaps) and off.max() > slack:
+        row = int(np.argmax(off)) + 1
+        raise InputError(
+            f"{name}: 'times_s' is not evenly spaced in row {row}, allowed is one row every "
+            f"{1.0 / float(rate):g} s."
+        )

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Raster of a device from vibration envelopes of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import ceil
+from typing import Final
+
+import numpy as np
+
+from ...engine.arrays import F64
+from ...engine.rendering.device import Actuator, DeviceConfig
+from ...engine.rendering.raster import Column, Raster
+from ...errors import InputError
+from ...files import limits
+from ..signals.signals import Signal
+from ..tact.tact_layouts import motors_of
+
+RATE_HZ: Final = 500
+TICK_S: Final = 0.022
+"""Duration over which a tick fades, seconds, as long as those of HJIF's reference software."""
+
+
+def raster_of(
+    signals: Sequence[Signal], device: DeviceConfig, name: str
+) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
+    """Raster of a device that plays signals.
+
+    A signal goes to the vibration actuator of its name, or to the one whose bHaptics dot it is
+    named after; if it is the only one and there is no such actuator, to all of them. Full scale
+    is the largest amplitude of the actuator itself.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+    device : DeviceConfig
+    name : str
+        Of the file, for messages.
+
+    Returns
+    -------
+    raster : Raster
+        ``RATE_HZ`` rows a second.
+    left_out : tuple of str
+        What the device cannot play.
+    notes : tuple of str
+
+    Raises
+    ------
+    InputError
+        The device has no such actuators, or the signals last too long.
+    """
+    played = _played(signals, device, name)
+    columns = [
+        (actuator, control) for actuator in device.actuators for control in actuator.type.controls
+    ]
+    lasts_s = max(
+        max([each.duration_s, *(tick.time_s + TICK_S for tick in each.transients)])
+        for each in signals
+    )
+    values_bytes = 8.0 * lasts_s * RATE_HZ * (len(columns) + 1)
+    limits.MEMORY.check(values_bytes, name, f"values for '{device.id}' would take")
+    times = np.arange(max(ceil(lasts_s * RATE_HZ - 1e-6), 1)) / RATE_HZ
+    neutral = np.array([control.neutral for _, control in columns])
+    values = np.tile(neutral, (len(times), 1))
+    is_limited = False
+    hidden: dict[str, int] = {}  # ticks of each signal that its envelope drowns
+    for k, (actuator, control) in enumerate(columns):
+        signal = played.get(actuator.id)
+        if signal is None:
+            continue
+        amplitude, hertz, hidden[signal.name] = _dense(signal, times)
+        if control.name == "amplitude_m_s2":
+            values[:, k] = amplitude * control.highest
+        elif control.name == "frequency_hz":
+            values[:, k] = np.clip(hertz, control.lowest, control.highest)
+            off = np.abs(values[:, k] - hertz)[amplitude > 0.0]
+            is_limited |= bool((off > 1e-6).any())
+    left_out = []
+    unused = [each.name for each in signals if each not in played.values()]
+    if unused:
+        left_out.append(f"'{device.id}' has no actuators {', '.join(unused)}")
+    if is_limited:
+        left_out.append(f"frequencies beyond those that '{device.id}' plays are at its limits")
+    left_out += [
+        f"'{name}': {count} ticks weaker than what else plays at their time are not in it"
+        for name, count in hidden.items()
+        if count
+    ]
+    raster = Raster(
+        device_id=device.id,
+        body_id="",
+        actuators=tuple(each.id for each in device.actuators),
+        columns=tuple(
+            Column(actuator.id, control.name, actuator.type.unit(control))
+            for actuator, control in columns
+        ),
+        times_s=times,
+        rate_hz=Fraction(RATE_HZ),
+        values=values,
+        neutral=neutral,
+        shortfalls=(),
+        felt=(),
+    )
+    return raster, tuple(left_out), (f"envelopes are sampled {RATE_HZ} times a second",)
+
+
+def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
+    """The signal of each vibration actuator that has one."""
+    vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
+    if not vibrating:
+        raise InputError(f"Device '{device.id}' has no vibration actuators.")
+    named = {each.name.casefold(): each for each in signals}
+    found = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
+    if not found:
+        dots = {key: f"{dot.position} {dot.index}" for key, dot in motors_of(device).items()}
+        found = {key: named[dot.casefold()] for key, dot in dots.items() if dot.casefold() in named}
+    if not found and len(signals) == 1:
+        return {a.id: signals[0] for a in vibrating}
+    if not found:
+        shown = ", ".join(each.name for each in signals[:6])
+        raise InputError(
+            f"{name}: holds signals for {shown}{', ...' * (len(signals) > 6)}; the vibration "
+            f"actuators of '{device.id}' are {', '.join(a.id for a in vibrating)}."
+        )
+    return found
+
+
+def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
+    """Amplitude (0..1) and frequency at some times, with the ticks; how many do not show."""
+    hidden = 0
+    amplitude = np.where(times < signal.amplitude.times_s[-1], signal.amplitude.at(times), 0.0)
+    hertz = signal.frequency_hz.at(times)
+    for tick in signal.transients:
+        # From the row at it or the next one on: its beginning is not to fall between two rows.
+        first = ceil(tick.time_s * RATE_HZ - 1e-6)
+        fade = np.linspace(tick.amplitude, 0.0, ceil(TICK_S * RATE_HZ), endpoint=False)
+        part = slice(first, first + len(fade))
+        fade = fade[: len(amplitude[part])]
+        is_stronger = fade > amplitude[part]
+        hidden += not is_stronger.any()
+        amplitude[part] = np.where(is_stronger, fade, amplitude[part])
+        hertz[part] = np.where(is_stronger, tick.frequency_hz, hertz[part])
+    return amplitude, hertz, hidden

@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Curves of few keyframes: the fewest straight pieces that stay within a tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+
+_MARGIN: Final = 1e-6
+"""Share of a tolerance that is kept back for rounding."""
+
+_SILENT: Final = 0.01
+"""Share of a tolerance within which a keyframe is zero, where silence is to be exact."""
+
+_SILENT_WALL: Final = 0.0025
+"""``_SILENT`` for the corridor: a line through two silent rows is within ``_SILENT`` a
+row later."""
+
+_APART_S: Final = 1e-6
+"""Duration of a step in a simplified curve, seconds, as that has one value at a time."""
+
+_Point = tuple[float, float]  # time, value
+_Line = tuple[float, float, float]  # time, value there, slope
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Keyframes joined by straight lines; constant before the first and after the last.
+
+    Raises
+    ------
+    ValueError
+        There is no keyframe, a number is not finite, or times descend.
+    """
+
+    times_s: F64  # (n,) ascending
+    values: F64  # (n,)
+
+    def __post_init__(self) -> None:
+        if self.times_s.shape != self.values.shape or self.times_s.ndim != 1:
+            raise ValueError(f"expected (n,) twice: {self.times_s.shape}, {self.values.shape}")
+        if not len(self.times_s):
+            raise ValueError("a curve has at least one keyframe")
+        if not (np.isfinite(self.times_s).all() and np.isfinite(self.values).all()):
+            raise ValueError("a curve's keyframes are finite numbers")
+        if (np.diff(self.times_s) < 0.0).any():
+            raise ValueError("the times of a curve ascend")
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def at(self, times_s: npt.ArrayLike) -> F64:
+        """Values at these times; at a step the later one."""
+        times = np.asarray(times_s, np.float64)
+        found = np.interp(times, self.times_s, self.values)
+        last = np.searchsorted(self.times_s, times, side="right") - 1
+        is_keyframe = (last >= 0) & (self.times_s[np.maximum(last, 0)] == times)
+        return np.asarray(np.where(is_keyframe, self.values[last], found))
+
+    def before(self, times_s: npt.ArrayLike) -> F64:
+        """Values just before these times: at a step the earlier one."""
+        times = np.asarray(times_s, np.float64)
+        found = np.interp(times, self.times_s, self.values)
+        first = np.minimum(np.searchsorted(self.times_s, times, side="left"), len(self) - 1)
+        return np.asarray(np.where(self.times_s[first] == times, self.values[first], found))
+
+    @classmethod
+    def of(cls, times_s: npt.ArrayLike, values: npt.ArrayLike) -> Curve:
+        """A curve from any sequences of numbers."""
+        return cls(np.asarray(times_s, np.float64), np.asarray(values, np.float64))
+
+
+@dataclass(frozen=True)
+class CurveTolerance:
+    """Tolerance of a simplified curve against its original.
+
+    At each time the value is within ``value`` of one that the original has at most ``time_s``
+    earlier or later, and the other way round: nothing short is lost.
+    """
+
+    value: float = 0.01  # in the unit of the curve; for amplitudes a share of full scale
+    time_s: float = 0.0
+
+
+def simplified(
+    curve: Curve,
+    tolerance: CurveTolerance,
+    *,
+    lowest: float = -np.inf,
+    highest: float = np.inf,
+    keeps_silence: bool = False,
+    is_free: npt.NDArray[np.bool_] | None = None,
+) -> Curve:
+    """The curve of the fewest keyframes within a tolerance.
+
+    Keyframes may lie anywhere between those of the original, in time and in value: none of
+    its own has to be kept. With ``tolerance.time_s`` 0 the count is the least possible
+    (Imai and Iri, "An optimal algorithm for approximating a piecewise linear function", 1986).
+
+    Parameters
+    ----------
+    curve : Curve
+    tolerance : CurveTolerance
+    lowest, highest : float
+        Bounds of the values; those of the original must be within them.
+    keeps_silence : bool
+        Keyframes where the original is 0 are 0 exactly.
+    is_free : (n,) bool, optional
+        Keyframes of the original whose value means nothing (the frequency of silence).
+    """
+    times = _strictly_ascending(curve.times_s)
+    values = curve.values
+    if len(times) == 1 or tolerance.value <= 0.0:
+        return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
+    if (values == values[0]).all():
+        return Curve(times[[0, -1]], values[[0, -1]])
+    silent = _SILENT * tolerance.value if keeps_silence else 0.0
+    reach = tolerance.value * (1.0 - _MARGIN) - silent
+    low, high = _corridor(times, values, reach, 0.0)
+    wide = _corridor(times, values, reach, tolerance.time_s)
+    lost = np.zeros(len(times), np.bool_)
+    while True:
+        low_now = np.where(lost, low, wide[0])
+        high_now = np.where(lost, high, wide[1])
+        if keeps_silence:
+            is_silent = values == 0.0
+            wall = _SILENT_WALL * tolerance.value
+            low_now = np.where(is_silent, np.maximum(low_now, -wall), low_now)
+            high_now = np.where(is_silent, np.minimum(high_now, wall), high_now)
+        low_now, high_now = _open(np.maximum(low_now, lowest), np.minimum(high_now, highest))
+        if is_free is not None:
+            low_now = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low_now)
+            high_now = np.where(is_free, min(highest, float(values.max())) + 1e-9, high_now)
+        found = Curve(*_fewest_pieces(times, low_now, high_now))
+        kept = np.clip(found.values, lowest, highest)
+        if keeps_silence:
+            kept = np.where(np.abs(kept) <= silent * (1.0 + _MARGIN), 0.0, kept)
+        found = Curve(found.times_s, kept)
+        if tolerance.time_s <= 0.0:
+            return found
+        # Values skipped by the wider corridor are held exactly in the next round.
+        newly = ~lost & _is_lost(times, values, found, tolerance)
+        if is_free is not None:
+            newly &= ~is_free
+        if not newly.any():
+            return found
+        lost |= newly
+
+
+def with_zeros(curve: Curve) -> Curve:
+    """The same curve, with keyframes where it passes 0 between two others."""
+    return _with_crossings(curve, 0.0)
+
+
+def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
+    """Curve cut to a range at every time: between keyframes, too, it goes along the limits."""
+    if curve.values.min() >= lowest and curve.values.max() <= highest:
+        return curve
+    crossed = _with_crossings(_with_crossings(curve, lowest), highest)
+    return Curve(crossed.times_s, np.clip(crossed.values, lowest, highest))
+
+
+def _with_crossings(curve: Curve, level: float) -> Curve:
+    """The same curve, with keyframes where it passes a level between two others."""
+    times, values = curve.times_s, curve.values - level
+    signs = np.sign(values)
+    passes = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
+    share = values[passes] / (values[passes] - values[passes + 1])
+    crossings = times[passes] + share * (times[passes + 1] - times[passes])
+    return Curve(
+        np.insert(times, passes + 1, crossings), np.insert(curve.values, passes + 1, level)
+    )
+
+
+def _strictly_ascending(times: F64) -> F64:
+    if len(times) < 2 or (np.diff(times) >= _APART_S).all():
+        return times
+    steps = np.arange(len(times)) * _APART_S
+    return np.asarray(np.maximum.accumulate(times - steps) + steps)
+
+
+def _corridor(times: F64, values: F64, reach: float, time_s: float) -> tuple[F64, F64]:
+    """Lowest and highest allowed value at each time, (n,) each."""
+    low, high = values, values
+    gaps = np.diff(times)
+    # Between two rows the corridor is straight and may use what is a row further away.
+    rows = int(time_s / float(gaps.max())) - 1 if time_s > 0.0 else 0
+    if rows > 0:
+        padded = np.pad(values, rows, mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * rows + 1)
+        low, high = windows.min(axis=1), windows.max(axis=1)
+    return low - reach, high + reach
+
+
+def _is_lost(
+    times: F64, values: F64, found: Curve, tolerance: CurveTolerance
+) -> npt.NDArray[np.bool_]:
+    """Mask of the original's values that the new curve has at no time near, (n,)."""
+    at = np.column_stack([times - tolerance.time_s, times, times + tolerance.time_s])
+    near = found.at(at)
+    low, high = near.min(axis=1), near.max(axis=1)
+    if len(found) > 2:  # its keyframes within reach are extremes as well
+        first = np.searchsorted(found.times_s, at[:, 0])
+        stop = np.searchsorted(found.times_s, at[:, 2])
+        for step in range(int((stop - first).max(initial=0))):
+            k = np.minimum(first + step, len(found) - 1)
+            inside = first + step < stop
+            low = np.where(inside, np.minimum(low, found.values[k]), low)
+            high = np.where(inside, np.maximum(high, found.values[k]), high)
+    return np.asarray((values < low - tolerance.value) | (values > high + tolerance.value))
+
+
+def _open(low: F64, high: F64) -> tuple[F64, F64]:
+    """Widen a corridor so that it is nowhere closed."""
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    half = np.maximum(half, 1e-9 * np.maximum(1.0, np.abs(middle)))
+    return middle - half, middle + half
+
+
+def _without_collinear(times: F64, values: F64) -> Curve:
+    """Curve without the keyframes inside of constant stretches."""
+    keep = np.ones(len(times), np.bool_)
+    keep[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
+    return Curve(times[keep], values[keep])
+
+
+def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
+    """Keyframes of the continuous curve of fewest straight pieces within a corridor.
+
+    The corridor's walls are straight from row to row. Each piece is the line that gets
+    furthest; the next must cross the last stretch of it, between where it last touches a wall
+    and where it leaves the corridor. A piece in work is bounded by two lines: the steepest
+    upwards, over a lower point and under a later upper one, and the steepest downwards.
+    """
+    is_flat = np.zeros(len(times), np.bool_)
+    is_flat[1:-1] = (
+        (low[1:-1] == low[:-2])
+        & (low[1:-1] == low[2:])
+        & (high[1:-1] == high[:-2])
+        & (high[1:-1] == high[2:])
+    )
+    rows = np.flatnonzero(~is_flat)
+    t, lows, highs = times[rows].tolist(), low[rows].tolist(), high[rows].tolist()
+    count = len(t)
+    lines: list[_Line] = []
+    windows: list[tuple[float, float]] = []  # where each piece may turn into the next
+    upper: list[_Point] = [(t[0], highs[0])]  # hull of the wall above, seen from the line
+    lower: list[_Point] = [(t[0], lows[0])]
+    first_upper = first_lower = 0  # earlier points of the hulls no longer matter
+    rising: _Line | None = None
+    falling: _Line | None = None
+    rising_end = falling_end = 0  # row after the point that the line touches last
+    rising_touch = falling_touch = (0.0, 0.0)
+    row = 1
+    while row < count:
+        x, top, bottom = t[row], highs[row], lows[row]
+        is_blocked_above = falling is not None and top < _value(falling, x)
+        is_blocked_below = rising is not None and bottom > _value(rising, x)
+        if is_blocked_above or is_blocked_below:
+            if is_blocked_above and falling is not None:
+                line, touch, after, wall_points = falling, falling_touch, falling_end, upper
+                exit_point = _crossing(line, wall_points[-1], (x, top))
+                lower, upper = [touch], [exit_point]
+                for k in range(after, row):
+                    _push(lower, (t[k], lows[k]), 0, 1.0)
+                first_lower = first_upper = 0
+                rising, falling = _through(touch, exit_point), None
+                rising_touch, rising_end = exit_point, row
+            elif rising is not None:
+                line, touch, after, wall_points = rising, rising_touch, rising_end, lower
+                exit_point = _crossing(line, wall_points[-1], (x, bottom))
+                lower, upper = [exit_point], [touch]
+                for k in range(after, row):
+                    _push(upper, (t[k], highs[k]), 0, -1.0)
+                first_lower = first_upper = 0
+                falling, rising = _through(touch, exit_point), None
+                falling_touch, falling_end = exit_point, row
+            lines.append(line)
+            windows.append((touch[0], exit_point[0]))
+        new_rising, new_falling = rising, falling
+        if rising is None or top < _value(rising, x):
+            first_lower = _support(lower, first_lower, (x, top), 1.0)
+            if lower[first_lower][0] < x:
+                new_rising = _through(lower[first_lower], (x, top))
+                rising_touch, rising_end = (x, top), row + 1
+        if falling is None or bottom > _value(falling, x):
+            first_upper = _support(upper, first_upper, (x, bottom), -1.0)
+            if upper[first_upper][0] < x:
+                new_falling = _through(upper[first_upper], (x, bottom))
+                falling_touch, falling_end = (x, bottom), row + 1
+        rising, falling = new_rising, new_falling
+        _push(upper, (x, top), first_upper, -1.0)
+        _push(lower, (x, bottom), first_lower, 1.0)
+        row += 1
+    lines.append(_middle(rising, falling, t[0], (lows[0] + highs[0]) / 2.0))
+    return _keyframes(lines, windows, t[0], t[-1])
+
+
+def _value(line: _Line, x: float) -> float:
+    return line[1] + (x - line[0]) * line[2]
+
+
+def _through(a: _Point, b: _Point) -> _Line:
+    return (b[0], b[1], (b[1] - a[1]) / (b[0] - a[0]) if b[0] > a[0] else 0.0)
+
+
+def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
+    """Line between the two extreme ones; it is within the corridor as they are."""
+    if rising is None or falling is None:
+        return rising or falling or (x, value, 0.0)
+    at = rising[0]
+    return (at, (rising[1] + _value(falling, at)) / 2.0, (rising[2] + falling[2]) / 2.0)
+
+
+def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
+    """Point at which a line leaves the corridor through the wall from a to b."""
+    before, after = _value(line, a[0]) - a[1], _value(line, b[0]) - b[1]
+    share = before / (before - after) if before != after else 1.0
+    x = a[0] + (b[0] - a[0]) * min(max(share, 0.0), 1.0)
+    return (x, _value(line, x))
+
+
+def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
+    """Add a point to a hull (sign 1: of the lower wall, concave; -1: of the upper, convex)."""
+    x, y = point
+    while len(hull) - first >= 2:
+        (ax, ay), (bx, by) = hull[-2], hull[-1]
+        if sign * ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) < 0.0:
+            break
+        hull.pop()
+    hull.append(point)
+
+
+def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
+    """Tangent point of a hull for a line to ``point``, from ``first`` on."""
+    x, y = point
+    while first + 1 < len(hull):
+        (ax, ay), (bx, by) = hull[first], hull[first + 1]
+        if bx >= x or sign * ((y - by) * (x - ax) - (y - ay) * (x - bx)) > 0.0:
+            break
+        first += 1
+    return first
+
+
+def _keyframes(
+    lines: list[_Line], windows: list[tuple[float, float]], first: float, last: float
+) -> tuple[F64, F64]:
+    """Keyframes at the intersections of neighbouring lines, and at the two ends."""
+    times, values = [first], [_value(lines[0], first)]
+    for k, (earliest, latest) in enumerate(windows):
+        a, b = lines[k], lines[k + 1]
+        turn = a[2] - b[2]
+        x = b[0] + (b[1] - _value(a, b[0])) / turn if turn else latest
+        x = min(max(x, earliest, times[-1]), latest)
+        if x <= times[-1]:
+            x = times[-1] + _APART_S
+        times.append(x)
+        values.append((_value(a, x) + _value(b, x)) / 2.0)
+    times.append(max(last, times[-1] + _APART_S))
+    values.append(_value(lines[-1], last))
+    return np.array(times), np.array(values)

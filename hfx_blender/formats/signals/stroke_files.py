@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stroke over a surface as a file: WAV, AHAP, .he, .haptic or CSV."""
+
+from __future__ import annotations
+
+import io
+import wave
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+from ...engine.texture.signal import Signal as FeltStroke
+from ...engine.texture.stroke import Stroke
+from ...errors import InputError, UsageError
+from ...files import suffixes
+from ...files.atomic import atomic_file
+from ...files.json_shapes import read_bytes
+from ..ahap import ahap
+from ..device_files import haptic
+from ..he import he
+from ..written import Written, write_json
+from .curves import Curve, clipped
+from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, simplified_signals
+from .simplified_writer import WHOLE_MS, error_note, pitch_tolerance
+
+WAV_RATE_HZ: Final = 48_000
+
+_KINDS: Final = {ahap.SUFFIX: ahap, he.SUFFIX: he, haptic.SUFFIX: haptic}
+SUFFIXES: Final = suffixes.STROKES
+
+
+def check(path: Path) -> None:
+    """Reject a name whose suffix is no format for strokes.
+
+    Raises
+    ------
+    UsageError
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{path}: expected a file name with one of: {', '.join(SUFFIXES)}")
+
+
+def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
+    """Write a stroke in the format of the path's suffix.
+
+    Full scale is the device's strongest amplitude. A WAV file holds the waveform at the rate
+    that it was rendered with, 16 bits, mono.
+
+    Raises
+    ------
+    UsageError
+        The suffix is none of ``SUFFIXES``.
+    InputError
+        Nothing of it is felt, and the format cannot hold silence.
+    OutputError
+        The file cannot be written.
+    """
+    check(path)
+    suffix = path.suffix.lower()
+    if suffix == ".wav":
+        return _wav(felt, device, path)
+    if suffix == ".csv":
+        return _csv(felt, stroke, path)
+    frequencies, kind = FrequencyRange(*device.frequency_hz), _KINDS[suffix]
+    signal = _envelope(felt, device)
+    (few,) = simplified_signals(
+        [signal], DEFAULT_TOLERANCE, frequency_hz=pitch_tolerance(frequencies)
+    )
+    if few.is_silent:
+        raise InputError(f"{path}: nothing of this stroke would be felt; nothing was written.")
+    write_json(kind.document(few, frequencies), path)
+    (read,), _ = kind.decode(read_bytes(path), path.name)
+    note = error_note([(signal, read)], WHOLE_MS if kind is he else 0.0)
+    return Written((path,), notes=(note,))
+
+
+def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
+    """Amplitude and frequency as curves of steps."""
+    full = device.amplitude_g[1] * STANDARD_GRAVITY
+    begins = felt.times_s - felt.times_s[0]
+    times = np.stack([begins, begins + felt.step_s], axis=1).ravel()
+    times[1:-1:2] = times[2::2]  # one end is the next begin, to the last bit
+    amplitude = np.repeat(np.clip(felt.amplitude_m_s2 / full, 0.0, 1.0), 2)
+    frequency = np.repeat(np.clip(felt.frequency_hz, 0.1, 1000.0), 2)
+    pitch = clipped(Curve(times, frequency), *device.frequency_hz)
+    return Signal("stroke", Curve(times, amplitude), pitch)
+
+
+def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:
+    full = device.amplitude_g[1] * STANDARD_GRAVITY
+    peak = float(np.abs(felt.waveform_m_s2).max(initial=0.0)) / full
+    codes = np.rint(np.clip(felt.waveform_m_s2 / full, -1.0, 1.0) * 32767.0).astype("<i2")
+    content = io.BytesIO()
+    with wave.open(content, "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(round(felt.waveform_rate_hz))
+        file.writeframes(codes.tobytes())
+    with atomic_file(path) as file_:
+        file_.write(content.getvalue())
+    return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the loudest is {peak:.0%}",))
+
+
+def _csv(felt: FeltStroke, stroke: Stroke, path: Path) -> Written:
+    middles = felt.times_s + 0.5 * felt.step_s
+    places, speeds = stroke.at(felt.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
+    rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]
+    rows += [
+        f"{t:.6f},{x:.4f},{y:.4f},{v:.4f},{a:.6g},{f:.6g}"
+        for t, (x, y), v, a, f in zip(
+            felt.times_s, places, speeds, felt.amplitude_m_s2, felt.frequency_hz, strict=True
+        )
+    ]
+    with atomic_file(path) as file:
+        file.write(("\n".join(rows) + "\n").encode())
+    return Written((path,))

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of the list of channels beside a WAV file: actuators of a device, or loudspeakers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+
+_CHANNEL: Final = Number(0, is_whole=True)
+_SHARED: Final[dict[str, Shape]] = {
+    "version": Number(1, 1, is_whole=True),
+    "rate_hz": Number(1, is_whole=True),
+    "start_s": Number(),
+}
+_KINDS: Final = {
+    "hfx-wav-channels": Record(
+        {
+            **_SHARED,
+            "format": Text(("hfx-wav-channels",)),
+            "device": Text(),
+            "body": Text(),
+            "full_scale_m_s2": Number(0.0),
+            "channels": Items(Record({"channel": _CHANNEL, "actuator": Text()}), least=1),
+        }
+    ),
+    "hfx-sound-channels": Record(
+        {
+            **_SHARED,
+            "format": Text(("hfx-sound-channels",)),
+            "layout": Text(),
+            "gain": Number(0.0, 1.0),
+            "channels": Items(
+                Record(
+                    {
+                        "channel": _CHANNEL,
+                        "azimuth_deg": Number(-360.0, 360.0),
+                        "elevation_deg": Number(-90.0, 90.0),
+                    }
+                ),
+                least=1,
+            ),
+        }
+    ),
+}
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file.
+
+    Raises
+    ------
+    InputError
+        It is no JSON document.
+    """
+    found = parse(content, name)
+    report = Report("CHANNELS")
+    kind = found.get("format") if isinstance(found, dict) else None
+    first = next(iter(_KINDS.values()))
+    check(_KINDS.get(kind, first) if isinstance(kind, str) else first, found, report)
+    if not report.has_errors:
+        for k, channel in enumerate(found["channels"]):
+            if channel["channel"] != k:
+                message = f"{channel['channel']} is not the channel's place in the sound, {k}"
+                report.error("ORDER", ((None, "channels"), k), message)
+    return report.findings

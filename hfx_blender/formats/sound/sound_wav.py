@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Spatial sound as one multichannel WAV, a channel a loudspeaker, in step with rasters."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...engine.spatial_sound.layouts import Layout
+from ...errors import InputError
+from ...files.atomic import atomic_file
+from .wav import SIDECAR_SUFFIX, _encoded, _head
+
+SUFFIX: Final = ".sound.wav"
+RATE_HZ: Final = 48_000
+_HIGHEST: Final = 0.98  # of full scale
+_MAX_BYTES: Final = 2**32 - 1024
+_KEPT: Final = 1 << 26
+"""Samples over all channels up to which sound is made once and kept; beyond, it is made twice."""
+
+
+def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
+    """Audio samples of a raster: as many as the WAV of a device has that plays it."""
+    return int(-(-rows * rate_hz // raster_hz))
+
+
+def refuse_large(layout: Layout, path: Path, *, count: int, rate_hz: int = RATE_HZ) -> int:
+    """Reject sound that no WAV file holds; returns its bytes.
+
+    Raises
+    ------
+    InputError
+        The file would exceed 4 GiB.
+    """
+    data_bytes = count * len(layout) * 3
+    if data_bytes > _MAX_BYTES:
+        raise InputError(
+            f"{path}: {len(layout)} channels of {count / rate_hz:.0f} s are "
+            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
+        )
+    return data_bytes
+
+
+def write(
+    blocks: Callable[[], Iterator[F64]],
+    layout: Layout,
+    path: Path,
+    *,
+    count: int,
+    start_s: float,
+    rate_hz: int = RATE_HZ,
+) -> float:
+    """Write sound, 24 bits; reduces the level of the whole if it is too loud.
+
+    Parameters
+    ----------
+    blocks : callable
+        Begins the sound anew; yields samples (n, C), ``count`` altogether.
+    layout : Layout
+    path : Path
+        Beside it ``path.channels.json`` names the loudspeakers.
+    count : int
+    start_s : float
+        Time of the first sample, in the scene.
+
+    Returns
+    -------
+    float
+        The gain that everything got, 1 or less.
+
+    Raises
+    ------
+    InputError
+        The file would exceed 4 GiB.
+    OutputError
+        It cannot be written; nothing is left of it then.
+    """
+    data_bytes = refuse_large(layout, path, count=count, rate_hz=rate_hz)
+    kept: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _KEPT else None
+    peak = 0.0
+    for block in blocks():
+        peak = max(peak, float(np.abs(block).max(initial=0.0)))
+        if kept is not None:
+            kept.append(block.astype(np.float32))
+    gain = min(1.0, _HIGHEST / peak) if peak > 0.0 else 1.0
+    sidecar = {
+        "format": "hfx-sound-channels",
+        "version": 1,
+        "rate_hz": rate_hz,
+        "start_s": start_s,
+        "layout": layout.name,
+        "gain": gain,
+        "channels": [
+            {"channel": k, "azimuth_deg": azimuth, "elevation_deg": elevation}
+            for k, (azimuth, elevation) in enumerate(
+                zip(layout.azimuths_deg, layout.elevations_deg, strict=True)
+            )
+        ],
+    }
+    with atomic_file(path.with_name(path.name + SIDECAR_SUFFIX)) as file:
+        file.write(json.dumps(sidecar, indent=2).encode() + b"\n")
+    with atomic_file(path) as file:
+        file.write(_head("int24", len(layout), rate_hz, count))
+        again = blocks() if kept is None else (part.astype(np.float64) for part in kept)
+        for block in again:
+            file.write(_encoded(block * gain, "int24"))
+        file.write(b"\0" * (data_bytes % 2))
+    return gain

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A raster as a multichannel WAV: one channel for each vibration actuator.
+
+For actuators that are driven as sound. Each channel is a wave whose amplitude and frequency
+go linearly from one raster row to the next; its phase is the exact integral of the
+frequency, so it never jumps. An actuator that takes a waveform plays the sum of such waves, one
+for each effect: sines, or what its type names. A file ends in silence, faded over the last row.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64, I64
+from ...engine.rendering.conditioning.drive import DriveCurve, driven
+from ...engine.rendering.conditioning.limits import limited
+from ...engine.rendering.conditioning.waveform import (
+    cycles_on_the_way,
+    cycles_since_the_beginning,
+    cycles_until_it_repeats,
+    kept_through_silence,
+    kinds_of,
+    waves,
+)
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.raster import Raster
+from ...errors import InputError
+from ...files.atomic import atomic_file
+
+SUFFIX: Final = ".wav"
+RATE_HZ: Final = 48_000
+SIDECAR_SUFFIX: Final = ".channels.json"
+
+SampleFormat = Literal["int16", "int24", "float32"]
+
+_BITS: Final[dict[SampleFormat, int]] = {"int16": 16, "int24": 24, "float32": 32}
+_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
+# The tail of KSDATAFORMAT_SUBTYPE_PCM and _IEEE_FLOAT, after the format's own number.
+_SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
+_MAX_CHANNELS = 65_535
+MAX_FREQUENCY_HZ: Final = 1000.0
+"""Skin feels no vibration above it; well below half of any audio rate."""
+_MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
+_BLOCK_SAMPLES = 1 << 18  # over all channels
+
+
+@dataclass(frozen=True, eq=False)
+class _Drive:
+    """Waves of the channels, at the raster's rows."""
+
+    actuators: tuple[str, ...]
+    amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
+    first_hz: F64  # (T, C) frequency at the beginning of each row
+    last_hz: F64  # (T, C) and at its end
+    cycles: F64  # (T, C) played before each row, modulo those after which a wave repeats
+    kinds: I64  # (C,) of the waves
+    full_scale: float  # m/s^2
+    first_row: int = 0  # of the raster, at which it begins
+
+
+def write(
+    raster: Raster,
+    device: DeviceConfig,
+    path: Path,
+    *,
+    sample_format: SampleFormat = "int16",
+    rate_hz: int = RATE_HZ,
+) -> None:
+    """Write a raster as WAV, and beside it the list of channels and actuators.
+
+    Full scale is the largest amplitude that any vibration actuator of the device may be
+    given. More than two channels, or 24 bits, are written as WAVE_FORMAT_EXTENSIBLE with
+    channel mask 0: channels without loudspeaker positions. The sidecar is ``path`` +
+    ``.channels.json``.
+
+    Parameters
+    ----------
+    raster : Raster
+        Rendered for ``device``.
+    device : DeviceConfig
+    path : Path
+    sample_format : {"int16", "int24", "float32"}
+    rate_hz : int
+        Audio rate.
+
+    Raises
+    ------
+    InputError
+        The device has no vibration actuators, or the file would exceed 4 GiB.
+    OutputError
+        A file cannot be written; none is left half written.
+    """
+    if raster.device_id != device.id:
+        raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
+    if not 8_000 <= rate_hz <= 384_000:
+        raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
+    drive, *others = _drives(raster, device)
+    channel_count = len(drive.actuators)
+    # A row lasts rate_hz / raster rate samples; the last one is played to its end.
+    sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
+    data_bytes = sample_count * channel_count * _BITS[sample_format] // 8
+    if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
+        raise InputError(
+            f"{path}: {channel_count} channels of {sample_count / rate_hz:.0f} s are "
+            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter "
+            "range, or as CSV."
+        )
+    sidecar = path.with_name(path.name + SIDECAR_SUFFIX)
+    with atomic_file(sidecar) as file:
+        content = _sidecar(raster, drive, rate_hz)
+        file.write(json.dumps(content, indent=2).encode() + b"\n")
+    with atomic_file(path) as file:
+        file.write(_head(sample_format, channel_count, rate_hz, sample_count))
+        numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+        starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
+        row_count = max(1, int(_BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
+        for first in range(0, len(raster.values), row_count):
+            block = starts[first : first + row_count + 1]
+            played = np.zeros((int(block[-1] - block[0]), channel_count))
+            for each in (drive, *others):
+                _add_waveform(played, each, raster, rate_hz, first, block)
+            file.write(_encoded(played, sample_format))
+        file.write(b"\0" * (data_bytes % 2))  # RIFF chunks have even sizes
+
+
+def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
+    """The raster's own waves, and a set of waves for each effect on actuators that take them."""
+    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+    if not vibrating or full_scale == 0.0:
+        raise InputError(
+            f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
+            "export it as CSV."
+        )
+    column = {(each.actuator, each.parameter): i for i, each in enumerate(raster.columns)}
+    amplitude_columns = [column[each.id, "amplitude_m_s2"] for each in vibrating]
+    frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
+    pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
+    names = tuple(each.id for each in vibrating)
+    kinds = kinds_of([each.type.waveform for each in vibrating])
+    sums = [names.index(each) for each in raster.waveform_actuators]
+    pairs[:, sums, 0] = 0.0
+    curves = [each.type.drive for each in vibrating]
+    totals = np.zeros(pairs.shape[:2])
+    for partial in raster.partials:
+        rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
+        totals[rows, sums] += partial.amplitudes
+    found = [_drive(_driven(pairs, curves, full_scale), names, kinds, full_scale, raster, 0)]
+    for partial in raster.partials:
+        first = max(partial.first_row - 1, 0)  # it begins from silence
+        lead = partial.first_row - first
+        pairs = np.zeros((lead + len(partial.amplitudes), len(names), 2))
+        pairs[lead:, sums, 0] = partial.amplitudes
+        pairs[lead:, sums, 1] = partial.frequencies_hz
+        pairs = _driven(pairs, curves, full_scale, totals[first : first + len(pairs)])
+        found.append(_drive(pairs, names, kinds, full_scale, raster, first))
+    return found
+
+
+def _driven(
+    pairs: F64,
+    curves: Sequence[Sequence[DriveCurve]],
+    full_scale: float,
+    totals: F64 | None = None,
+) -> F64:
+    """Linearize the drive: amplitudes for a channel whose output is proportional to them."""
+    if not any(curves):
+        return pairs
+    asked = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
+    asked[..., 0] = np.where(np.isfinite(pairs).all(axis=2), asked[..., 0], 0.0)
+    drive = driven(curves, asked[..., 0], asked[..., 1], full_scale, totals)
+    return np.stack([full_scale * drive, asked[..., 1]], axis=2)
+
+
+def _drive(
+    pairs: F64,
+    actuators: tuple[str, ...],
+    kinds: I64,
+    full_scale: float,
+    raster: Raster,
+    first_row: int,
+) -> _Drive:
+    """Waves of amplitudes and frequencies (T, C, 2)."""
+    safe = limited(pairs, 0.0, [full_scale, MAX_FREQUENCY_HZ], 0.0)
+    silence = np.zeros((1, len(actuators)))
+    amplitudes = np.vstack([safe[..., 0], silence])
+    frequencies = np.vstack([safe[..., 1], safe[-1:, :, 1]])
+    first_hz, last_hz = kept_through_silence(
+        (amplitudes[:-1], amplitudes[1:]), (frequencies[:-1], frequencies[1:])
+    )
+    cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
+    repeats = cycles_until_it_repeats(kinds)
+    begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz), repeats)
+    return _Drive(
+        actuators=actuators,
+        amplitudes=amplitudes / full_scale,
+        first_hz=first_hz,
+        last_hz=last_hz,
+        cycles=(begun + np.vstack([silence, cycles[:-1]])) % repeats,
+        kinds=kinds,
+        full_scale=full_scale,
+        first_row=first_row,
+    )
+
+
+def _add_waveform(
+    played: F64, drive: _Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
+) -> None:
+    """Add a drive's output to audio samples (n, C) in -1..1; independent of the split into blocks.
+
+    Parameters
+    ----------
+    played : (n, C) float64
+        Samples of the raster's rows from ``first_row`` on.
+    starts : (R + 1,) int64
+        First audio sample of each row, and the first one after the last row.
+    """
+    skipped = max(drive.first_row - first_row, 0)
+    start = first_row + skipped - drive.first_row
+    stop = min(first_row + len(starts) - 1 - drive.first_row, len(drive.cycles))
+    sounds = drive.amplitudes[start : max(stop, start) + 1] != 0.0
+    # Silence costs nothing: only channels that sound during a row are computed.
+    row, channel = np.nonzero(sounds[:-1] | sounds[1:])
+    if len(row) == 0:
+        return
+    of_drive = row + start
+    begin = starts[row + skipped]
+    numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+    longest = -(-denominator // numerator)  # samples of a row
+    sample = np.arange(longest)
+    # How far into the row, 0..1; alike for all rows where they are whole numbers of samples.
+    is_even = denominator % numerator == 0
+    into = 0 if is_even else begin * numerator - (of_drive + drive.first_row) * denominator
+    x = (np.reshape(into, (-1, 1)) + sample * numerator) / denominator
+    way = drive.first_hz[of_drive, channel, None], drive.last_hz[of_drive, channel, None]
+    cycles = cycles_on_the_way(way, x, 1.0 / float(raster.rate_hz))
+    cycles += drive.cycles[of_drive, channel, None]
+    ends = drive.amplitudes[of_drive, channel, None], drive.amplitudes[of_drive + 1, channel, None]
+    values = waves(drive.kinds[channel, None], ends, way, x, cycles, rate_hz)
+    if is_even:
+        played.reshape(-1, longest, played.shape[1])[row + skipped, :, channel] += values
+        return
+    at = (begin - starts[0])[:, None] + sample
+    is_of_row = at < (starts[row + skipped + 1] - starts[0])[:, None]
+    channels = np.broadcast_to(channel[:, None], at.shape)
+    played[at[is_of_row], channels[is_of_row]] += values[is_of_row]
+
+
+def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
+    if sample_format == "float32":
+        return waveform.astype("<f4").tobytes()
+    waveform *= 2 ** (_BITS[sample_format] - 1) - 1  # one less than there is: symmetric
+    np.rint(waveform, out=waveform)
+    if sample_format == "int16":
+        return waveform.astype("<i2").tobytes()
+    whole: npt.NDArray[np.uint8] = waveform.astype("<i4").view(np.uint8).reshape(-1, 4)
+    kept = np.empty((len(whole), 3), np.uint8)  # the lowest bytes hold the number
+    for k in range(3):
+        kept[:, k] = whole[:, k]
+    return kept.tobytes()
+
+
+def _head(
+    sample_format: SampleFormat, channel_count: int, rate_hz: int, sample_count: int
+) -> bytes:
+    """Head of a WAV file: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
+    bits = _BITS[sample_format]
+    frame_bytes = channel_count * bits // 8
+    tag = _FLOAT if sample_format == "float32" else _PCM
+    is_extensible = channel_count > 2 or sample_format == "int24"
+    form = struct.pack(
+        "<HHIIHH",
+        _EXTENSIBLE if is_extensible else tag,
+        channel_count,
+        rate_hz,
+        rate_hz * frame_bytes,
+        frame_bytes,
+        bits,
+    )
+    if is_extensible:
+        form += struct.pack("<HHIH", 22, bits, 0, tag) + _SUBTYPE_TAIL
+    elif tag == _FLOAT:
+        form += struct.pack("<H", 0)
+    chunks = b"fmt " + struct.pack("<I", len(form)) + form
+    if tag == _FLOAT:
+        chunks += b"fact" + struct.pack("<II", 4, sample_count)
+    data_bytes = sample_count * frame_bytes
+    chunks += b"data" + struct.pack("<I", data_bytes)
+    riff_bytes = 4 + len(chunks) + data_bytes + data_bytes % 2
+    return b"RIFF" + struct.pack("<I", riff_bytes) + b"WAVE" + chunks
+
+
+def _sidecar(raster: Raster, drive: _Drive, rate_hz: int) -> dict[str, Any]:
+    return {
+        "format": "hfx-wav-channels",
+        "version": 1,
+        "device": raster.device_id,
+        "body": raster.body_id,
+        "rate_hz": rate_hz,
+        "start_s": float(raster.times_s[0]),
+        "full_scale_m_s2": drive.full_scale,
+        "channels": [
+            {"channel": i, "actuator": actuator} for i, actuator in enumerate(drive.actuators)
+        ],
+    }

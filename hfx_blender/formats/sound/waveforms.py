@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Waveforms as envelopes: amplitude and frequency over time.
+
+The analytic signal (D. Gabor, "Theory of communication", 1946) has the waveform's amplitude as
+its magnitude; its frequency is the mean of its spectrum at each time (L. Cohen, "Time-frequency
+distributions - a review", 1989, instantaneous frequency weighted by power).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...files import limits
+from ..signals.curves import Curve
+from ..signals.signals import Piece, frequencies_through_silence
+
+_ROWS_HZ: Final = 500.0
+_AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
+_FREQUENCY_S: Final = 0.02
+_SILENT: Final = 5e-4  # of full scale: below it a waveform is silent
+_BLOCK_ROWS: Final = 4096
+_BESIDE_S: Final = 0.5  # of samples before and after a block, which its analytic signal needs
+BYTES: Final = 128.0
+"""Memory that a sample of a waveform counts for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waveform:
+    """Samples at a rate, from a time on."""
+
+    start_s: float
+    rate_hz: float
+    values: F64  # (n,)
+
+    @property
+    def end_s(self) -> float:
+        """Time after the last sample, seconds."""
+        return self.start_s + len(self.values) / self.rate_hz
+
+    def until(self, end_s: float) -> Waveform:
+        """The part before a time, if that is after its start: blocks are filled up with silence."""
+        count = round((end_s - self.start_s) * self.rate_hz)
+        return Waveform(self.start_s, self.rate_hz, self.values[:count]) if count > 0 else self
+
+
+def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
+    """Sum of waveforms, at the highest of their rates; each is silent outside of its time.
+
+    Raises
+    ------
+    TooLargeError
+        It would have more samples than a file may ask for.
+    """
+    rate = max(each.rate_hz for each in waveforms)
+    start = min(each.start_s for each in waveforms)
+    count = round((max(each.end_s for each in waveforms) - start) * rate)
+    limits.MEMORY.check(BYTES * count, name, "its waveform would take")
+    total = np.zeros(count)
+    for each in waveforms:
+        first = round((each.start_s - start) * rate)
+        if each.rate_hz == rate:
+            part = each.values[: count - first]
+        else:
+            times = np.arange(int((each.end_s - each.start_s) * rate)) / rate
+            own_times = np.arange(len(each.values)) / each.rate_hz
+            part = np.interp(times, own_times, each.values)[: count - first]
+        total[first : first + len(part)] += part
+    return Waveform(start, rate, total)
+
+
+def piece_of(waveform: Waveform, gain: float) -> Piece:
+    """Amplitude and frequency of a waveform, as a piece of a signal.
+
+    A steady tone has exactly its amplitude; what changes within 5 ms has the tone's that has
+    the same power.
+    """
+    rate = waveform.rate_hz
+    rows = np.arange(int(len(waveform.values) * _ROWS_HZ / rate) + 1) / _ROWS_HZ
+    amplitude, hertz = np.zeros((2, len(rows)))
+    for first in range(0, len(rows), _BLOCK_ROWS):  # a long waveform needs little memory
+        block = slice(first, first + _BLOCK_ROWS)
+        begin = max(int((rows[block][0] - _BESIDE_S) * rate), 0)
+        end = int((rows[block][-1] + _BESIDE_S) * rate) + 1
+        part = gain * waveform.values[begin:end]
+        at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
+        amplitude[block], hertz[block] = _analysed(part, rate, at)
+    times = waveform.start_s + rows
+    hertz = frequencies_through_silence(amplitude, hertz)
+    return Piece(waveform.start_s, waveform.end_s, Curve(times, amplitude), Curve(times, hertz))
+
+
+def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F64, F64]:
+    """Amplitude and frequency, Hz, of samples at some of their indices."""
+    count = len(values)
+    padded = 1 << (count + int(rate_hz * _FREQUENCY_S)).bit_length()
+    spectrum = np.fft.fft(values, padded)
+    spectrum[1 : padded // 2] *= 2.0
+    spectrum[padded // 2 + 1 :] = 0.0
+    analytic = np.fft.ifft(spectrum)[: count + 1]
+    power = np.abs(analytic[:count]) ** 2
+    turned = analytic[1:] * np.conj(analytic[:-1])
+    # Turned by more than half a turn a sample cannot be; its power weights each turn.
+    turns = np.angle(turned) * np.abs(turned)
+    amplitude = np.sqrt(np.maximum(_averaged(power, _AMPLITUDE_S * rate_hz)[at], 0.0))
+    amplitude[amplitude < _SILENT] = 0.0
+    weight = _averaged(np.abs(turned), _FREQUENCY_S * rate_hz)[at]
+    turning = np.maximum(_averaged(turns, _FREQUENCY_S * rate_hz)[at], 0.0)
+    hertz = turning / np.where(weight > 0.0, weight, 1.0) * rate_hz / (2.0 * np.pi)
+    return amplitude, np.asarray(np.minimum(hertz, rate_hz / 2.0))
+
+
+def _averaged(values: F64, width: float) -> F64:
+    """Mean about each sample, weighted by a raised cosine over ``width`` samples."""
+    half = max(int(width / 2.0), 1)
+    window = np.hanning(2 * half + 1)
+    padded = np.concatenate([np.zeros(half), values, np.zeros(half)])
+    size = 1 << (len(padded) + len(window)).bit_length()
+    spectrum = np.fft.rfft(padded, size) * np.fft.rfft(window / window.sum(), size)
+    return np.asarray(np.fft.irfft(spectrum, size)[2 * half : 2 * half + len(values)])

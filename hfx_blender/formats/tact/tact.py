@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""bHaptics .tact: dots of a vest or of sleeves, switched every 20 ms.
+
+Source: haptic-library ``src/ProjectModel.cpp`` (what the player's own parser wants). Strengths
+are constant between switches; there is no frequency.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...files import limits
+from ...files.json_shapes import clean, known_members, parse
+from ...text import counted
+from ..leniency import refuse_but, without_nulls
+from ..signals.credits import Credits, text_of
+from ..signals.curves import Curve
+from ..signals.signals import FrequencyRange, Piece, Signal, mixed
+from ..written import Written, beside, write_json
+from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
+from .tact_rules import DOCUMENT, INTERVAL_MS, findings
+
+SUFFIX: Final = ".tact"
+DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
+"""A vest's motors have one frequency that depends on the strength; about this."""
+
+_GAP_MS: Final = 500  # silence that ends an effect
+
+
+def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
+    """Write one file for each kind of suit that has any of the signals.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Not simplified: strengths are taken every 20 ms, the strongest of that time, in steps
+        of 0.01.
+    motors : mapping
+        The motor that plays each signal, by the signal's name; of several for one motor the
+        strongest counts.
+    stem : Path
+    """
+    files = []
+    kinds = dict.fromkeys(motors[each.name].kind for each in signals if each.name in motors)
+    for kind in kinds:
+        path = stem if len(kinds) == 1 else beside(stem, kind.lower())
+        files.append(path.with_name(path.name + SUFFIX))
+        write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
+    played = [each for each in signals if each.name in motors and not each.is_silent]
+    share = Counter(motors[each.name] for each in played)
+    left_out = (
+        *counted(
+            [each.name for each in signals if each.name not in motors],
+            "no bHaptics motor is where these actuators are",
+        ),
+        *counted(
+            [each.name for each in played if share[motors[each.name]] > 1],
+            "of several actuators at one motor only the strongest at a time counts",
+        ),
+    )
+    weak = [each.name for each in played if np.rint(100.0 * each.amplitude.values.max()) < 1.0]
+    notes = (
+        "strengths change every 20 ms, in steps of 1 %; a motor's frequency is its own",
+        *counted(weak, "actuators too weak for steps of 1 % are silent"),
+    )
+    return Written(tuple(files), left_out, notes)
+
+
+def document(
+    signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
+) -> dict[str, Any]:
+    """Signals as the content of a file for one kind of suit."""
+    layout = LAYOUTS[kind]
+    end_s = max((each.duration_s for each in signals), default=0.0)
+    steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
+    most_bytes = 3.0 * 8.0 * steps * len(layout.positions) * MAX_DOTS  # strengths, in three steps
+    limits.MEMORY.check(most_bytes, name, "strengths every 20 ms would take")
+    places = {
+        (position, index): k * MAX_DOTS + index
+        for k, position in enumerate(layout.positions)
+        for index in range(len(layout.dots))
+    }
+    levels = np.zeros((steps, len(layout.positions) * MAX_DOTS))
+    for each in signals:
+        motor = motors.get(each.name)
+        if motor is not None and motor.kind == kind:
+            column = places[motor.position, motor.index]
+            levels[:, column] = np.maximum(levels[:, column], _strongest(each.amplitude, steps))
+    hundredths = np.rint(100.0 * levels).astype(np.int64)
+    effects = [_effect(hundredths, span, layout.positions) for span in _spans(hundredths)]
+    length = steps * INTERVAL_MS
+    return {
+        "name": name,
+        "intervalMillis": INTERVAL_MS,
+        "size": MAX_DOTS,
+        "durationMillis": length,
+        "project": {
+            "name": name,
+            "description": "",
+            "mediaFileDuration": max(1, -(-length // 1000)),
+            "createdAt": 0,
+            "updatedAt": 0,
+            "id": "",
+            "layout": {
+                "type": layout.type,
+                "name": layout.name,
+                "layouts": {
+                    position: [{"index": k, "x": x, "y": y} for k, (x, y) in enumerate(layout.dots)]
+                    for position in layout.positions
+                },
+            },
+            "tracks": [{"enable": True, "effects": effects}],
+        },
+    }
+
+
+def _strongest(curve: Curve, steps: int) -> F64:
+    """The largest value of a curve in each interval, (steps,)."""
+    edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
+    strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
+    inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
+    kept = (inside >= 0) & (inside < steps)
+    # A keyframe right at an edge counts for both sides only through its values there.
+    kept &= np.abs(curve.times_s - edges[np.clip(inside, 0, steps)]) > 1e-9
+    np.maximum.at(strongest, inside[kept], curve.values[kept])
+    strongest[edges[:-1] >= curve.times_s[-1] - 1e-9] = 0.0  # a signal ends with its curve
+    return np.asarray(np.clip(strongest, 0.0, 1.0))
+
+
+def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Spans of sound, first and last step, without longer silences."""
+    loud = np.flatnonzero(levels.any(axis=1))
+    if not len(loud):
+        return []
+    cuts = np.flatnonzero(np.diff(loud) > _GAP_MS // INTERVAL_MS)
+    firsts = np.concatenate([[0], cuts + 1])
+    lasts = np.concatenate([cuts, [len(loud) - 1]])
+    return [(int(loud[a]), int(loud[b]) + 1) for a, b in zip(firsts, lasts, strict=True)]
+
+
+def _effect(
+    levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
+) -> dict[str, Any]:
+    first, stop = span
+    part = levels[first:stop]
+    return {
+        "name": f"from {first * INTERVAL_MS} ms",
+        "startTime": first * INTERVAL_MS,
+        "offsetTime": (stop - first) * INTERVAL_MS,
+        "modes": {
+            position: {
+                "mode": "DOT_MODE",
+                "dotMode": {
+                    "dotConnected": False,
+                    "feedback": list(_dots(part[:, k * MAX_DOTS : (k + 1) * MAX_DOTS])),
+                },
+                "pathMode": {
+                    "feedback": [
+                        {"playbackType": "NONE", "movingPattern": "CONST_SPEED", "pointList": []}
+                    ]
+                },
+            }
+            for k, position in enumerate(positions)
+        },
+    }
+
+
+def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
+    """Intervals with constant dots of a position; silent ones are left out."""
+    changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
+    edges = [0, *changes.tolist(), len(levels)]
+    for first, stop in pairwise(edges):
+        row = levels[first]
+        if row.any():
+            yield {
+                "startTime": first * INTERVAL_MS,
+                "endTime": stop * INTERVAL_MS,
+                "playbackType": "NONE",
+                "pointList": [
+                    {"index": int(k), "intensity": row[k] / 100.0} for k in np.flatnonzero(row)
+                ],
+            }
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """Signals of a file, one for each dot that is used, named ``VestFront 0``.
+
+    A point that moves on a path is played by the nearest dot.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    found = without_nulls(parse(content, name))
+    # The player takes what has the form, and leaves out what is missing.
+    notes = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
+    found = known_members(DOCUMENT, found)
+    pieces: dict[tuple[str, int], list[Piece]] = {}
+    lost: Counter[str] = Counter()
+    project = found.get("project", {})
+    layouts = project.get("layout", {}).get("layouts", {})
+    for track in project.get("tracks", []):
+        if not track.get("enable", True):
+            lost["tracks that are switched off"] += 1
+            continue
+        for effect in track.get("effects", []):
+            for position, mode in effect.get("modes", {}).items():
+                dots = [dot for dot in layouts.get(position, []) if "index" in dot]
+                if mode.get("mode") == "PATH_MODE":
+                    _count_lost(mode, dots, lost)
+                    played = _path_pieces(effect, mode, dots)
+                else:
+                    played = _dot_pieces(effect, mode)
+                for index, piece in played:
+                    pieces.setdefault((position, index), []).append(piece)
+    end_s = found.get("durationMillis", 0) / 1000.0
+    signals = [
+        mixed(f"{position} {index}", each, (), end_s)
+        for (position, index), each in sorted(pieces.items())
+    ]
+    credits = Credits(
+        project=text_of(project, "name") or text_of(found, "name"),
+        description=text_of(project, "description"),
+    )
+    signals = [replace(each, credits=credits) for each in signals]
+    if signals:
+        left_out = tuple(f"{count} {what}" for what, count in lost.items())
+        signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)
+    return signals, DEFAULT_RANGE
+
+
+def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
+    """Count the parts of a path that cannot be played as intended."""
+    for feedback in _feedbacks(mode, "pathMode"):
+        if not feedback.get("pointList"):
+            lost["paths without points, which are silent"] += 1
+        elif not dots:
+            lost["paths at a position whose layout has no dots"] += 1
+        else:
+            if len(feedback["pointList"]) > 1:
+                lost["moving points, which jump from dot to dot"] += 1
+            if feedback.get("playbackType", "NONE") != "NONE":
+                lost["fades of paths"] += 1
+
+
+def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
+    return found
+
+
+_FADES: Final = {
+    "NONE": ((0.0, 1.0), (1.0, 1.0)),
+    "FADE_IN": ((0.0, 1.0), (0.0, 1.0)),
+    "FADE_OUT": ((0.0, 1.0), (1.0, 0.0)),
+    "FADE_IN_OUT": ((0.0, 0.5, 1.0), (0.0, 1.0, 0.0)),
+}
+
+
+def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
+    shares, values = _FADES.get(fade, _FADES["NONE"])
+    level = min(max(level, 0.0), 1.0)
+    times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
+    pitch = Curve.of([start_s], [DEFAULT_RANGE.lowest_hz])
+    return Piece(start_s, end_s, Curve(times, level * np.array(values)), pitch)
+
+
+def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
+    begin = effect.get("startTime", 0)
+    for feedback in _feedbacks(mode, "dotMode"):
+        start = begin + feedback.get("startTime", 0)
+        end = begin + feedback.get("endTime", effect.get("offsetTime", 0))
+        fade = feedback.get("playbackType", "NONE")
+        for point in feedback.get("pointList", []):
+            level = float(point.get("intensity", 0.0))
+            if "index" in point:
+                yield point["index"], _piece(start / 1000.0, end / 1000.0, level, fade)
+
+
+def _path_pieces(
+    effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]]
+) -> Iterator[tuple[int, Piece]]:
+    if not dots:
+        return  # a warning of the rules; decode counts it
+    places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
+    begin = effect.get("startTime", 0)
+    for feedback in _feedbacks(mode, "pathMode"):
+        points = sorted(feedback.get("pointList", []), key=_time_of)
+        if not points:
+            continue  # silence, as players take it; decode counts it
+        ends = [_time_of(point) for point in points[1:]] + [effect.get("offsetTime", 0)]
+        for point, end in zip(points, ends, strict=True):
+            off = places - (float(point.get("x", 0.5)), float(point.get("y", 0.5)))
+            nearest = dots[int(np.argmin((off**2).sum(axis=1)))]
+            start_s, end_s = (begin + _time_of(point)) / 1000.0, (begin + end) / 1000.0
+            level = float(point.get("intensity", 0.0))
+            yield nearest["index"], _piece(start_s, end_s, level, "NONE")
+
+
+def _time_of(point: dict[str, Any]) -> float:
+    return float(point.get("time", 0))

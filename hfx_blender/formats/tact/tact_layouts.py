@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Places of bHaptics' motors, and their assignment to a device's actuators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ...engine.body.model import load_model
+from ...engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
+from ...engine.rendering.device_output import BhapticsEncoder
+
+MAX_DOTS: Final = 20
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Kind of suit: its positions have the same dots each."""
+
+    type: str
+    name: str
+    positions: tuple[str, ...]
+    dots: tuple[tuple[float, float], ...]  # x from the left, y from the top, 0..1
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Motor of a kind of suit."""
+
+    kind: str  # key of LAYOUTS
+    position: str
+    index: int
+
+
+def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
+    return tuple(
+        (round(column / (columns - 1), 3), round(row / (rows - 1), 3))
+        for row in range(rows)
+        for column in range(columns)
+    )
+
+
+def _row(columns: int) -> tuple[tuple[float, float], ...]:
+    return tuple((round(column / (columns - 1), 3), 0.5) for column in range(columns))
+
+
+LAYOUTS: Final = {
+    "Vest": Layout("Vest", "Tactot", ("VestFront", "VestBack"), _grid(4, 5)),
+    "Sleeves": Layout("Tactosy2", "Tactosy2", ("ForearmL", "ForearmR"), _grid(3, 2)),
+    "Head": Layout("Head", "Tactal", ("Head",), _row(6)),
+    "Hands": Layout("Hand", "Hand", ("HandL", "HandR"), _row(3)),
+    "Feet": Layout("Foot", "Foot", ("FootL", "FootR"), _row(3)),
+    "Gloves": Layout("Glove", "TactGlove", ("GloveL", "GloveR"), _row(6)),
+}
+_KIND_OF: Final = {position: kind for kind, each in LAYOUTS.items() for position in each.positions}
+
+# The motors of the vest on the body in its rest pose: the wearer's left is +X. Dot 0 of the
+# front and of the back is at the wearer's left shoulder (two independent maps of the vest say
+# so, and the shipped configuration of the vest).
+_VEST_X_M: Final = (0.105, 0.035, -0.035, -0.105)
+_VEST_Z_M: Final = (1.40, 1.31, 1.22, 1.13, 1.04)
+
+
+def motors_of(device: DeviceConfig) -> dict[str, Motor]:
+    """Motor for each vibration actuator, by the actuator's id.
+
+    A device that the bHaptics Player drives has the dots of its configuration, as when it is
+    played live. For others the nearest motor in front or behind on the torso, and the motors of
+    a forearm in the order of the configuration; actuators elsewhere have none.
+    """
+    how = device.output.encoder if device.output is not None else None
+    if isinstance(how, BhapticsEncoder):
+        dots = how.worn_dots(is_mirrored=device.is_mirrored)
+        return {
+            actuator.id: Motor(_KIND_OF[position], position, index)
+            for actuator, (position, index) in zip(device.actuators, dots, strict=True)
+            if actuator.type.modality == "vibration"
+        }
+    return _nearest_motors(device)
+
+
+def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
+    """Motors at the places of the actuators."""
+    motors = {}
+    taken = {"ForearmL": 0, "ForearmR": 0}
+    for actuator in device.actuators:
+        if actuator.type.modality != "vibration":
+            continue
+        place = actuator.place
+        parts = place.parts if isinstance(place, BodyPlace) else ("torso",)
+        centre = _centre(device, actuator)
+        if centre is None:
+            continue
+        x, y, z = centre
+        if parts == ("forearm",):
+            position = "ForearmL" if x > 0.0 else "ForearmR"
+            if taken[position] < len(LAYOUTS["Sleeves"].dots):
+                motors[actuator.id] = Motor("Sleeves", position, taken[position])
+                taken[position] += 1
+        elif parts == ("torso",):
+            column = int(np.argmin(np.abs(np.array(_VEST_X_M) - x)))
+            row = int(np.argmin(np.abs(np.array(_VEST_Z_M) - z)))
+            position = "VestFront" if y < 0.0 else "VestBack"
+            motors[actuator.id] = Motor("Vest", position, 4 * row + column)
+    return motors
+
+
+def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, float] | None:
+    """Place of an actuator in rest space; None for one in the room."""
+    place = actuator.place
+    if isinstance(place, BodyPlace):
+        x, y, z = place.centre_m
+    elif isinstance(place, VertexPlace):
+        first = place.sets[0]
+        x, y, z = load_model(first.model_id).vertices[list(first.vertices)].mean(axis=0).tolist()
+    else:
+        return None
+    return (-x if device.is_mirrored else x, y, z)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of bHaptics .tact files, as far as the player's own parser shows them."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ...files.json_shapes import (
+    Anything,
+    Finding,
+    Flag,
+    Items,
+    Number,
+    Place,
+    Record,
+    Report,
+    Shape,
+    Table,
+    Text,
+    check,
+    json_validator,
+)
+from .tact_layouts import MAX_DOTS
+
+INTERVAL_MS: Final = 20
+_MAX_MS: Final = 3_600_000 * 24
+_MILLIS = Number(0, _MAX_MS)
+_SHARE = Number(0.0, 1.0, may_be_text=True)
+_DOT_MODE: Shape = Record(
+    {
+        "feedback": Items(
+            Record(
+                {
+                    "startTime": _MILLIS,
+                    "endTime": _MILLIS,
+                    "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
+                    "pointList": Items(
+                        Record(
+                            {
+                                "index": Number(0, MAX_DOTS - 1, is_whole=True),
+                                "intensity": _SHARE,
+                            },
+                            unknown="ignore",
+                        ),
+                    ),
+                },
+                unknown="ignore",
+            )
+        )
+    },
+    {"dotConnected": Flag()},
+    unknown="ignore",
+)
+_PATH_MODE: Shape = Record(
+    {
+        "feedback": Items(
+            Record(
+                {
+                    "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
+                    "movingPattern": Text(("CONST_SPEED", "CONST_TDM")),
+                    "pointList": Items(
+                        Record(
+                            {"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS},
+                            unknown="ignore",
+                        )
+                    ),
+                },
+                unknown="ignore",
+            )
+        )
+    },
+    unknown="ignore",
+)
+_MODE = Record(
+    {
+        "mode": Text(("DOT_MODE", "PATH_MODE")),
+        "dotMode": _DOT_MODE,
+        "pathMode": _PATH_MODE,
+    },
+    unknown="ignore",
+)
+_EFFECT = Record(
+    {"startTime": _MILLIS, "offsetTime": _MILLIS, "modes": Table(_MODE)}, unknown="ignore"
+)
+_LAYOUT = Record(
+    {
+        "type": Text(),
+        "name": Text(),
+        "layouts": Table(
+            Items(
+                Record(
+                    {"index": Number(0, MAX_DOTS - 1, is_whole=True), "x": _SHARE, "y": _SHARE},
+                    unknown="ignore",
+                ),
+                most=MAX_DOTS,
+            )
+        ),
+    },
+    unknown="ignore",
+)
+DOCUMENT = Record(
+    {
+        "intervalMillis": Number(INTERVAL_MS, INTERVAL_MS, is_whole=True),
+        "size": Number(MAX_DOTS, MAX_DOTS, is_whole=True),
+        "durationMillis": _MILLIS,
+        "project": Record(
+            {
+                "layout": _LAYOUT,
+                "tracks": Items(
+                    Record({"effects": Items(_EFFECT)}, {"enable": Flag()}, unknown="ignore")
+                ),
+            },
+            dict.fromkeys(("name", "description"), Anything()),
+            unknown="ignore",
+        ),
+    },
+    {"name": Anything(), "feedback": Anything()},
+)
+
+
+def findings(found: Any) -> list[Finding]:
+    """Faults of a parsed document."""
+    report = Report("TACT")
+    check(DOCUMENT, found, report)
+    if report.has_errors:
+        return report.findings
+    project = found["project"]
+    layouts = project["layout"]["layouts"]
+    for t, track in enumerate(project["tracks"]):
+        for e, effect in enumerate(track["effects"]):
+            place: Place = (((((None, "project"), "tracks"), t), "effects"), e)
+            end = effect["startTime"] + effect["offsetTime"]
+            if found["durationMillis"] and end > found["durationMillis"]:
+                message = f"ends at {end} ms, after the file ({found['durationMillis']} ms)"
+                report.warn("DURATION", place, message)
+            for position, mode in effect["modes"].items():
+                here = ((place, "modes"), position)
+                if position not in layouts:
+                    message = f"the layout has no position '{position[:40]}'"
+                    report.error("POSITION", here, message)
+                    continue
+                if mode["mode"] == "PATH_MODE":
+                    paths = mode["pathMode"]["feedback"]
+                    if any(not each["pointList"] for each in paths):
+                        report.warn("PATH-EMPTY", here, "a path has no points: it is silent")
+                known = {dot["index"] for dot in layouts[position]}
+                for feedback in mode["dotMode"]["feedback"]:
+                    if feedback["endTime"] < feedback["startTime"]:
+                        report.error("ORDER", here, "a feedback ends before it begins")
+                    for point in feedback["pointList"]:
+                        if point["index"] not in known:
+                            message = f"the layout has no dot {point['index']}"
+                            report.error("DOT", here, message)
+    return report.findings
+
+
+validate = json_validator(findings)

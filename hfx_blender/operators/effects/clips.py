@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips on the timeline of an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ...authoring.clips import clips, drawn_fades
+from ...authoring.effects import swarms
+from ...blender.scene_units import fps_of
+from ...errors import InputError
+from .. import framing
+from ..shared import HfxOperator, active_effect
+
+
+class _OfEffect(HfxOperator):
+    requires = ((active_effect, "Select a haptic effect"),)
+
+
+def _shown(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator], float]:
+    """Getter of a time in the scene's unit."""
+
+    def get(operator: bpy.types.Operator) -> float:
+        return float(getattr(operator, name)) * _unit_per(in_frames)
+
+    return get
+
+
+def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator, float], None]:
+    """Setter of a time in the scene's unit."""
+
+    def set_time(operator: bpy.types.Operator, value: float) -> None:
+        setattr(operator, name, value / _unit_per(in_frames))
+
+    return set_time
+
+
+def _unit_per(in_frames: bool) -> float:
+    """Length of a frame or a second in the scene's unit of time."""
+    scene = bpy.context.scene
+    frames_per_second = fps_of(scene)
+    shows_frames = scene.hfx.time_unit == "FRAMES"
+    if shows_frames == in_frames:
+        return 1.0
+    return frames_per_second if shows_frames else 1.0 / frames_per_second
+
+
+class _ClipOperator(_OfEffect):
+    last_field: ClassVar[str]
+
+    start: FloatProperty(
+        name="Start Frame",
+        description="Frame at which the clip starts; below 0: the current frame",
+        default=-1.0,
+        min=-1.0,
+        options={"SKIP_SAVE"},
+    )
+    duration: FloatProperty(
+        name="Duration",
+        description="How long the effect is on",
+        default=1.0,
+        min=0.001,
+        unit="TIME_ABSOLUTE",
+    )
+    fade_in: FloatProperty(
+        name="Fade In",
+        description="Time to reach full strength",
+        default=0.0,
+        min=0.0,
+        unit="TIME_ABSOLUTE",
+    )
+    fade_out: FloatProperty(
+        name="Fade Out",
+        description="Time to fall from full strength to nothing",
+        default=0.0,
+        min=0.0,
+        unit="TIME_ABSOLUTE",
+    )
+
+    shown_start: FloatProperty(
+        name="Start",
+        description="Time at which the clip starts",
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("start", True),
+        set=_stored("start", True),
+    )
+    shown_duration: FloatProperty(
+        name="Duration",
+        description="How long the effect is on",
+        min=0.001,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("duration"),
+        set=_stored("duration"),
+    )
+    shown_fade_in: FloatProperty(
+        name="Fade In",
+        description="Time to reach full strength",
+        min=0.0,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("fade_in"),
+        set=_stored("fade_in"),
+    )
+    shown_fade_out: FloatProperty(
+        name="Fade Out",
+        description="Time to fall from full strength to nothing",
+        min=0.0,
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=_shown("fade_out"),
+        set=_stored("fade_out"),
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
+        for name in ("start", "duration", "fade_in", "fade_out"):
+            label = name.replace("_", " ").title()
+            layout.prop(self, f"shown_{name}", text=f"{label} ({unit})")
+        layout.prop(self, self.last_field)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("start"):
+            self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
+        return framing.execute_with_room(self, context)
+
+    def span(self, context: bpy.types.Context) -> dict[str, float]:
+        fps = fps_of(context.scene)
+        start = self.start if self.start >= 0 else float(context.scene.frame_current)
+        return {
+            "frame_start": start,
+            "frame_end": start + self.duration * fps,
+            "fade_in": self.fade_in * fps,
+            "fade_out": self.fade_out * fps,
+        }
+
+
+class HFX_OT_add_clip(_ClipOperator):
+    """Add a clip from the current frame on, with fades"""
+
+    bl_idname = "hfx.add_clip"
+    bl_label = "Add Clip"
+
+    last_field = "name"
+
+    name: StringProperty(
+        name="Name", description="Name of the clip on the timeline", default="Clip"
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        clips.add_clip(active_effect(context), name=self.name, **self.span(context))
+        return ""
+
+
+class HFX_OT_add_heartbeat(_ClipOperator):
+    """Add a heartbeat of whole beats to the effect; fades shape the whole of it, not each beat"""
+
+    bl_idname = "hfx.add_heartbeat"
+    bl_label = "Add Heartbeat"
+
+    last_field = "beats_per_minute"
+
+    beats_per_minute: FloatProperty(
+        name="Beats per Minute",
+        description="Rate of the heart; at rest it is 60 to 100",
+        default=72.0,
+        min=6.0,
+        max=1200.0,
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        clips.add_heartbeat(
+            active_effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
+        )
+        return ""
+
+
+class HFX_OT_extend_scene(HfxOperator):
+    """Move the scene's last frame, or its first one, so that clips which lie outside are felt"""
+
+    bl_idname = "hfx.extend_scene"
+    bl_label = "Extend the Scene"
+
+    which: EnumProperty(
+        name="Effects",
+        description="Effects whose clips shall lie within the scene",
+        items=(
+            ("ACTIVE", "Active", "The active effect"),
+            ("ALL", "All", "All effects of the scene"),
+        ),
+        options={"SKIP_SAVE"},
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        scene, active = context.scene, active_effect(context)
+        found = swarms.listed_effects(scene)
+        if self.which == "ACTIVE":
+            found = [active] if active is not None else []
+        before = scene.frame_start, scene.frame_end
+        is_done = clips.extend(scene, found)
+        if not is_done and before == (scene.frame_start, scene.frame_end):
+            raise InputError("A scene begins at frame 0 or later. Move the clip.")
+        return f"The scene has the frames {scene.frame_start} to {scene.frame_end}"
+
+
+class HFX_OT_remove_clip(_OfEffect):
+    """Remove a clip from the timeline; an effect without clips is always on"""
+
+    bl_idname = "hfx.remove_clip"
+    bl_label = "Remove Clip"
+
+    name: StringProperty(name="Name", description="The clip's name")
+
+    def work(self, context: bpy.types.Context) -> str:
+        clips.remove_clip(active_effect(context), self.name)
+        return ""
+
+
+class HFX_OT_draw_fades(_OfEffect):
+    """Give the clip's strength a curve, to be drawn in the Graph or NLA editor"""
+
+    bl_idname = "hfx.draw_fades"
+    bl_label = "Draw Fades as Curve"
+
+    name: StringProperty(name="Name", description="The clip's name")
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = active_effect(context)
+        for _, strip in clips.strips_of(effect):
+            if strip.name == self.name:
+                drawn_fades.draw(effect, strip)
+                return f"Edit 'Influence' of '{strip.name}' in the Graph or NLA editor"
+        raise InputError(f"Effect '{effect.name}' has no clip '{self.name}'.")
+
+
+class HFX_OT_copy_clips(_OfEffect):
+    """Copy the clips of the active effect to the other selected effects"""
+
+    bl_idname = "hfx.copy_clips"
+    bl_label = "Copy Clips to Selected"
+
+    def work(self, context: bpy.types.Context) -> str:
+        source = active_effect(context)
+        others = [o for o in context.selected_objects if o != source and o.hfx.role == "EFFECT"]
+        if not others:
+            raise InputError("Select the target effects first, and this effect last.")
+        count = sum(clips.copy_clips(source, effect) for effect in others)
+        return f"Added {count} clips"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_add_clip,
+        HFX_OT_add_heartbeat,
+        HFX_OT_extend_scene,
+        HFX_OT_remove_clip,
+        HFX_OT_draw_fades,
+        HFX_OT_copy_clips,
+    )
+)

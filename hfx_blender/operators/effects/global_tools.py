@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tools for many effects at once, and effect types that make other effects."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from ...authoring.effects import global_tools, swarms
+from ...blender.scene_units import fps_of
+from ...errors import InputError
+from .. import framing
+from ..shared import HfxOperator, OnBodyOperator, select_only, target_body
+
+SCOPES = (
+    ("SELECTED", "Selected", "The selected effects"),
+    ("COLLECTION", "Collection", "All effects in the active effect's collections"),
+    ("ALL", "All", "Every effect of the scene"),
+)
+
+
+class _ManyEffects(HfxOperator):
+    scope: EnumProperty(name="Scope", description="Effects to change", items=SCOPES)
+
+    requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
+
+    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        found = swarms.listed_effects(context.scene)
+        if self.scope == "SELECTED":
+            found = [effect for effect in found if swarms.is_selected(context.scene, effect)]
+        elif self.scope == "COLLECTION":
+            own = set(context.object.users_collection) if context.object else set()
+            found = [effect for effect in found if own & set(effect.users_collection)]
+        if not found:
+            raise InputError("This scope has no effects; select some, or choose another scope.")
+        return found
+
+
+class HFX_OT_scale_strength(_ManyEffects):
+    """Make effects stronger or weaker, keyframes included"""
+
+    bl_idname = "hfx.scale_strength"
+    bl_label = "Gain"
+
+    factor: FloatProperty(
+        name="Factor",
+        description="Factor for their strength; for a temperature, for its difference from neutral",
+        default=1.0,
+        min=0.0,
+        max=100.0,
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = global_tools.scale_strength(self.chosen(context), self.factor)
+        return f"Effects scaled by {self.factor:g}: {count}"
+
+
+class HFX_OT_scale_frequency(_ManyEffects):
+    """Make vibrations higher or lower, keyframes included"""
+
+    bl_idname = "hfx.scale_frequency"
+    bl_label = "Frequency"
+
+    factor: FloatProperty(
+        name="Factor",
+        description="Factor for their frequency; 2 is an octave higher",
+        default=1.0,
+        min=0.01,
+        max=100.0,
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = global_tools.scale_frequency(self.chosen(context), self.factor)
+        return f"{count} vibrations scaled by {self.factor:g}"
+
+
+class HFX_OT_modulate(_ManyEffects):
+    """Modulate the intensity of effects; a depth of 0 removes the modulation"""
+
+    bl_idname = "hfx.modulate"
+    bl_label = "Modulation"
+
+    rate: FloatProperty(name="Rate", description="Modulations per second", default=2.0, min=0.01)
+    depth: FloatProperty(
+        name="Depth",
+        description="Depth of the modulation: 1 lowers the intensity to nothing",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = global_tools.modulate(
+            self.chosen(context), self.rate, self.depth, fps_of(context.scene)
+        )
+        return f"Effects modulated: {count}"
+
+
+class HFX_OT_add_rain(OnBodyOperator):
+    """Make it rain on the body: adds the drops, or replaces those of the same name"""
+
+    bl_idname = "hfx.add_rain"
+    bl_label = "Rain"
+
+    drops_per_second: FloatProperty(
+        name="Drops per Second",
+        description="On the whole body, at random times: 2 is a drizzle, 30 a shower",
+        default=8.0,
+        min=0.1,
+        max=200.0,
+    )
+    drop_size: FloatProperty(
+        name="Drop Size (mm)",
+        description="Diameter of the skin area of a drop",
+        default=20.0,
+        min=1.0,
+        max=200.0,
+    )
+    duration: FloatProperty(
+        name="Duration",
+        description="Duration of the rain, from the current frame on",
+        default=4.0,
+        min=0.1,
+        unit="TIME_ABSOLUTE",
+    )
+    strength: FloatProperty(
+        name="Strength (m/s²)",
+        description="Peak acceleration of a drop's tap",
+        default=5.0,
+        min=0.0,
+        max=100.0,
+    )
+    seed: IntProperty(name="Seed", description="Seed of the random drops", default=0, min=0)
+    name: StringProperty(
+        name="Name",
+        description="Replaces rain of the same name on the same body",
+        default="Rain",
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return framing.execute_with_room(self, context)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import rain
+
+        made = rain.make(
+            context.scene,
+            target_body(context),
+            name=self.name or "Rain",
+            drops_per_second=self.drops_per_second,
+            drop_size_m=self.drop_size / 1000.0,
+            frame=float(context.scene.frame_current),
+            duration_s=self.duration,
+            strength_m_s2=self.strength,
+            seed=self.seed,
+        )
+        select_only(context, *made)
+        return f"{round(self.drops_per_second * self.duration)} drops"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_scale_strength, HFX_OT_scale_frequency, HFX_OT_modulate, HFX_OT_add_rain)
+)

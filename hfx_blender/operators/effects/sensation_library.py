@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reuse: effects to and from files and the clipboard, and ready sensations."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from ...errors import HfxError, InputError
+from ...files import resources, suffixes
+from .. import framing
+from ..shared import EnumItems, HfxOperator, select_only, target_body, to_object_mode
+
+if TYPE_CHECKING:
+    from mathutils import Vector
+
+    from ...authoring.effects.effect_file import Sensation
+
+# Reading and making sensations is imported where it is done: Blender's start would wait for it.
+
+
+def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
+    """Origin of the places of volumes: their body's place, or the cursor."""
+    return body.matrix_world.translation if body is not None else context.scene.cursor.location
+
+
+def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
+    to_object_mode(context)
+    body = target_body(context)
+    from ...authoring.effects import effect_exchange, swarms
+
+    made = effect_exchange.place(
+        context.scene,
+        sensation,
+        body=body,
+        frame=float(context.scene.frame_current),
+        origin=_origin(context, body),
+    )
+    seen = [obj for effect in made for obj in swarms.shown_by(context.scene, effect)]
+    select_only(context, *seen)
+    return made
+
+
+def _selected(context: bpy.types.Context, title: str) -> Sensation:
+    """Sensation of the selected effects, and of those that selected emitters emit."""
+    from ...authoring.effects import effect_exchange, swarms
+
+    selected = context.selected_objects
+    found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
+    found.update(each for obj in selected for each in swarms.volumes_of(obj))
+    chosen = sorted(found, key=lambda obj: obj.name)
+    bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
+    body = bodies[0] if bodies else target_body(context)
+    origin = _origin(context, body)
+    return effect_exchange.sensation_of(context.scene, chosen, title, origin=origin)
+
+
+@lru_cache(maxsize=4)
+def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
+    from ...authoring.effects import effect_exchange, effect_file
+
+    shipped, own = [], []
+    for name, path, _ in files:
+        with suppress(HfxError):  # Load Effects gives the reason for a damaged file
+            sensation = effect_file.load(path)
+            kind = own if name.startswith(effect_exchange.OWN) else shipped
+            kind.append((name, sensation.name, sensation.description or "A sensation of your own"))
+    return [*shipped, *([("", "Your Own", ""), *own] if own else [])]
+
+
+def _sensation_items(_self: object, _context: bpy.types.Context | None) -> EnumItems:
+    from ...authoring.effects import effect_exchange
+
+    found = {**effect_exchange.library(), **effect_exchange.own_library()}
+    return _sensations(tuple((name, path, path.stat().st_mtime) for name, path in found.items()))
+
+
+class HFX_OT_add_from_library(HfxOperator):
+    """Add a ready sensation at the current frame, on the body and around it"""
+
+    bl_idname = "hfx.add_from_library"
+    bl_label = "Sensation"
+
+    name: EnumProperty(
+        name="Sensation",
+        description="A shipped sensation, or one from your own effects folder",
+        items=_sensation_items,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return framing.execute_with_room(self, context)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import effect_exchange
+
+        sensation = effect_exchange.load_library(self.name)
+        _place(context, sensation)
+        return f"Added '{sensation.name}'"
+
+
+class HFX_OT_load_effects(HfxOperator, ImportHelper):
+    """Add the effects of a file at the current frame"""
+
+    bl_idname = "hfx.load_effects"
+    bl_label = "Load Effects"
+
+    filename_ext = suffixes.EFFECT
+    filter_glob: StringProperty(default=f"*{suffixes.EFFECT}", options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import effect_file
+
+        sensation = effect_file.load(Path(self.filepath))
+        _place(context, sensation)
+        return f"Added '{sensation.name}'"
+
+
+class HFX_OT_save_effects(HfxOperator, ExportHelper):
+    """Save the selected effects, and what selected emitters emit, to a file of their own. \
+Those in your folder of effects are in Add > Haptic > Sensation"""
+
+    bl_idname = "hfx.save_effects"
+    bl_label = "Save Effects"
+    bl_options = {"REGISTER"}
+
+    filename_ext = suffixes.EFFECT
+    filter_glob: StringProperty(default=f"*{suffixes.EFFECT}", options={"HIDDEN"})
+    name: StringProperty(name="Name", description="Empty: the name of the file")
+
+    requires = ((lambda context: context.selected_objects, "Select the effects to save first"),)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            folder = resources.user_effects()
+            with suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+            stem = context.object.name if context.object is not None else "effects"
+            self.filepath = str(folder / (bpy.path.clean_name(stem) + suffixes.EFFECT))
+        return super().invoke(context, event)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import effect_file
+
+        path = Path(self.filepath)
+        sensation = _selected(context, self.name or path.stem.replace("_", " ").title())
+        effect_file.save(sensation, path)
+        return f"Saved {len(sensation.effects)} effects to {path.name}"
+
+
+_copied = ""  # in the background there is no clipboard
+
+
+class HFX_OT_copy_effects(HfxOperator):
+    """Copy the selected effects with their clips to the clipboard, for another body, time \
+or file"""
+
+    bl_idname = "hfx.copy_effects"
+    bl_label = "Copy Effects"
+    bl_options = {"REGISTER"}
+    requires = ((lambda context: context.selected_objects, "Select the effects to copy first"),)
+
+    def work(self, context: bpy.types.Context) -> str:
+        global _copied
+        from ...authoring.effects import effect_file
+
+        sensation = _selected(context, "Copied")
+        _copied = context.window_manager.clipboard = effect_file.text_of(sensation)
+        return f"Copied {len(sensation.effects)} effects"
+
+
+class HFX_OT_paste_effects(HfxOperator):
+    """Paste copied effects at the current frame: on the active body, or the only one"""
+
+    bl_idname = "hfx.paste_effects"
+    bl_label = "Paste Effects"
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import effect_file
+
+        text = _copied if bpy.app.background else context.window_manager.clipboard
+        if not text.lstrip().startswith("{"):
+            raise InputError("There are no effects to paste: copy some first.")
+        made = _place(context, replace(effect_file.from_text(text), name=""))
+        return f"Pasted {len(made)} effects"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_add_from_library,
+        HFX_OT_load_effects,
+        HFX_OT_save_effects,
+        HFX_OT_copy_effects,
+        HFX_OT_paste_effects,
+    )
+)

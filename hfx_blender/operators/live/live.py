@@ -1,0 +1,351 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Connecting devices, playing, and stopping them all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ...devices.live import live_settings
+from ...errors import HfxError, InputError
+from ...files import resources
+from ...playback.live.live import live
+from ..shared import HfxOperator, KeyBindings
+
+if TYPE_CHECKING:
+    from ...devices.live.approval import DeviceScript
+
+KINDS = (
+    (
+        "SIMULATOR",
+        "Simulator",
+        "No hardware: shows bars in this panel, and writes a log if you choose a file",
+    ),
+    ("DEVICE", "Device", "The real device, as configured"),
+    (
+        "AUDIO",
+        "Sound Card",
+        "One channel for each vibration actuator, starting at the first channel",
+    ),
+    ("CSV", "Log", "Writes every value into a CSV file"),
+)
+
+
+class _LiveOperator(HfxOperator):
+    bl_options = {"REGISTER"}  # the action of a device cannot be undone
+
+
+class _OfDevice(_LiveOperator):
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+
+def title_of(name: str) -> str:
+    """Name of a device as the panel shows it."""
+    from ...devices.configurations.device_facts import facts_of
+
+    return facts_of(name).title
+
+
+_names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+
+def _known(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    from ...devices.configuration import list_devices
+    from ...devices.configurations.device_facts import ROOM, facts_of
+    from ...engine.body.region_names import GROUPS
+
+    found = [facts_of(name) for name in list_devices(resources.user_devices())]
+    items: list[tuple[str, str, str]] = []
+    for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
+        part = [each for each in found if each.group == group]
+        items += [("", group or "Other", "")] if part else []
+        items += [(each.id, each.label, each.fault or each.summary) for each in part]
+    _names[:] = items
+    return _names
+
+
+class HFX_OT_live_add(HfxOperator):
+    """Add a device to this scene, by name"""
+
+    bl_idname = "hfx.live_add"
+    bl_label = "Add Device"
+    bl_property = "name"
+
+    name: EnumProperty(name="Device", items=_known)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        devices = context.scene.hfx.devices
+        if self.name in devices:
+            raise InputError(f"Device '{title_of(self.name)}' is in this scene already.")
+        item = devices.add()
+        item.name, item.is_expanded = self.name, True
+        return f"{title_of(self.name)} added"
+
+
+class HFX_OT_live_import(HfxOperator, ImportHelper):
+    """Make a device of a node map of VRChat haptics, or of a Unitouch layout, and add it"""
+
+    bl_idname = "hfx.live_import"
+    bl_label = "Import Node Map or Layout"
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    name: StringProperty(name="Name", description="Name of the device; empty: the name of the file")
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...devices.configurations.node_map import import_node_map
+
+        path = Path(self.filepath)
+        made = import_node_map(path, self.name or path.stem.lower().replace(" ", "_"))
+        if made.stem not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = made.stem
+        return f"{made.stem} imported"
+
+
+class HFX_OT_live_remove(HfxOperator):
+    """Remove a device from this scene, and disconnect it"""
+
+    bl_idname = "hfx.live_remove"
+    bl_label = "Remove Device"
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        live.disconnect(self.name)
+        devices = context.scene.hfx.devices
+        index = devices.find(self.name)
+        if index >= 0:
+            devices.remove(index)
+        return f"{title_of(self.name)} removed"
+
+
+class HFX_OT_live_connect(_OfDevice):
+    """Connect a device, and let it play what is felt"""
+
+    bl_idname = "hfx.live_connect"
+    bl_label = "Connect"
+
+    kind: EnumProperty(
+        name="Connect To", description="The device itself, or a substitute", items=KINDS
+    )
+    port: StringProperty(
+        name="Port",
+        description="Serial port, network port, or part of a sound card's name; "
+        "empty: found or as configured",
+    )
+    host: StringProperty(
+        name="Host", description="Host on this computer or network; empty: as configured"
+    )
+    unit: StringProperty(
+        name="Which One",
+        description="Which of several devices of one server: its name there, or # and its number; "
+        "empty: the first that no other device has",
+    )
+    path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
+    offset_ms: FloatProperty(
+        name="Offset (ms)",
+        description="Delay of the values, to be in time with sound and picture",
+        default=0.0,
+        min=0.0,
+        max=live_settings.MAX_OFFSET_MS,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        for field in ("kind", "port", "host", "path", "offset_ms", "unit"):
+            setattr(self, field, getattr(known, field))
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "kind")
+        if self.kind == "AUDIO":
+            layout.prop(self, "port", text="Sound Card")
+        elif self.kind == "DEVICE":
+            layout.prop(self, "port")
+            layout.prop(self, "host")
+            layout.prop(self, "unit")
+        else:
+            layout.prop(self, "path")
+        layout.prop(self, "offset_ms")
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.live.discovery import serial_number_of, serial_ports
+
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        unit = self.unit
+        if self.port != known.port and unit == known.unit:  # another port: what is on that
+            unit = serial_number_of(self.port, serial_ports())
+        settings = live_settings.LiveSettings(
+            self.kind, self.port, self.host, self.path, self.offset_ms, unit
+        )
+        live.connect(self.name, settings)
+        live_settings.store(self.name, settings)
+        return ""
+
+
+class HFX_OT_live_disconnect(_OfDevice):
+    """Silence a device and close its port"""
+
+    bl_idname = "hfx.live_disconnect"
+    bl_label = "Disconnect"
+
+    def work(self, _context: bpy.types.Context) -> str:
+        live.disconnect(self.name)
+        return f"{title_of(self.name)} disconnected"
+
+
+class HFX_OT_live_play(_LiveOperator):
+    """Resume the output to connected devices after a stop, from silence"""
+
+    bl_idname = "hfx.live_play"
+    bl_label = "Play"
+    requires = ((lambda _context: live.states, "Connect a device first"),)
+
+    def work(self, _context: bpy.types.Context) -> str:
+        live.arm()
+        return ""
+
+
+class HFX_OT_live_stop_all(bpy.types.Operator):
+    """Silence every device at once (Ctrl Shift Backspace, or Pause)"""
+
+    bl_idname = "hfx.live_stop_all"
+    bl_label = "Stop All"
+    bl_options = {"REGISTER"}
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        # Nothing is asked and nothing checked first; it works in every mode.
+        live.stop_all()
+        return {"FINISHED"}
+
+
+class HFX_OT_live_pulse(_OfDevice):
+    """Play one actuator for a moment, softly"""
+
+    bl_idname = "hfx.live_pulse"
+    bl_label = "Test Pulse"
+
+    actuator: IntProperty(options={"HIDDEN", "SKIP_SAVE"}, min=0)
+
+    def work(self, _context: bpy.types.Context) -> str:
+        state = live.state(self.name)
+        if state is None or not state.is_armed:
+            raise InputError(
+                f"Device '{title_of(self.name)}' is not playing; connect it and press Play."
+            )
+        live.pulse(self.name, self.actuator)
+        return ""
+
+
+class HFX_OT_live_approve(_OfDevice):
+    """Allow the script of a device, in its present state"""
+
+    bl_idname = "hfx.live_approve"
+    bl_label = "Approve Device Script"
+
+    fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    script: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        try:
+            found = self._found()
+        except HfxError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.fingerprint, self.script = found.fingerprint, str(found.path)
+        return context.window_manager.invoke_props_dialog(self, width=520)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.label(text=self.script, icon="FILE_SCRIPT")
+        column.label(text="It runs with all of your rights: files, network, everything.")
+        column.label(text="Read it first. If a byte of it changes, it must be approved again.")
+
+    def _found(self) -> DeviceScript:
+        from ...devices.live import approval
+
+        found = approval.script_of(self.name, resources.user_devices())
+        if found is None:
+            raise InputError(f"Device '{title_of(self.name)}' has no script.")
+        return found
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.live import approval
+
+        found = self._found()
+        if self.fingerprint and found.fingerprint != self.fingerprint:
+            raise InputError(f"{found.path}: has just changed; read it again.")
+        approval.approve(found)
+        live.unapproved.discard(self.name)
+        if not approval.is_shipped(found.path):
+            live.approved[self.name] = found.fingerprint
+        return f"{found.path.name} approved"
+
+
+class HFX_OT_live_revoke(_OfDevice):
+    """Withdraw the approval of a device's script, and stop it where it plays"""
+
+    bl_idname = "hfx.live_revoke"
+    bl_label = "Withdraw Approval"
+
+    fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.live import approval
+
+        if self.fingerprint:  # of the list in the preferences: its files may be gone
+            live.withdraw({self.fingerprint})
+            approval.revoke_fingerprint(self.fingerprint)
+            return "Approval withdrawn"
+        running = live.approved.get(self.name)  # the files may have changed since
+        live.withdraw(set() if running is None else {running})
+        found = approval.script_of(self.name, resources.user_devices())
+        if found is not None:
+            approval.revoke(found)
+        if running is not None and running in approval.approved():
+            approval.revoke_fingerprint(running)
+        if found is None and running is None:
+            raise InputError(f"Device '{title_of(self.name)}' has no script.")
+        return f"{title_of(self.name)}: approval withdrawn"
+
+
+_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_live_add,
+        HFX_OT_live_import,
+        HFX_OT_live_remove,
+        HFX_OT_live_connect,
+        HFX_OT_live_disconnect,
+        HFX_OT_live_play,
+        HFX_OT_live_stop_all,
+        HFX_OT_live_pulse,
+        HFX_OT_live_approve,
+        HFX_OT_live_revoke,
+    )
+)
+
+_keys = KeyBindings(
+    "Window",
+    ("hfx.live_stop_all", "BACK_SPACE", {"ctrl": True, "shift": True}),
+    ("hfx.live_stop_all", "PAUSE", {}),
+)
+
+
+def register() -> None:
+    _classes()
+    _keys.register()
+
+
+def unregister() -> None:
+    _keys.unregister()
+    _unregister_classes()

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finds present devices, and aligns touch, sound and picture in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ...devices.live import live_settings
+from ...errors import InputError
+from ...files import resources
+from ...playback.live.live import live
+from ...text import printable
+from ..shared import HfxOperator
+from .live import title_of
+
+if TYPE_CHECKING:
+    from ...devices.live.discovery import Found
+
+_found: list[Found] = []
+_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+
+def _choices(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    return _items
+
+
+class HFX_OT_live_find(HfxOperator):
+    """Look for devices: serial ports by their USB ids, programs on this computer and network"""
+
+    bl_idname = "hfx.live_find"
+    bl_label = "Find Devices"
+    bl_options = {"REGISTER"}  # the action of a device cannot be undone
+    bl_property = "which"
+
+    which: EnumProperty(
+        name="Device", description="Device to add, of those that were found", items=_choices
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        ports = _look()
+        if not _found:
+            there = ", ".join(ports) or "none"
+            self.report(
+                {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
+            )
+            return {"CANCELLED"}
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        if not self.which.isdecimal() or int(self.which) >= len(_found):
+            raise InputError("Press Find Devices first, and choose one.")
+        found = _found[int(self.which)]
+        settings = live_settings.load().get(found.device, live_settings.LiveSettings())
+        settings = replace(settings, kind="DEVICE", port=found.port, unit=found.unit)
+        if found.device not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = found.device
+        live.connect(found.device, settings)
+        live_settings.store(found.device, settings)
+        return f"{title_of(found.device)}: {found.description}"
+
+
+def _look() -> list[str]:
+    """Look for devices; returns the names of all serial ports."""
+    from ...devices.live.discovery import found_at
+
+    # Faulty configurations are reported when they are added.
+    ports, _found[:], _ = found_at(resources.user_devices())
+    _items[:] = [
+        (str(k), f"{title_of(each.device)}  {each.port or each.unit}".rstrip(), each.description)
+        for k, each in enumerate(_found)
+    ]
+    return ports
+
+
+class HFX_OT_live_offset(HfxOperator):
+    """Delay a device, so that touch is in time with sound and picture; the delay is stored"""
+
+    bl_idname = "hfx.live_offset"
+    bl_label = "Offset"
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    offset_ms: FloatProperty(
+        name="Offset (ms)",
+        description="Delay of the values; takes effect while you drag it",
+        default=0.0,
+        min=0.0,
+        max=live_settings.MAX_OFFSET_MS,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.offset_ms = live.offset_ms(self.name)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        live.set_offset(self.name, self.offset_ms)
+        return True
+
+    def cancel(self, _context: bpy.types.Context) -> None:
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        live.set_offset(self.name, known.offset_ms)
+
+    def work(self, _context: bpy.types.Context) -> str:
+        if live.state(self.name) is None:
+            raise InputError(f"Device '{title_of(self.name)}' is not connected.")
+        live.set_offset(self.name, self.offset_ms)
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
+        return f"{title_of(self.name)} is delayed by {self.offset_ms:g} ms"
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_OT_live_find, HFX_OT_live_offset))

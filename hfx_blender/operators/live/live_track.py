@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recording a track for live devices, and hiding what makes playback slow."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...authoring.effects import effects, swarms
+from ...playback.live.live import live
+from ...processes import blender_session
+from ..shared import HfxOperator, is_in_view_layer
+from ..stepwise_export import StepwiseExport
+
+if TYPE_CHECKING:
+    from ...export.report import ExportReport
+
+_recorded: list[Path] = []
+"""Folder of the last recording, in Blender's temporary folder of this session."""
+
+
+class HFX_OT_record_track(StepwiseExport):
+    """Record what is felt on the whole timeline, and let connected devices play it with the
+    timeline: no scene is evaluated for it any more
+
+    The track is kept until Blender quits; export it to keep it
+    """
+
+    bl_idname = "hfx.record_track"
+    bl_label = "Record Track"
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self._is_invoked = True
+        return self.execute(context)
+
+    def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
+        from ...engine.rendering.room import needs_positions
+        from ...export.scene_export import ExportSettings, SceneExport
+        from ...reading.description.scene_devices import scene_devices
+
+        devices, _ = scene_devices(context.scene)
+        record = ("positions",) if needs_positions(devices) else ()
+        settings = ExportSettings(("track",), record=record)
+        live.stop_all("a track is recorded")
+        live.tracks.forget()
+        while _recorded:
+            shutil.rmtree(_recorded.pop(), ignore_errors=True)
+        folder = blender_session.new_temporary_folder("hfx_recorded_")
+        _recorded.append(folder)
+        return SceneExport(context.scene, settings).steps(folder, "recorded")
+
+    def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
+        from ...engine.track import SUFFIX
+
+        hfx = context.scene.hfx
+        hfx.live_track = str(next(each for each in report.files if each.suffix == SUFFIX))
+        hfx.live_source = "TRACK"
+        return "Recorded: press Play under Live Devices, then play the timeline"
+
+
+class HFX_OT_hide_meshes(HfxOperator):
+    """Hide meshes and other shapes that are neither a body nor an effect, so that Blender plays
+    faster; Alt H shows hidden objects again
+    """
+
+    bl_idname = "hfx.hide_meshes"
+    bl_label = "Hide Other Meshes"
+
+    def work(self, context: bpy.types.Context) -> str:
+        kept = _needed(context.scene)
+        count = 0
+        for obj in context.visible_objects:
+            is_shape = obj.type in ("MESH", "CURVE", "CURVES", "SURFACE", "META", "FONT", "VOLUME")
+            is_shape |= obj.type in ("POINTCLOUD", "GREASEPENCIL", "GPENCIL")
+            if is_shape and obj not in kept and is_in_view_layer(context, obj):
+                obj.hide_set(True)
+                count += 1
+        return f"{count} hidden; Alt H shows them again"
+
+
+def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """Objects that show bodies, are effects or emit them."""
+    found = swarms.listed_effects(scene)
+    kept = {obj for effect in found for obj in swarms.shown_by(scene, effect)}
+    for body in effects.bodies_of(scene):
+        kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
+        kept |= set(body.children_recursive)
+    return kept
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_OT_record_track, HFX_OT_hide_meshes))

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drawing the path of a point on the skin with the mouse, on the avatar as it stands."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, ClassVar
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+)
+from bpy_extras import view3d_utils
+
+from ...authoring.paths import paths, skin_picking
+from ...errors import HfxError, InputError
+from .. import framing
+from ..shared import HfxOperator
+from . import path_overlay
+from .paths import ON_SPOT, active_spot
+
+if TYPE_CHECKING:
+    import numpy as np
+
+MODES = (
+    ("PLACE", "Place", "Click the place of the point"),
+    ("STRAIGHT", "Straight", "Click places; the shortest paths on the skin join them"),
+    ("CURVE", "Curve", "Click places; a smooth curve goes through them"),
+    ("FREEHAND", "Freehand", "Draw while the left button is held"),
+    (
+        "RECORD",
+        "Record",
+        "Move the point while the left button is held: path and speed are recorded as keyframes",
+    ),
+)
+_HELD = ("FREEHAND", "RECORD")
+_CLOSEST_M = 0.001
+_HINTS = {
+    "PLACE": "Click on the body: place the point     Esc: cancel",
+    "STRAIGHT": "Click on the body: next place     Backspace: take back     Enter: finish     "
+    "Esc: cancel",
+    "FREEHAND": "Hold the left button and draw on the body     Esc: cancel",
+    "RECORD": "Hold the left button and move over the body: it is recorded as you move     "
+    "Esc: cancel",
+}
+
+
+class HfxPathPoint(bpy.types.PropertyGroup):
+    """Place of a path that is being drawn."""
+
+    place: FloatVectorProperty(
+        name="Place", description="Metres, rest space of the canonical body", precision=4
+    )
+    time: FloatProperty(name="Time", description="Seconds since the first place")
+
+
+class HFX_OT_draw_path(HfxOperator):
+    """Draw the path of a point on the skin, on the avatar as it stands"""
+
+    bl_idname = "hfx.draw_path"
+    bl_label = "Draw Path"
+    bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
+
+    mode: EnumProperty(
+        name="Draw", description="Way of drawing the path", items=MODES, default="STRAIGHT"
+    )
+    closed: BoolProperty(name="Closed", description="The path returns to its start")
+    stroke: CollectionProperty(
+        name="Places",
+        description="For scripts: [{'name': '', 'place': (x, y, z), 'time': 0.0}, ...]",
+        type=HfxPathPoint,
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+    frame: IntProperty(
+        name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
+    )
+
+    requires = (ON_SPOT,)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        if self.mode in ("STRAIGHT", "CURVE"):
+            self.layout.prop(self, "mode")
+        if self.mode not in ("PLACE", "RECORD"):
+            self.layout.prop(self, "closed")
+
+    def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
+        effect = active_spot(context)
+        if not len(self.stroke):
+            raise InputError("Draw on the body: no place was given.")
+        places = np.array([each.place for each in self.stroke], np.float64)
+        if self.mode == "RECORD":
+            start = self.frame if self.properties.is_property_set("frame") else None
+            frame = float(context.scene.frame_current if start is None else start)
+            times = [each.time for each in self.stroke]
+            paths.record(context.scene, effect, places, times, frame)
+            message = f"{paths.length_m(effect):.2f} m in {times[-1] - times[0]:.2f} s"
+        else:
+            kinds = {"CURVE": "curve", "FREEHAND": "traced"}
+            if self.mode == "PLACE":
+                places = places[-1:]
+            length = paths.draw(
+                effect, places, kind=kinds.get(self.mode, "straight"), closed=self.closed
+            )
+            message = f"{length:.2f} m" if length > 0.0 else ""
+        paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+        return message
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        import numpy as np
+
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, "Draw in a 3D viewport.")
+            return {"CANCELLED"}
+        body = active_spot(context).hfx.body
+        try:
+            if body is None:
+                raise InputError("The point has no body; choose one first.")
+            self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+        except HfxError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.stroke.clear()
+        self.frame = context.scene.frame_current
+        self._is_held = False
+        self._began_s = 0.0
+        self._timer = None
+        if self.mode == "RECORD":
+            self._timer = context.window_manager.event_timer_add(1 / 60, window=context.window)
+        context.workspace.status_text_set(_HINTS.get(self.mode, _HINTS["STRAIGHT"]))
+        context.window.cursor_modal_set("PAINT_CROSS")
+        context.window_manager.modal_handler_add(self)
+        path_overlay.show_pending(body, np.zeros((0, 3)))
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "ESC" or (event.type == "RIGHTMOUSE" and not len(self.stroke)):
+            self._end(context)
+            return {"CANCELLED"}
+        if self.mode in _HELD:
+            return self._held(context, event)
+        if event.type == "LEFTMOUSE" and event.value == "PRESS":
+            if not self._over_region(context, event):
+                return {"PASS_THROUGH"}
+            self._add(context, event)
+            if self.mode == "PLACE" and len(self.stroke):
+                return self._finish(context)
+            return {"RUNNING_MODAL"}
+        if event.type == "BACK_SPACE" and event.value == "PRESS" and len(self.stroke):
+            self.stroke.remove(len(self.stroke) - 1)
+            self._show(context)
+            return {"RUNNING_MODAL"}
+        ends = {"RET", "NUMPAD_ENTER", "RIGHTMOUSE"}
+        if event.type in ends and event.value == "PRESS" and len(self.stroke):
+            return self._finish(context)
+        return {"PASS_THROUGH"}  # the view may be turned meanwhile
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender ends it, with a file that is loaded for instance."""
+        self._end(context)
+
+    def _held(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "LEFTMOUSE":
+            if event.value == "PRESS" and self._over_region(context, event):
+                self._is_held, self._began_s = True, time.monotonic()
+                self._add(context, event)
+                return {"RUNNING_MODAL"}
+            if event.value == "RELEASE" and self._is_held:
+                self._add(context, event)
+                return self._finish(context) if len(self.stroke) else {"RUNNING_MODAL"}
+        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER") and self._is_held:
+            self._add(context, event)
+            return {"RUNNING_MODAL"}
+        return {"RUNNING_MODAL"} if self._is_held else {"PASS_THROUGH"}
+
+    def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
+        """Test that the mouse is over the view, and not over a panel that lies on it."""
+        others = [each for each in context.area.regions if each.type != "WINDOW"]
+        at = event.mouse_x, event.mouse_y
+        region = framing.region_at(context.area, *at)
+        return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
+
+    def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
+        """Add the place under the mouse; beside the body the last one stays."""
+        import numpy as np
+
+        # The operator may have been started from a button, in a panel's region.
+        region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
+        at = (event.mouse_x - region.x, event.mouse_y - region.y)
+        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
+        place = self._picker.hit(origin, ray)
+        if place is None and self.mode == "RECORD" and len(self.stroke):
+            place = np.array(self.stroke[-1].place)
+        if place is None:
+            return
+        if self.mode == "FREEHAND" and len(self.stroke):
+            if np.linalg.norm(place - np.array(self.stroke[-1].place)) < _CLOSEST_M:
+                return
+        if not len(self.stroke):
+            self._began_s = time.monotonic()
+        point = self.stroke.add()
+        point.place = place.tolist()
+        point.time = time.monotonic() - self._began_s
+        self._show(context)
+
+    def _show(self, context: bpy.types.Context) -> None:
+        import numpy as np
+
+        places = np.array([each.place for each in self.stroke], np.float64).reshape(-1, 3)
+        body = active_spot(context).hfx.body if active_spot(context) is not None else None
+        path_overlay.show_pending(body, places, self._path_through(places))
+        context.area.tag_redraw()
+
+    def _path_through(self, places: np.ndarray) -> np.ndarray | None:
+        """Path that would be drawn now; None for straight lines from place to place."""
+        if self.mode not in ("STRAIGHT", "CURVE") or len(places) < 2:
+            return None
+        try:
+            return paths.through(places, "curve" if self.mode == "CURVE" else "straight")[1]
+        except InputError:
+            return None
+
+    def _finish(self, context: bpy.types.Context) -> set[str]:
+        self._end(context)
+        return self.execute(context)
+
+    def _end(self, context: bpy.types.Context) -> None:
+        import numpy as np
+
+        path_overlay.show_pending(None, np.zeros((0, 3)))
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+        context.workspace.status_text_set(None)
+        context.window.cursor_modal_restore()
+        if context.area is not None:
+            context.area.tag_redraw()
+
+
+register, unregister = bpy.utils.register_classes_factory((HfxPathPoint, HFX_OT_draw_path))

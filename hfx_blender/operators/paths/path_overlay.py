@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Overlay of paths on the posed avatar, with their points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...authoring.effects import effects
+from ...authoring.paths import paths, skin_picking
+from ...authoring.volumes import modality_colour
+from ...blender.scene_units import metres_of
+from ...errors import HfxError
+
+if TYPE_CHECKING:
+    from ...engine.arrays import F32, F64
+
+
+_ABOVE_SKIN_M = 0.003
+_RING = 24
+_MOST_POINTS = 400
+_WIDTH = 2.5
+_FAINT = 0.45
+_PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PathLines:
+    """Lines of one point on the skin; world space, Blender's units."""
+
+    path: F32  # (n, 3)
+    ring: F32  # (m, 3) the disc's rim where the point is now
+    start: F32  # (3,) of the path, to tell its direction
+    colour: tuple[float, float, float, float]
+
+
+_anchors: dict[int, skin_picking.Anchors] = {}
+_pending: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
+_draw_handle: object | None = None
+
+
+def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
+    """Show the path that is being drawn with the mouse on a body; None hides it.
+
+    Parameters
+    ----------
+    places : (n, 3) float64
+        That were clicked.
+    path : (m, 3) float64, optional
+        Through them; straight from one to the next by default.
+    """
+    global _pending
+    _pending = (body, places, places if path is None else path)
+
+
+def lines_of(
+    effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph, unit_m: float
+) -> PathLines | None:
+    """Lines of a point's path and disc at present; None without a place.
+
+    Raises
+    ------
+    InputError
+        Its path is broken, or the body models do not fit its body.
+    """
+    import numpy as np
+
+    from ...engine.areas.spot import places_on
+
+    path = paths.path_of(effect)
+    body = effect.hfx.body
+    if not len(path) or body is None:
+        return None
+    evaluated = effect.evaluated_get(depsgraph).hfx
+    own = paths.own_path(effect)
+    shown = own[:: max(len(own) // _MOST_POINTS, 1)]
+    lifted = _on_body(body, depsgraph, np.concatenate([shown, own[-1:]]), unit_m)
+    now = places_on(path, np.array([evaluated.path_position]))
+    ring = _ring(body, depsgraph, now, evaluated.radius * unit_m, unit_m)
+    colour = modality_colour(effect.hfx.modality)
+    return PathLines(lifted, ring, lifted[0], colour)  # type: ignore[arg-type]
+
+
+def _on_body(
+    body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, places: F64, unit_m: float
+) -> F32:
+    import numpy as np
+
+    key = hash(places.tobytes())
+    if key not in _anchors:
+        if len(_anchors) > 256:
+            _anchors.clear()
+        _anchors[key] = skin_picking.Anchors.of(places)
+    points, normals = _anchors[key].on(body, depsgraph)
+    return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
+
+
+def _ring(
+    body: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    place: F64,
+    radius_m: float,
+    unit_m: float,
+) -> F32:
+    """The rim of a disc, laid on the skin of the canonical body and moved with it."""
+    import numpy as np
+
+    around = skin_picking.Anchors.of(place)
+    normal = around.weights[0] @ _normals()[around.corners[0]]
+    axes = np.linalg.svd(normal[None])[2][1:]
+    angle = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
+    rim = place + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
+    points, normals = skin_picking.Anchors.of(rim).on(body, depsgraph)
+    return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
+
+
+def _normals() -> F64:
+    import numpy as np
+
+    from ...engine.body.model import load_model
+
+    return load_model(skin_picking.SKIN_MODEL).normals.astype(np.float64)
+
+
+def _draw() -> None:
+    space = bpy.context.space_data
+    if space is None or not space.overlay.show_overlays:
+        return
+    scene = bpy.context.scene
+    body, places, path = _pending
+    spots = [e for e in effects.effects_of(scene) if e.hfx.kind == "SPOT" and e.visible_get()]
+    spots = [each for each in spots if not effects.needs_body(scene, each)]
+    if not spots and body is None:
+        return
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    unit_m = metres_of(scene)
+    try:
+        for effect in spots:
+            lines = lines_of(effect, depsgraph, unit_m)
+            if lines is not None:
+                strength = 1.0 if effect == bpy.context.object else _FAINT
+                colour = (*lines.colour[:3], strength)
+                _draw_line(lines.path, colour)
+                _draw_line(lines.ring, colour)
+        if body is not None and len(places):
+            _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
+            _draw_points(_on_body(body, depsgraph, places, unit_m), _PENDING_COLOUR)
+    except (HfxError, ReferenceError):
+        return  # the export and the panels report faults
+
+
+def _draw_line(points: F32, colour: tuple[float, ...]) -> None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    if len(points) < 2:
+        return
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": points})
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    shader.uniform_float("lineWidth", _WIDTH)
+    shader.uniform_float("color", colour)
+    batch.draw(shader)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def _draw_points(points: F32, colour: tuple[float, ...]) -> None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    gpu.state.point_size_set(7.0)
+    shader.uniform_float("color", colour)
+    batch_for_shader(shader, "POINTS", {"pos": points}).draw(shader)
+    gpu.state.point_size_set(1.0)
+
+
+def register() -> None:
+    global _draw_handle
+    if not bpy.app.background:
+        _draw_handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+
+
+def unregister() -> None:
+    import numpy as np
+
+    global _draw_handle
+    if _draw_handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_draw_handle, "WINDOW")
+        _draw_handle = None
+    _anchors.clear()
+    show_pending(None, np.zeros((0, 3)))

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points on the skin: add one, and give it a path; its motion along it; the path library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from ...authoring.effects import effects
+from ...authoring.paths import paths, skin_picking
+from ...blender.scene_units import fps_of, metres_of
+from ...errors import InputError
+from ...files import suffixes
+from ...properties.objects import MODALITY_ITEMS
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    active_effect,
+    made_once,
+    select_only,
+    target_body,
+)
+
+if TYPE_CHECKING:
+    from ...authoring.paths import path_file
+
+_MIDDLE_OF_BACK = (0.0, 0.047, 1.25)
+_ON_SKIN_M = 0.03
+
+INTERPOLATIONS = (
+    ("LINEAR", "Even", "The same speed along the whole path"),
+    ("BEZIER", "Smooth", "Starts and stops softly; its handles are in the Graph editor"),
+    ("SINE", "Sine", "Starts softly and stops softly"),
+    ("QUAD", "Accelerating", "Faster and faster"),
+    ("BOUNCE", "Bounce", "Bounces back from the end"),
+    ("ELASTIC", "Elastic", "Overshoots, and swings until it rests"),
+)
+
+
+def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Active effect, if it is a point on the skin."""
+    effect = active_effect(context)
+    return effect if effect is not None and effect.hfx.kind == "SPOT" else None
+
+
+ON_SPOT = active_spot, "Select a point on the skin"
+
+
+class _OfSpot(HfxOperator):
+    requires = (ON_SPOT,)
+
+
+class PathOperator(HfxOperator):
+    """Base of the operators of a point on the skin that is somewhere."""
+
+    requires = (
+        ON_SPOT,
+        (
+            lambda context: active_spot(context).get(paths.PATH),
+            "Place the point, or draw its path first",
+        ),
+    )
+
+
+class HFX_OT_add_spot(OnBodyOperator):
+    """Add a point on the skin: a disc that is felt where it is, and that may move along a path.
+
+    It is put at the 3D cursor if that is on the body, else in the middle of the back
+    """
+
+    bl_idname = "hfx.add_spot"
+    bl_label = "Point on the Skin"
+
+    modality: EnumProperty(
+        name="Modality",
+        description="What is felt there",
+        items=[each for each in MODALITY_ITEMS if each[0] != "wind"],
+    )
+    place: FloatVectorProperty(
+        name="Place",
+        description="Where it is, metres in the rest space of the canonical body (the body faces "
+        "-Y, its left is +X, its soles at Z = 0)",
+        default=_MIDDLE_OF_BACK,
+        precision=3,
+    )
+    name: StringProperty(name="Name")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if (
+            not self.properties.is_property_set("place")
+            and len(effects.bodies_of(context.scene)) == 1
+        ):
+            body = effects.bodies_of(context.scene)[0]
+            try:
+                picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+            except InputError as error:
+                self.report({"ERROR"}, str(error))
+                return {"CANCELLED"}
+            metres = metres_of(context.scene)
+            found = picker.nearest(context.scene.cursor.location, _ON_SKIN_M / metres)
+            self.place = _MIDDLE_OF_BACK if found is None else found.tolist()
+        return self.execute(context)
+
+    def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
+        body = target_body(context)
+        paths.skin().on_skin([self.place])  # refused before anything is made
+        effect = paths.add_spot(context.scene, self.modality, body, self.name or None)
+        paths.draw(effect, np.array([self.place], np.float64))
+        paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+        select_only(context, effect)
+        return f"'{effect.name}' does not move; draw a path to move it"
+
+
+class HFX_OT_reverse_path(PathOperator):
+    """Reverse the path; keyframes stay, so the point moves backwards"""
+
+    bl_idname = "hfx.reverse_path"
+    bl_label = "Reverse Path"
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import spot_placing
+
+        spot_placing.settle(active_spot(context))
+        paths.reverse(active_spot(context))
+        return ""
+
+
+class HFX_OT_mirror_path(PathOperator):
+    """Mirror the path to the other side of the body"""
+
+    bl_idname = "hfx.mirror_path"
+    bl_label = "Mirror Path"
+
+    copy: BoolProperty(
+        name="Copy",
+        description="Leave this point as it is, and add another one on the other side that moves "
+        "with the same keyframes and clips",
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import spot_placing
+
+        effect = active_spot(context)
+        spot_placing.settle(effect)
+        if self.copy:
+            effect = effects.duplicate(effect)
+            effect.name = f"{active_spot(context).name} Mirrored"
+            select_only(context, effect)
+        paths.mirror(effect)
+        return ""
+
+
+class HFX_OT_move_along_path(PathOperator):
+    """Animate the position from the beginning of the path to its end, from the current frame on"""
+
+    bl_idname = "hfx.move_along_path"
+    bl_label = "Move along Path"
+
+    seconds: FloatProperty(
+        name="Duration", description="Seconds", default=1.0, min=0.01, soft_max=60.0
+    )
+    repeats: bpy.props.IntProperty(
+        name="Times", description="Number of passes along the path", default=1, min=1, max=1000
+    )
+    to_and_fro: BoolProperty(name="To and Fro", description="Every second pass backwards")
+    interpolation: EnumProperty(
+        name="Speed", description="Change of speed along the path", items=INTERPOLATIONS
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        scene, effect = context.scene, active_spot(context)
+        step = self.seconds * fps_of(scene)
+        start = float(scene.frame_current)
+        keys: list[tuple[float, float]] = []
+        for k in range(self.repeats):
+            ends = (1.0, 0.0) if self.to_and_fro and k % 2 else (0.0, 1.0)
+            first = start + k * step
+            if keys and keys[-1][1] != ends[0]:
+                keys[-1] = (keys[-1][0] - min(0.5, 0.01 * step), keys[-1][1])
+            if not keys or keys[-1][1] != ends[0]:
+                keys.append((first, ends[0]))
+            keys.append((first + step, ends[1]))
+        paths.set_motion(effect, keys, self.interpolation)
+        return f"{paths.length_m(effect):.2f} m in {self.seconds:g} s"
+
+
+def _ready_paths() -> EnumItems:
+    from ...authoring.paths import path_file
+
+    return [
+        (stem, recipe.name, recipe.description)
+        for stem, path in path_file.library().items()
+        for recipe in [path_file.load(path)]
+    ]
+
+
+def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
+    effect = active_spot(context)
+    length = paths.apply(context.scene, effect, recipe, float(context.scene.frame_current))
+    paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+    return f"'{recipe.name}': {length:.2f} m"
+
+
+class HFX_OT_path_from_library(_OfSpot):
+    """Give the point a ready path"""
+
+    bl_idname = "hfx.path_from_library"
+    bl_label = "Path from Library"
+
+    name: EnumProperty(name="Path", items=made_once(_ready_paths))
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import path_file
+
+        return _apply(context, path_file.load_library(self.name))
+
+
+class HFX_OT_load_path(_OfSpot, ImportHelper):
+    """Give the point the path of a file, and its motion if the file has one"""
+
+    bl_idname = "hfx.load_path"
+    bl_label = "Load Path"
+
+    filename_ext = suffixes.PATH
+    filter_glob: StringProperty(default=f"*{suffixes.PATH}", options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import path_file
+
+        return _apply(context, path_file.load(Path(self.filepath)))
+
+
+class HFX_OT_save_path(PathOperator, ExportHelper):
+    """Save the path to a file of its own, with the motion along it"""
+
+    bl_idname = "hfx.save_path"
+    bl_label = "Save Path"
+
+    filename_ext = suffixes.PATH
+    filter_glob: StringProperty(default=f"*{suffixes.PATH}", options={"HIDDEN"})
+    name: StringProperty(name="Name", description="Empty: the name of the file")
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import path_file
+
+        path = Path(self.filepath)
+        title = self.name or path.stem.replace("_", " ").title()
+        path_file.save(paths.recipe_of(context.scene, active_spot(context), title), path)
+        return f"Saved the path to {path.name}"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_add_spot,
+        HFX_OT_reverse_path,
+        HFX_OT_mirror_path,
+        HFX_OT_move_along_path,
+        HFX_OT_path_from_library,
+        HFX_OT_load_path,
+        HFX_OT_save_path,
+    )
+)

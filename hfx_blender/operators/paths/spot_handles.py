@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators that slide a point over the skin, and size its disc, with the mouse."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty
+from bpy_extras import view3d_utils
+from mathutils import Vector
+
+from ...authoring.paths import paths, skin_picking
+from ...blender.scene_units import metres_of
+from ...errors import InputError
+from ..shared import KeyBindings
+from . import path_overlay
+from .held_spot import HeldSpotOperator, is_for_blender, on_body
+from .paths import PathOperator, active_spot
+
+if TYPE_CHECKING:
+    from ...engine.arrays import F64
+
+
+_LEAST_RADIUS_M = 0.001
+
+
+class HFX_OT_slide_spot(HeldSpotOperator):
+    """Slide the point over the skin to the mouse, at the current frame.
+
+    With Auto Keying its place is keyed there, and it moves along the skin from key to key
+    """
+
+    bl_idname = "hfx.slide_spot"
+    bl_label = "Slide on the Skin"
+
+    place: FloatVectorProperty(
+        name="Place",
+        description="Where to, metres in the rest space of the canonical body (the body faces -Y, "
+        "its left is +X, its soles at Z = 0)",
+        precision=3,
+        options={"SKIP_SAVE"},
+    )
+    along_path: BoolProperty(
+        name="Along Path",
+        description="Stay on the existing path, at the nearest place",
+        options={"SKIP_SAVE"},
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
+        from ...authoring.paths import spot_placing
+
+        effect = active_spot(context)
+        place = np.array(self.place, np.float64)
+        if not self.properties.is_property_set("place"):
+            place = spot_placing.place_of(effect)
+        is_keyed = spot_placing.is_auto_keyed(context, effect, paths.POSITION)
+        if self.along_path:
+            share = spot_placing.share_nearest(paths.own_path(effect), place)
+            spot_placing.put_along(effect, share, is_keyed)
+        else:
+            spot_placing.put(context.scene, effect, place, is_keyed)
+        _stand(context, effect)
+        return ""
+
+    def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        from ...authoring.paths import spot_placing
+
+        paths.check_own(effect)
+        spot_placing.check_free(effect, paths.POSITION, "position")
+        body = effect.hfx.body
+        if body is None:
+            raise InputError("The point has no body; choose one first.")
+        self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+        self._own = paths.own_path(effect)
+        self._before: dict[str, Any] = {
+            "path": list(effect[paths.PATH]),
+            "position": effect.hfx.path_position,
+            "location": effect.location.copy(),
+        }
+        self.place = spot_placing.place_of(effect).tolist()
+        seen = self._window_place(context, spot_placing.place_of(effect))
+        if seen is not None:
+            self._at = seen  # a handle grabbed beside the point keeps its distance to the mouse
+
+    def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        place = self._under_mouse(context)
+        if place is not None:
+            self.place = place.tolist()
+            self._show(context, effect)
+
+    def _under_mouse(self, context: bpy.types.Context) -> F64 | None:
+        """The place on the skin under the mouse; beside the body, the nearest of its outline."""
+        import numpy as np
+
+        region = self._region
+        at = self._at - Vector((region.x, region.y))
+        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
+        place = self._picker.hit(origin, ray)
+        if place is not None:
+            return place
+        here = on_body(context, active_spot(context), np.array(self.place, np.float64))
+        beside = origin + ray * max((here - origin).dot(ray), 0.0)
+        return self._picker.nearest(beside, float("inf"))
+
+    def _show(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        """Show the temporary state: the point alone, and the path that it has."""
+        import numpy as np
+
+        from ...authoring.paths import spot_placing
+
+        place = np.array(self.place, np.float64)
+        if self.along_path:
+            effect[paths.PATH] = self._own.ravel().tolist()
+            effect.hfx.path_position = spot_placing.share_nearest(self._own, place)
+        else:
+            effect[paths.PATH] = place.tolist()
+        _stand(context, effect)
+        effect.update_tag()
+        if len(self._own) > 1:
+            path_overlay.show_pending(effect.hfx.body, place[None], self._own)
+
+    def _take_back(self, effect: bpy.types.Object) -> None:
+        effect[paths.PATH] = self._before["path"]
+        effect.hfx.path_position = self._before["position"]
+        effect.location = self._before["location"]
+        effect.update_tag()
+
+    def _key(
+        self, context: bpy.types.Context, effect: bpy.types.Object, event: bpy.types.Event
+    ) -> bool:
+        if event.type != "G" or event.value != "PRESS" or len(self._own) < 2:
+            return False
+        self.along_path = not self.along_path
+        self._show(context, effect)
+        return True
+
+    def _words(self, context: bpy.types.Context) -> tuple[str, str]:
+        from ...authoring.paths import spot_placing
+
+        effect = active_spot(context)
+        x, y, z = (100.0 * each for each in self.place)
+        where = f"Along Path: {effect.hfx.path_position:.3f}" if self.along_path else "On the Skin"
+        keyed = ""
+        if spot_placing.is_auto_keyed(context, effect, paths.POSITION):
+            keyed = f"   Keyed at frame {context.scene.frame_current}"
+        elif paths.motion_of(effect) is not None:
+            keyed = "   Not keyed: press I afterwards, or switch Auto Keying on"
+        other = ""
+        if len(self._own) > 1:
+            other = "     G: " + ("freely on the skin" if self.along_path else "along its path")
+        return f"{where}   X {x:.1f} cm  Y {y:.1f} cm  Z {z:.1f} cm{keyed}", other
+
+
+class HFX_OT_resize_spot(HeldSpotOperator):
+    """Change the radius of the point's disc with the mouse; Auto Keying keys it"""
+
+    bl_idname = "hfx.resize_spot"
+    bl_label = "Resize Disc"
+
+    radius: FloatProperty(
+        name="Radius",
+        description="Radius of the disc",
+        subtype="DISTANCE",
+        unit="LENGTH",
+        min=0.0,
+        options={"SKIP_SAVE"},
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import spot_placing
+
+        effect = active_spot(context)
+        spot_placing.check_free(effect, "hfx.radius", "radius")
+        if self.properties.is_property_set("radius"):
+            effect.hfx.radius = self.radius
+        if spot_placing.is_auto_keyed(context, effect, "hfx.radius"):
+            effect.keyframe_insert("hfx.radius")
+        effect.update_tag()
+        return ""
+
+    def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        from ...authoring.paths import spot_placing
+
+        spot_placing.check_free(effect, "hfx.radius", "radius")
+        self._before = effect.hfx.radius
+        least = _LEAST_RADIUS_M / metres_of(context.scene)
+        self._unit = max(self._before, least)
+        middle = self._window_place(context, spot_placing.place_of(effect))
+        self._middle = self._at if middle is None else middle
+        self._first = max((self._at - self._middle).length, 1.0)
+        self.radius = self._before
+
+    def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        self.radius = self._unit * (self._at - self._middle).length / self._first
+        effect.hfx.radius = self.radius
+        effect.update_tag()
+
+    def _take_back(self, effect: bpy.types.Object) -> None:
+        effect.hfx.radius = self._before
+        effect.update_tag()
+
+    def _words(self, context: bpy.types.Context) -> tuple[str, str]:
+        return f"Radius: {100.0 * self.radius * metres_of(context.scene):.2f} cm", ""
+
+
+class HFX_OT_key_spot(PathOperator):
+    """Key the place where the point is now; it moves along the skin from key to key"""
+
+    bl_idname = "hfx.key_spot"
+    bl_label = "Insert Place Key"
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return {"PASS_THROUGH"} if is_for_blender(context, event) else self.execute(context)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.paths import spot_placing
+
+        effect = active_spot(context)
+        spot_placing.key_here(context.scene, effect)
+        return f"'{effect.name}': its place is keyed at frame {context.scene.frame_current}"
+
+
+def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
+    """Move the object, which only stands for the effect, to the point."""
+    from ...authoring.paths import spot_placing
+
+    place = spot_placing.place_of(effect)
+    if place is not None and effect.hfx.body is not None and effect.parent is None:
+        effect.location = on_body(context, effect, place)
+
+
+_classes = (HFX_OT_slide_spot, HFX_OT_resize_spot, HFX_OT_key_spot)
+_register, _unregister = bpy.utils.register_classes_factory(_classes)
+_keys = KeyBindings(
+    "Object Mode", *((each.bl_idname, key, {}) for each, key in zip(_classes, "GSI", strict=True))
+)
+
+
+def register() -> None:
+    _register()
+    _keys.register()
+
+
+def unregister() -> None:
+    _keys.unregister()
+    _unregister()

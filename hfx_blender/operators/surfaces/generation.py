@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Material from words or a picture: made in a child process, shown, chosen, felt."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+from bpy.props import IntProperty
+
+from ... import __version__
+from ...errors import HfxError, InputError
+from ...processes import blender_session
+from ..shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ...generation.child import GenerationChild
+
+_TICK_S = 0.1
+
+running: GenerationChild | None = None
+"""Generation that is under way."""
+
+results: list[Path] = []
+"""Records of the surfaces that were made last, in their order."""
+
+_folders: list[str] = []
+
+
+def _job(context: bpy.types.Context) -> dict[str, Any]:
+    """Job of the panel's settings, as the worker takes it.
+
+    Raises
+    ------
+    InputError
+        No words, or no picture that Blender reads.
+    """
+    wanted = context.window_manager.hfx_generation
+    folder = str(blender_session.new_temporary_folder("hfx_generated_"))
+    _folders.append(folder)
+    job = {
+        "version": __version__,
+        "folder": folder,
+        "back_end": "library",
+        "use_steps": wanted.use_steps,
+        "variations": wanted.variations,
+        "words": wanted.words,
+        "negative": wanted.negative,
+        "seed": wanted.seed,
+        "texels": wanted.resolution,
+    }
+    if wanted.source == "WORDS":
+        if not wanted.words.strip():
+            raise InputError("Say in words what the material is: 'worn blue denim'.")
+        return job
+    if not wanted.picture:
+        raise InputError("Choose a picture of a material.")
+    return {**job, **_of_picture(wanted, Path(folder))}
+
+
+def _of_picture(wanted: Any, folder: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from ...authoring.surfaces import image_values
+
+    path = bpy.path.abspath(wanted.picture)
+    image = image_values.load(path)
+    try:
+        pixels = folder / "pixels.npy"
+        np.save(pixels, image_values.colours_of(image).astype(np.float32))
+    finally:
+        bpy.data.images.remove(image)
+    return {
+        "back_end": "folder",
+        "variations": 1,
+        "picture": os.path.abspath(path),
+        "pixels": str(pixels),
+        "size_mm": list(wanted.size_mm),
+        "height_mm": wanted.height_mm,
+        "tiles": wanted.tiles,
+    }
+
+
+def _forget(kept: str = "") -> None:
+    """Remove the folders of earlier results; what is in use was packed into the .blend."""
+    for folder in [each for each in _folders if each != kept]:
+        shutil.rmtree(folder, ignore_errors=True)
+        _folders.remove(folder)
+
+
+class HFX_OT_generate_surface(HfxOperator):
+    """Make materials from the words or the picture, and give the first to the active object.
+
+    It works in a process of its own; Blender can be used meanwhile
+    """
+
+    bl_idname = "hfx.generate_surface"
+    bl_label = "Make Material"
+
+    # Without annotations, which Blender would take for properties.
+    _timer = None
+    _target = ""
+    requires = ((lambda context: running is None, "A material is being made"),)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        begun = self.reported(lambda: self._begin(context))
+        if begun != {"FINISHED"}:
+            return begun
+        self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        """Make them in one go, for a script."""
+        self._begin(context)
+        assert running is not None
+        running.wait()
+        return self._end(context)
+
+    def _begin(self, context: bpy.types.Context) -> str:
+        global running
+        from ...generation.child import GenerationChild
+
+        if importlib.util.find_spec("scipy") is None:  # the child would end for want of it
+            raise ModuleNotFoundError(name="scipy")
+        try:
+            running = GenerationChild(_job(context))
+        except OSError as error:
+            raise HfxError(f"No process can be started ({error}).") from error
+        active = context.object
+        self._target = active.name if active is not None and active.type == "MESH" else ""
+        return ""
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        _redraw(context)
+        if running is not None and running.is_running:
+            return {"PASS_THROUGH"}
+        self.cancel(context)
+        if running is None:
+            self.report({"WARNING"}, "Cancelled: no material was made")
+            return {"CANCELLED"}
+        return self.reported(lambda: self._end(context))
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Remove the timer: the work has ended, or the window closes."""
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+
+    def _end(self, context: bpy.types.Context) -> str:
+        global running
+        assert running is not None
+        done, running = running, None
+        done.cancel()  # it has ended: only its streams are closed
+        if done.fault:
+            raise InputError(done.fault)
+        results[:] = done.records
+        _forget(str(results[0].parent) if results else "")
+        target = bpy.data.objects.get(self._target)
+        if target is None or target.mode != "OBJECT":
+            return f"{len(results)} made; choose one for an object"
+        return _given(target, results[0])
+
+
+def _given(obj: bpy.types.Object, record: Path) -> str:
+    from ...authoring.surfaces import generated_surfaces
+
+    material = generated_surfaces.apply(obj, record)
+    return f"'{obj.name}' has the material '{material.name}'; {obj.hfx.surface.note}"
+
+
+def _redraw(context: bpy.types.Context) -> None:
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+class HFX_OT_cancel_generation(HfxOperator):
+    """End the making of materials; nothing changes"""
+
+    bl_idname = "hfx.cancel_generation"
+    bl_label = "Cancel"
+    bl_options = {"REGISTER"}
+    requires = ((lambda context: running is not None, "No material is being made"),)
+
+    def work(self, context: bpy.types.Context) -> str:
+        stop()
+        return ""
+
+
+class HFX_OT_use_generated(HfxOperator):
+    """Give this material and its haptic surface to the active object"""
+
+    bl_idname = "hfx.use_generated"
+    bl_label = "Use"
+
+    number: IntProperty(name="Number", description="Of the variation", min=0)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        active = context.object
+        is_usable = active is not None and active.type == "MESH" and active.mode == "OBJECT"
+        return cls.needs(is_usable, "Select a mesh, in Object Mode")
+
+    def work(self, context: bpy.types.Context) -> str:
+        if self.number >= len(results):
+            raise InputError(f"There is no variation {self.number + 1}; make materials first.")
+        return _given(context.object, results[self.number])
+
+
+def stop() -> None:
+    """End a generation that is under way."""
+    global running
+    if running is not None:
+        running.cancel()
+        running = None
+
+
+_register, _unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_generate_surface, HFX_OT_cancel_generation, HFX_OT_use_generated)
+)
+
+
+def register() -> None:
+    _register()
+
+
+def unregister() -> None:
+    stop()
+    results.clear()
+    _forget()
+    _unregister()

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stroke a surface with the mouse: see it, hear it, feel it on a device, export it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty
+
+from ...authoring.surfaces import surfaces
+from ...errors import HfxError, InputError
+from ...files import suffixes
+from ...playback.live.live import live
+from .. import framing
+from ..shared import FileOperator, HfxOperator
+from .surfaces import ON_SURFACE
+
+if TYPE_CHECKING:
+    from ...playback.strokes.stroke_pad import Take
+
+_TICK_S = 0.01
+_BUSY_S = 0.03
+"""Delay of a timer event from which on the window counts as busy, seconds: moves of the mouse still
+wait."""
+
+last_take: Take | None = None
+"""Last stroke over any surface of this Blender, which is exported."""
+
+
+class HFX_OT_stroke_pad(HfxOperator):
+    """Stroke the active surface with the mouse: see, hear and feel what a finger would"""
+
+    bl_idname = "hfx.stroke_pad"
+    bl_label = "Stroke Pad"
+    bl_options = {"REGISTER"}
+    requires = (ON_SURFACE,)
+
+    def work(self, context: bpy.types.Context) -> str:
+        raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        from ...playback.strokes.stroke_pad import StrokePad
+        from ...playback.strokes.stroke_sound import StrokeSound
+        from .stroke_pad_view import PadPlace, draw
+
+        obj, area = context.object, context.area
+        if area is None or area.type not in ("VIEW_3D", "IMAGE_EDITOR"):
+            self.report({"ERROR"}, "Open the stroke pad from a 3D viewport or the Image Editor")
+            return {"CANCELLED"}
+        try:
+            self._pad = StrokePad(obj.name, surfaces.texture_of(obj))
+        except HfxError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        settings = obj.hfx.surface
+        self._screen = context.window.screen
+        self._region = framing.views(area)[0]  # of quad view, beside the sidebar
+        self._sound = StrokeSound(
+            float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
+        )
+        place = PadPlace(self._region.width, self._region.height)
+        self._place, self._pad_draw = place, draw
+        self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
+        self._ticked_s = time.monotonic()
+        self._space = type(area.spaces.active)
+        arguments = (self._pad, settings.intensity_image, place, self._region)
+        self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
+        self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        self._region.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self._react(context, event)
+        except Exception:
+            self._close(context)
+            raise
+
+    def _react(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        pad, now = self._pad, time.monotonic()
+        if context.window is None or context.window.screen != self._screen:
+            return {"PASS_THROUGH"}  # a file browser, or another workspace, is in its place
+        x, y = event.mouse_x - self._region.x, event.mouse_y - self._region.y
+        if event.type == "ESC" and event.value == "PRESS":
+            self._close(context)
+            return {"FINISHED"}
+        if event.type == "LEFTMOUSE" and event.value == "PRESS":
+            if not self._place.holds(x, y):
+                return {"PASS_THROUGH"}
+            self._passed.clear()
+            pad.press(now, self._place.surface_point(pad, x, y))
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and pad.is_stroking:
+            pad.move_through(self._passed or [self._place.surface_point(pad, x, y)], now)
+            self._keep(pad.release(now))
+        elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
+            self._passed.append(self._place.surface_point(pad, x, y))
+            if event.type == "INBETWEEN_MOUSEMOVE":  # more of them wait
+                return {"RUNNING_MODAL"}
+            pad.move_through(self._passed, now)
+            self._passed.clear()
+        elif event.type == "TIMER":
+            is_late, self._ticked_s = now - self._ticked_s > _BUSY_S, now
+            if not pad.is_stroking:
+                return {"PASS_THROUGH"}
+            if is_late:
+                return {"RUNNING_MODAL"}  # nor is it drawn, so the next one is in time
+            pad.rest(now)
+        elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):
+            self._key(event.type)
+        elif not self._place.holds(x, y):
+            return {"PASS_THROUGH"}
+        self._feel()
+        self._region.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+    def _feel(self) -> None:
+        """Play new parts of the stroke as sound, and on connected devices."""
+        pad = self._pad
+        signal = pad.next_step()
+        if signal is None:
+            return
+        self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
+        self._sound.set_friction(pad.now.speed_m_s / pad.target_m_s / 2.0)
+        live.send_vibration(
+            float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]), pad.drive
+        )
+
+    def _keep(self, take: Take | None) -> None:
+        global last_take
+        last_take = take or last_take
+        self._sound.set_friction(0.0)
+        live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
+
+    def _key(self, key: str) -> None:
+        from ...engine.texture.surface_texture import Renderer
+        from ...playback.strokes.stroke_pad import TARGETS_M_S
+
+        pad = self._pad
+        pad.cancel()
+        if key in ("ONE", "TWO"):
+            pad.target_m_s = TARGETS_M_S[key == "TWO"]
+        elif key == "R":
+            order = list(Renderer) if pad.texture.height is not None else [Renderer.MCHA]
+            following = order[(order.index(pad.texture.renderer) + 1) % len(order)]
+            pad.texture = replace(pad.texture, renderer=following)
+        elif last_take is not None:
+            bpy.ops.hfx.export_stroke("INVOKE_DEFAULT")
+
+    def _close(self, context: bpy.types.Context) -> None:
+        self._space.draw_handler_remove(self._handler, "WINDOW")
+        context.window_manager.event_timer_remove(self._timer)
+        self._keep(None)
+        self._sound.close()
+        self._region.tag_redraw()
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        self._close(context)
+
+
+class HFX_OT_export_stroke(FileOperator):
+    """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
+
+    bl_idname = "hfx.export_stroke"
+    bl_label = "Export Last Stroke"
+    bl_options = {"REGISTER"}
+
+    kind: EnumProperty(
+        name="Format",
+        items=[(suffix, suffix[1:].upper(), f"A file *{suffix}") for suffix in suffixes.STROKES],
+        description="Format if the name has no suffix",
+    )
+
+    requires = ((lambda _context: last_take, "Stroke a surface first"),)
+
+    def first_path(self, _context: bpy.types.Context) -> str:
+        return "" if last_take is None else bpy.path.clean_name(last_take.name) + self.kind
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ...engine.texture.stroke_rendering import render_stroke
+        from ...formats.signals import stroke_files
+
+        assert last_take is not None
+        path = self.path()
+        if not path.suffix:
+            path = path.with_suffix(self.kind)
+        stroke_files.check(path)
+        signal = last_take.signal
+        if path.suffix.lower() == ".wav":
+            rate = stroke_files.WAV_RATE_HZ
+            signal = render_stroke(last_take.texture, last_take.stroke, waveform_rate_hz=rate)
+        written = stroke_files.write(signal, last_take.stroke, last_take.texture.device, path)
+        return f"Wrote {path.name}" + "".join(f"; {note}" for note in written.notes)
+
+
+_register, _unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_stroke_pad, HFX_OT_export_stroke)
+)
+
+
+def register() -> None:
+    _register()
+
+
+def unregister() -> None:
+    global last_take
+    last_take = None
+    _unregister()

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic surfaces: add, bake, load, import and export their maps, calibrate."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ...authoring.surfaces import surfaces
+from ...errors import InputError
+from ...files import suffixes
+from ...properties.surfaces import IMAGE_KINDS, SOURCES
+from ...text import printable
+from ..shared import ON_MESH, FileOperator, HfxOperator
+
+
+def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Active object, if it has a haptic surface."""
+    return context.object if surfaces.is_surface(context.object) else None
+
+
+def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
+    """Make an object's maps; returns notes, and reports faults as a warning."""
+    note = surfaces.make(obj)
+    if obj.hfx.surface.warning:
+        text = f"'{obj.name}': {obj.hfx.surface.warning}."
+        operator.report({"WARNING"}, printable(text))
+    return note
+
+
+ON_SURFACE = active_surface, "Select an object with a haptic surface"
+
+
+class _OfSurface(HfxOperator):
+    requires = (ON_SURFACE,)
+
+
+class HFX_OT_add_surface(HfxOperator):
+    """Add a haptic surface to the active object, and make its maps"""
+
+    bl_idname = "hfx.add_surface"
+    bl_label = "Haptic Surface"
+
+    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-2])
+    procedural: StringProperty(
+        name="Library Material",
+        description="Material, for the source Library",
+        options={"SKIP_SAVE"},
+    )
+    requires = (ON_MESH,)
+
+    def work(self, context: bpy.types.Context) -> str:
+        obj = context.object
+        surfaces.add_surface(obj, self.source)
+        if self.procedural:
+            obj.hfx.surface.procedural = self.procedural
+        if self.source in ("IMAGE", "SCAN"):
+            return f"'{obj.name}' needs {'an image' if self.source == 'IMAGE' else 'a scan'} now"
+        try:
+            return _made(self, obj)
+        except InputError as error:
+            # The surface stays, so that the fault can be corrected.
+            self.report({"WARNING"}, str(error))
+            return ""
+
+
+class HFX_OT_remove_surface(_OfSurface):
+    """Remove the haptic surface of the active object, with its maps"""
+
+    bl_idname = "hfx.remove_surface"
+    bl_label = "Remove Surface"
+
+    def work(self, context: bpy.types.Context) -> str:
+        surfaces.remove_surface(context.object)
+        return ""
+
+
+class HFX_OT_bake_surface(_OfSurface):
+    """Make the maps again, from the material, image or scan as it is now"""
+
+    bl_idname = "hfx.bake_surface"
+    bl_label = "Make Maps"
+
+    def work(self, context: bpy.types.Context) -> str:
+        return _made(self, context.object)
+
+
+class _OfFile(FileOperator):
+    requires = (ON_SURFACE,)
+
+
+class HFX_OT_load_surface_image(_OfFile):
+    """Take an image of heights, or a photograph, as the surface"""
+
+    bl_idname = "hfx.load_surface_image"
+    bl_label = "Load Image"
+
+    kind: EnumProperty(
+        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS[:2]
+    )
+    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.surfaces import image_values
+
+        settings = context.object.hfx.surface
+        image = image_values.load(str(self.path()))
+        if self.kind == "HEIGHT":
+            image.colorspace_settings.is_data = True
+            image.reload()  # an image loaded as a colour stays one
+        settings.source, settings.image, settings.image_kind = "IMAGE", image, self.kind
+        return _made(self, context.object)
+
+
+class HFX_OT_load_scan(_OfFile):
+    """Take a scanned piece (PLY, XYZ, 16-bit picture) as the surface"""
+
+    bl_idname = "hfx.load_scan"
+    bl_label = "Load Scan"
+
+    unit_mm: FloatProperty(
+        name="Unit (mm)", description="Of a point cloud's numbers", default=1.0, min=1e-6
+    )
+    filter_glob: StringProperty(
+        default="*.ply;*.xyz;*.txt;*.asc;*.csv;*.png;*.exr;*.tif;*.tiff", options={"HIDDEN"}
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        settings = context.object.hfx.surface
+        settings.source, settings.scan_path = "SCAN", str(self.path())
+        settings.scan_unit_mm = self.unit_mm
+        return _made(self, context.object)
+
+
+class HFX_OT_export_texture(_OfFile):
+    """Write the haptic map: two grey PNGs and a JSON of scale, ranges and steps"""
+
+    bl_idname = "hfx.export_texture"
+    bl_label = "Export Map"
+    bl_options = {"REGISTER"}
+
+    bits: EnumProperty(
+        name="Depth",
+        description="Of a pixel of the pictures",
+        items=(
+            ("16", "16 Bit", "Fine steps, for rendering"),
+            ("8", "8 Bit", "Small files, for tools that read only 8 bits"),
+        ),
+    )
+    filter_glob: StringProperty(default=f"*{suffixes.TEXTURE_MAP}", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ...formats.pictures import texture_map
+
+        if not self.filepath:
+            self.filepath = bpy.path.clean_name(context.object.name) + texture_map.SUFFIX
+        return super().invoke(context, event)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...formats.pictures import texture_map
+
+        path, made = self.path(), surfaces.map_of(context.object)
+        stem = path.with_name(path.name.removesuffix(texture_map.SUFFIX))
+        bits = 8 if self.bits == "8" else 16
+        written = texture_map.write(made, stem, bits, context.object.name)
+        return f"Wrote {', '.join(each.name for each in written.files)}"
+
+
+class HFX_OT_import_texture(_OfFile):
+    """Take a haptic map from its JSON as the surface"""
+
+    bl_idname = "hfx.import_texture"
+    bl_label = "Import Map"
+
+    filter_glob: StringProperty(default=f"*{suffixes.TEXTURE_MAP}", options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...formats.pictures import texture_map
+
+        path = self.path()
+        surfaces.take_map(context.object, texture_map.read(path), f"imported from {path.name}")
+        return f"Imported {path.name}"
+
+
+class HFX_OT_feel_fabric(HfxOperator):
+    """Feel and hear two seconds of a stroke over the chosen reference fabric"""
+
+    bl_idname = "hfx.feel_fabric"
+    bl_label = "Feel It"
+    bl_options = {"REGISTER"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...engine.texture.device_range import DeviceRange
+        from ...engine.texture.stroke import FAST_M_S, SLOW_M_S
+        from ...playback.strokes import reference_strokes
+
+        chosen = context.window_manager.hfx_surface_calibration
+        speed = SLOW_M_S if chosen.speed == "SLOW" else FAST_M_S
+        signal = reference_strokes.felt(chosen.fabric, speed, chosen.drive * 1000.0)
+        full = float(DeviceRange().amplitude_m_s2(1.0))
+        reference_strokes.play(signal, full)
+        return f"{signal.amplitude_m_s2.mean() / full:.0%} of full strength"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_add_surface,
+        HFX_OT_remove_surface,
+        HFX_OT_bake_surface,
+        HFX_OT_load_surface_image,
+        HFX_OT_load_scan,
+        HFX_OT_export_texture,
+        HFX_OT_import_texture,
+        HFX_OT_feel_fabric,
+    )
+)

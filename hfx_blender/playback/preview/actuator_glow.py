@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Actuators of the chosen devices as discs on the skin that glow with their output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+from mathutils import Matrix
+
+from ...avatars import avatar_meshes
+from ...engine.arrays import F32, F64
+from ...engine.colouring import COLD, Colour
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.moment import MomentRenderer
+from ...engine.samples import SampleRun
+from ...errors import HfxError
+from ...reading.live.live_scene import LiveScene
+from ..timeline.timeline_record import TimelineRecord, devices_of, notes_of
+from .actuator_places import ActuatorPlaces, places_of
+from .displayed_skin import DisplayedSkins
+
+ABOVE_SKIN_M = 0.004
+
+MOST_DISCS = 256
+"""Largest number of discs in one draw call; 32 bytes each, of the 16 kB that every graphics card
+has for them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Constant appearance of A actuators that share one carrier."""
+
+    colours: F32  # (A, 3) at full strength
+    cold: F32  # (A, 3) below neutral
+    radii: F32  # (A,) Blender's units, of the world
+
+
+@dataclass(frozen=True, eq=False)
+class Discs:
+    """Drawable actuators, A of them, in the space of their carrier.
+
+    Attributes
+    ----------
+    looks : Looks
+        The same object as long as they are the same.
+    rows : (B, 2, 4) float32
+        Of each: place on the skin, and share of full strength in -1..1; normal, and a zero. There
+        are zeros behind them, up to a multiple of :data:`MOST_DISCS`.
+    matrix : mathutils.Matrix
+        To the world.
+    above : float
+        How far along the normal they are drawn.
+    scale : float
+        Length in the world of what is one long here.
+    """
+
+    looks: Looks
+    rows: F32
+    matrix: Matrix
+    above: float
+    scale: float
+
+
+@dataclass(eq=False)
+class _DeviceOnBody:
+    """A device on a body."""
+
+    device: DeviceConfig
+    body_id: str
+    places: ActuatorPlaces
+    columns: npt.NDArray[np.int64]  # (A,) of the strengths
+    neutral: F64  # (A,)
+    reach: F64  # (A,) from neutral to full strength
+    renderer: MomentRenderer
+    fault: str = ""  # why it cannot be rendered
+
+    def recorded(self, recorded: TimelineRecord) -> F32:
+        """Shares of full strength at each time of a record, (T, A)."""
+        for device, raster in recorded.devices:
+            if device.id == self.device.id and raster.body_id == self.body_id:
+                return self._share(raster.values[:, self.columns])
+        return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
+
+    def now(self, runs: Sequence[SampleRun]) -> F32:
+        """Shares of full strength at present, (A,)."""
+        is_felt = any(run.stream.body_id == self.body_id and len(run) for run in runs)
+        if self.fault or not is_felt:
+            return np.zeros(len(self.columns), np.float32)
+        try:
+            return self._share(self.renderer.values(runs)[self.columns])
+        except HfxError as error:
+            self.fault = str(error)
+            return self.now(runs)
+
+    def _share(self, values: F64) -> F32:
+        share = np.clip((values - self.neutral) / self.reach, -1.0, 1.0)
+        return share.astype(np.float32)
+
+
+class ActuatorGlow:
+    """Glow of the devices of one scene on its bodies."""
+
+    def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
+        self._faults: list[str] = []
+        self._live = live
+        self._on_bodies: list[_DeviceOnBody] = []  # one body after the other
+        self._bodies: list[_BodyWithDevices] = []
+        devices = devices_of(scene, self._faults)
+        for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
+            mine = []
+            for device in devices:
+                try:
+                    mine.append(_on_body(live, device, body, described.id))
+                except HfxError as error:
+                    self._faults.append(str(error))
+            if mine:
+                self._on_bodies += mine
+                self._bodies.append(_BodyWithDevices(body, mine))
+        self.notes = notes_of([each.device for each in self._on_bodies])
+        self._known: tuple[TimelineRecord | None, F32 | None] = None, None
+
+    @property
+    def fault(self) -> str:
+        """Reasons why devices, or some of their values, are not shown; empty without any."""
+        found = [*self._faults, *(each.fault for each in self._on_bodies)]
+        return "; ".join(dict.fromkeys(filter(None, found)))
+
+    def recorded(self, recorded: TimelineRecord, index: int) -> F32:
+        """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
+
+        That of devices whose values could not be recorded is zero.
+        """
+        of, shares = self._known
+        if of is not recorded or shares is None:
+            parts = [each.recorded(recorded) for each in self._on_bodies]
+            shares = np.concatenate([np.zeros((len(recorded.frames), 0), np.float32), *parts], 1)
+            self._known = recorded, shares
+        row: F32 = shares[index]
+        return row
+
+    def now(self, runs: Sequence[SampleRun]) -> F32:
+        """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
+        return np.concatenate(
+            [np.zeros(0, np.float32), *(each.now(runs) for each in self._on_bodies)]
+        )
+
+    def discs(
+        self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
+    ) -> list[Discs]:
+        """Drawable discs of all actuators at present."""
+        found = []
+        first = 0
+        for each in self._bodies:
+            share = strengths[first : first + len(each)]
+            first += len(each)
+            found += each.discs(self._live, skins, share, palette, unit_m)
+        return found
+
+
+def _on_body(
+    live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str
+) -> _DeviceOnBody:
+    ranges = [each.type.strength for each in device.actuators]
+    return _DeviceOnBody(
+        device,
+        body_id,
+        places_of(body, device),
+        device.strength_columns,
+        np.array([each.neutral for each in ranges]),
+        np.array([max(each.reach, 1e-9) for each in ranges]),
+        MomentRenderer(live.description, device, body_id=body_id),
+    )
+
+
+class _BodyWithDevices:
+    """Body with all of the actuators that are on it."""
+
+    def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
+        self._body = body
+        places = [each.places for each in devices]
+        self._radius_m = np.concatenate([each.radius_m for each in places])
+        self._modalities = [a.type.modality for each in devices for a in each.device.actuators]
+        mesh = np.concatenate([each.mesh for each in places])
+        vertex = np.concatenate([each.vertex for each in places])
+        self._on = [
+            (each, np.flatnonzero(mesh == number), vertex[mesh == number])
+            for number, each in enumerate(avatar_meshes.meshes_of(body))
+            if (mesh == number).any()
+        ]
+        self._in_room = np.flatnonzero(mesh < 0)
+        at_rest = np.concatenate([each.at_rest for each in places])[self._in_room]
+        self._room = _empty_rows(len(at_rest))
+        self._room[: len(at_rest), 0, :3] = at_rest
+        self._room[: len(at_rest), 1, 1] = -1.0  # they look where the body looks at rest
+        self._looks: tuple[tuple[object, ...], list[Looks]] = (), []
+
+    def __len__(self) -> int:
+        return len(self._radius_m)
+
+    def discs(
+        self,
+        live: LiveScene,
+        skins: DisplayedSkins,
+        share: F32,
+        palette: Mapping[str, Colour],
+        unit_m: float,
+    ) -> list[Discs]:
+        """Discs of the actuators on displayed skin, and of those in the room."""
+        graph, found = live.objects.layer.depsgraph, []
+        *on_skin, in_room = self._looks_of(palette, unit_m)
+        for (mesh, mine, vertices), looks in zip(self._on, on_skin, strict=True):
+            skin = skins.of(mesh, graph)
+            if skin is None or skin.size <= vertices.max():
+                continue
+            rows, count = _empty_rows(len(mine)), len(mine)
+            rows[:count, 0, :3] = skin.positions.take(vertices, axis=0)
+            rows[:count, 0, 3] = share.take(mine)
+            rows[:count, 1, :3] = skin.normals.take(vertices, axis=0)
+            found.append(_placed(looks, rows, skin.world, unit_m))
+        if len(self._in_room):
+            rows = self._room.copy()
+            rows[: len(self._in_room), 0, 3] = share.take(self._in_room)
+            world = self._body.evaluated_get(graph).matrix_world.copy()
+            found.append(_placed(in_room, rows, world, unit_m))
+        return found
+
+    def _looks_of(self, palette: Mapping[str, Colour], unit_m: float) -> list[Looks]:
+        """Appearances: one for the actuators on each mesh, and one for those in the room."""
+        known, looks = self._looks
+        key = (unit_m, *palette.values())  # a palette of one's own may change
+        if known != key:
+            named = [palette[name] for name in self._modalities]
+            cold = [palette[COLD if n == "temperature" else n] for n in self._modalities]
+            colours, below = np.array(named, np.float32), np.array(cold, np.float32)
+            radii = (self._radius_m / unit_m).astype(np.float32)
+            looks = [
+                Looks(colours[mine], below[mine], radii[mine])
+                for mine in (*(mine for _, mine, _ in self._on), self._in_room)
+            ]
+            self._looks = key, looks
+        return looks
+
+
+def _empty_rows(count: int) -> F32:
+    return np.zeros((-(-count // MOST_DISCS) * MOST_DISCS, 2, 4), np.float32)
+
+
+def _placed(looks: Looks, rows: F32, matrix: Matrix, unit_m: float) -> Discs:
+    scale = max(abs(matrix.determinant()) ** (1 / 3), 1e-12)
+    return Discs(looks, rows, matrix, ABOVE_SKIN_M / unit_m / scale, scale)

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drawing into the 3D viewport that Blender draws at this moment; never called in background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ...engine.arrays import F32, I32, U8
+
+if TYPE_CHECKING:
+    import gpu
+
+    from ..timeline.value_chart import Chart
+    from .actuator_glow import Discs, Looks
+    from .coloured_mesh import Layer
+
+_MARGIN = 10.0
+_TEXT = (0.92, 0.92, 0.92, 1.0)
+_PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
+
+
+def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
+    """Draw colours over the skin.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+    opacity : float
+        Of full colour, 0..1.
+    """
+    import gpu
+
+    from . import card_shaders
+
+    if not layers:
+        return
+    shader = card_shaders.skin()
+    writes = gpu.state.depth_mask_get()
+    gpu.state.blend_set("ALPHA_PREMULT")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
+    gpu.state.face_culling_set("BACK")
+    shader.bind()
+    shader.uniform_float("opacity", opacity)
+    for layer in layers:
+        batch = _skins[layer]
+        shader.uniform_float("above", layer.above)
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(layer.matrix)
+            to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
+            shader.uniform_float("to_viewer", to_viewer)
+            submit(batch, shader)
+    gpu.state.face_culling_set("NONE")
+    gpu.state.depth_mask_set(writes)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def draw_discs(parts: Sequence[Discs]) -> None:
+    """Draw actuators on the skin."""
+    import gpu
+
+    from . import card_shaders
+    from .actuator_glow import MOST_DISCS
+
+    if not parts:
+        return
+    shader = card_shaders.discs()
+    writes = gpu.state.depth_mask_get()
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
+    shader.bind()
+    for part in parts:
+        shader.uniform_float("above", part.above)
+        shader.uniform_float("scale", part.scale)
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(part.matrix)
+            for first, batch, rows in _discs[part.looks]:
+                rows.update(part.rows[first : first + MOST_DISCS])
+                shader.uniform_block("rows", rows)
+                submit(batch, shader)
+    gpu.state.depth_mask_set(writes)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
+    """Submit a batch to the graphics card; the card does the drawing."""
+    batch.draw(shader)
+
+
+class _OnCard:
+    """Cache of what was sent to the graphics card, by the object that it was made of."""
+
+    def __init__(self, send: Callable[[Any], Any], most: int) -> None:
+        self._send, self._most = send, most
+        self._sent: dict[int, tuple[object, Any]] = {}
+
+    def __getitem__(self, made_of: object) -> Any:
+        known = self._sent.get(id(made_of))
+        if known is None or known[0] is not made_of:
+            if len(self._sent) >= self._most:
+                self._sent.clear()
+            known = self._sent[id(made_of)] = made_of, self._send(made_of)
+        return known[1]
+
+    def forget(self) -> None:
+        self._sent.clear()
+
+
+def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
+    """A layer's vertices and colours."""
+    import gpu
+
+    batch = gpu.types.GPUBatch(
+        type="TRIS", buf=_column("pos", layer.positions), elem=_indices[layer.shown.triangles]
+    )
+    batch.vertbuf_add(_column("normal", layer.normals))
+    batch.vertbuf_add(_column("colour", layer.shown.colours))
+    return batch
+
+
+def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
+    import gpu
+
+    return gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
+
+
+def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
+    """Vertex buffer of a single attribute: copied in one piece, not vertex by vertex."""
+    import gpu
+
+    layout = gpu.types.GPUVertFormat()
+    kinds = ("U8", "INT_TO_FLOAT_UNIT") if values.dtype == np.uint8 else ("F32", "FLOAT")
+    layout.attr_add(id=name, comp_type=kinds[0], len=values.shape[1], fetch_mode=kinds[1])
+    found = gpu.types.GPUVertBuf(layout, len(values))
+    found.attr_fill(name, values)
+    return found
+
+
+def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
+    """Discs with their colours, as many at a time as the shader takes, and room for their rows."""
+    import gpu
+
+    from . import disc_mesh
+    from .actuator_glow import MOST_DISCS
+
+    nothing = np.zeros((MOST_DISCS, 2, 4), np.float32)
+    found = []
+    for first in range(0, len(looks.radii), MOST_DISCS):
+        part = slice(first, first + MOST_DISCS)
+        corners, triangles = disc_mesh.discs(len(looks.radii[part]))
+        which = corners[:, 3].astype(np.int64)
+        full = np.column_stack([looks.colours[part], looks.radii[part]])
+        batch = gpu.types.GPUBatch(
+            type="TRIS",
+            buf=_column("corner", corners),
+            elem=_index_buffer(triangles),
+        )
+        batch.vertbuf_add(_column("full", full[which]))
+        batch.vertbuf_add(_column("cold", looks.cold[part][which]))
+        found.append((first, batch, gpu.types.GPUUniformBuf(nothing)))
+    return found
+
+
+# Moving data is sent once a frame, even for several viewports.
+_skins, _indices = _OnCard(_skin_batch, 8), _OnCard(_index_buffer, 8)
+_discs = _OnCard(_disc_batches, 32)
+
+
+def forget() -> None:
+    """Free the memory on the graphics card."""
+    for kept in (_skins, _indices, _discs):
+        kept.forget()
+
+
+def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
+    """Left and right end of the region that no toolbar or sidebar covers, pixels."""
+    left, right = 0.0, float(region.width)
+    for other in area.regions:
+        if other.width <= 1 or other.type not in ("TOOLS", "UI"):
+            continue
+        if other.x <= region.x + 1 and other.type == "TOOLS":
+            left = max(left, other.x + other.width - region.x)
+        elif other.type == "UI" and other.x > region.x:
+            right = min(right, other.x - region.x)
+    return left + _MARGIN, right - _MARGIN
+
+
+class ChartDrawing:
+    """Drawing of a chart; constant parts stay on the graphics card."""
+
+    def __init__(self, chart: Chart) -> None:
+        self.chart = chart
+        self._batches: list[object] = []
+
+    def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
+        """Draw it at the lower end of a viewport, with the playhead at a frame."""
+        import blf
+        import gpu
+        from gpu_extras.batch import batch_for_shader
+
+        from ..timeline.value_chart import background
+
+        chart = self.chart
+        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+        scale = bpy.context.preferences.system.ui_scale
+        if not self._batches:
+            behind = background(chart.width, chart.height)
+            for positions, colours in (behind, (chart.positions, chart.colours)):
+                if len(positions):
+                    content = {"pos": positions, "color": colours}
+                    self._batches.append(batch_for_shader(shader, "TRIS", content))
+        x = chart.x_of(frame)
+        gpu.state.blend_set("ALPHA")
+        with gpu.matrix.push_pop():
+            gpu.matrix.translate((left, _MARGIN))
+            for batch in self._batches:
+                batch.draw(shader)
+            half = max(scale, 1.0)
+            line = [
+                (x - half, 0.0),
+                (x + half, 0.0),
+                (x - half, chart.height),
+                (x + half, chart.height),
+            ]
+            batch_for_shader(shader, "TRI_STRIP", {"pos": line, "color": [_PLAYHEAD] * 4}).draw(
+                shader
+            )
+        blf.size(0, 11.0 * scale)
+        blf.color(0, *_TEXT[:3], 1.0 if fresh else 0.5)
+        for label in chart.labels:
+            room = chart.width if label.values is None else chart.left - 70 * scale
+            _write(label.text, left + label.left, _MARGIN + label.bottom, room - label.left)
+            if label.values is not None:
+                index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
+                text = f"{label.values[index]:.1f} {label.unit}"
+                wide = blf.dimensions(0, text)[0]
+                _write(text, left + chart.left - 6 * scale - wide, _MARGIN + label.bottom, wide + 2)
+        if note:
+            _write(note, left + chart.left, _MARGIN + chart.height + 4 * scale, chart.width)
+        gpu.state.blend_set("NONE")
+
+
+def write_note(text: str, left: float) -> None:
+    """Write a sentence in the place of the chart."""
+    import blf
+
+    scale = bpy.context.preferences.system.ui_scale
+    blf.size(0, 11.0 * scale)
+    blf.color(0, *_TEXT)
+    _write(text, left, _MARGIN, 10_000.0)
+
+
+def _write(text: str, x: float, y: float, width: float) -> None:
+    import blf
+
+    shown, size = text, len(text)
+    while size > 1 and blf.dimensions(0, shown)[0] > width:
+        size -= 1
+        shown = text[:size].rstrip() + "..."
+    if blf.dimensions(0, shown)[0] > width:
+        return  # it would lie over what is beside it
+    blf.position(0, x, y, 0)
+    blf.draw(0, shown)

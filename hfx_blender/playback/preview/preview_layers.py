@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Layers of the preview: colours over avatars and glowing actuators, for the current samples."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...avatars import avatar_meshes, retargeting
+from ...engine.arrays import F64
+from ...engine.body.model import PerceptualModel, load_model
+from ...engine.colouring import PALETTES, Spread
+from ...engine.samples import Sample, SampleRun
+from ...errors import HfxError
+from ...reading.live.live_scene import LiveScene
+from ..evaluation import evaluation
+from ..timeline.timeline_record import TimelineRecord
+from .actuator_glow import ActuatorGlow, Discs
+from .coloured_mesh import ColouredMesh, Layer
+from .displayed_skin import DisplayedSkins
+from .preview_frame_cache import Meshes, PreviewFrameCache
+
+_CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
+
+
+class Preview:
+    """Preview of one scene, cached until something changes."""
+
+    def __init__(self) -> None:
+        self._scene: LiveScene | None = None
+        self._glow: ActuatorGlow | None = None
+        self.key: tuple[object, ...] = ()  # another one after each description
+        self._spreads: dict[tuple[str, str], Spread] = {}
+        self._meshes: dict[str, ColouredMesh] = {}
+        self._kept = PreviewFrameCache()
+        self._skins = DisplayedSkins()
+        self._contact: frozenset[str] = frozenset()
+        self._layers: list[Layer] | None = None
+        self._discs: list[Discs] | None = None
+        self._colours: tuple[object, ...] = ()  # of what was computed last
+        self.fault = ""
+        self.notes: list[str] = []  # differences of the glow from the real output
+
+    def forget(self) -> None:
+        """Discard everything: another file, or an undo."""
+        self.__init__()  # type: ignore[misc]
+        evaluation.forget()
+
+    def touch(self) -> None:
+        """Note that something moved; all is computed at the next drawing."""
+        self._layers = self._discs = None
+        self._skins.touch()
+        evaluation.touch()
+
+    def describe(self, context: bpy.types.Context) -> None:
+        """Describe the scene anew if it has changed; never while Blender draws."""
+        scene = context.scene
+        devices = tuple((device.name, device.scheme) for device in scene.hfx.devices)
+        evaluation.describe(context)
+        key = (evaluation.generation, devices)
+        if key == self.key:
+            return
+        self.key, self._scene, self._glow = key, evaluation.scene, None
+        self.fault, self.notes = evaluation.fault, []
+        self._layers = self._discs = None
+        self._spreads, self._meshes = {}, {}
+        self._kept.forget()
+        described = () if self._scene is None else self._scene.description.effects
+        self._contact = frozenset(each.id for each in described if each.is_contact)
+        try:
+            if self._scene is not None and devices:
+                self._glow = ActuatorGlow(self._scene, scene)
+                self.fault, self.notes = self._glow.fault, self._glow.notes
+        except HfxError as error:
+            self.fault = str(error)
+
+    def layers(
+        self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
+    ) -> list[Layer]:
+        """Colours to be drawn now.
+
+        Parameters
+        ----------
+        palette : str
+            Key of ``colouring.PALETTES``.
+        recorded : TimelineRecord, optional
+            A record that still holds: what is felt at ``frame`` is taken from it.
+        frame : float
+            The scene's present frame.
+        """
+        self._take_colours(palette)
+        if self._layers is None:
+            self._layers = []
+            if self._scene is not None:
+                try:
+                    self._layers = self._laid_over(self._scene, palette, recorded, frame)
+                except (HfxError, ReferenceError) as error:
+                    self.fault = str(error)
+        return self._layers
+
+    def prepare(self, palette: str, recorded: TimelineRecord, first: int, last: int) -> bool:
+        """Compute one more frame of a record; returns False if all are known."""
+        index = self._kept.missing(recorded, palette, first, last)
+        if self._scene is None or index is None:
+            return False
+        try:
+            self._recorded(self._scene, palette, recorded, index)
+        except (HfxError, ReferenceError):  # which is told when it is drawn
+            return False
+        return True
+
+    def discs(
+        self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
+    ) -> list[Discs]:
+        """Actuators to be drawn now; parameters as for :meth:`layers`."""
+        self._take_colours(palette)
+        if self._scene is None or self._glow is None:
+            return []
+        try:
+            if self._discs is None:
+                index = None if recorded is None else recorded.index(frame)
+                if recorded is None or index is None:
+                    strengths = self._glow.now(self._runs(self._scene))
+                    self.fault = self._glow.fault or self.fault
+                else:
+                    strengths = self._glow.recorded(recorded, index)
+                unit_m = self._scene.objects.unit_m
+                self._discs = self._glow.discs(strengths, PALETTES[palette], unit_m, self._skins)
+            return self._discs
+        except (HfxError, ReferenceError) as error:
+            self.fault, self._glow = str(error), None
+            return []
+
+    def _take_colours(self, palette: str) -> None:
+        """Discard what was computed if a palette, which may be the user's own, is another now."""
+        colours = tuple(PALETTES[palette].items())
+        if colours != self._colours:
+            self._colours, self._layers, self._discs = colours, None, None
+
+    def _runs(self, live: LiveScene) -> list[SampleRun]:
+        # Live devices may have described another scene just now.
+        return evaluation.runs() if evaluation.scene is live else []
+
+    def _laid_over(
+        self, live: LiveScene, palette: str, recorded: TimelineRecord | None, frame: float
+    ) -> list[Layer]:
+        index = None if recorded is None else recorded.index(frame)
+        shown = None
+        if recorded is not None and index is not None:
+            shown = self._recorded(live, palette, recorded, index)
+        if shown is None:
+            shown = self._shown(live, palette, [each for run in self._runs(live) for each in run])
+        found = []
+        for coloured, part in shown:
+            skin = self._skins.of(coloured.mesh, live.objects.layer.depsgraph)
+            if skin is not None and skin.size == coloured.size:
+                found.append(coloured.layer(skin, part, live.objects.unit_m))
+        return found
+
+    def _recorded(
+        self, live: LiveScene, palette: str, recorded: TimelineRecord, index: int
+    ) -> Meshes | None:
+        """Visible parts at a sample of a record; None where they are not known."""
+        known = self._kept.at(recorded, palette, index)
+        samples = recorded.samples(index) if known is None else None
+        if samples is not None:
+            known = self._shown(live, palette, samples)
+            self._kept.keep(index, known)
+        return known
+
+    def _shown(self, live: LiveScene, palette: str, samples: list[Sample]) -> Meshes:
+        found = []
+        for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
+            mine = [sample for sample in samples if sample.stream.body_id == described.id]
+            for mesh in avatar_meshes.meshes_of(body) if mine else ():
+                if mesh.visible_get():
+                    coloured = self._coloured_mesh(body, mesh, mine)
+                    shown = coloured.shown(mine, self._contact, PALETTES[palette])
+                    found += [] if shown is None else [(coloured, shown)]
+        return found
+
+    def _coloured_mesh(
+        self, body: bpy.types.Object, mesh: bpy.types.Object, samples: list[Sample]
+    ) -> ColouredMesh:
+        models = {sample.stream.model_id for sample in samples}
+        known = self._meshes.get(mesh.name_full)
+        if known is not None and known.size != len(mesh.data.vertices):  # it was edited
+            known = None
+            self._spreads = {k: each for k, each in self._spreads.items() if k[0] != mesh.name_full}
+        if known is None or not known.models.issuperset(models):
+            models |= known.models if known else set()
+            spreads = {model: self._spread(body, mesh, model) for model in models}
+            counts = {model: (spread, len(load_model(model))) for model, spread in spreads.items()}
+            known = ColouredMesh(mesh, counts)
+            self._meshes[mesh.name_full] = known
+        return known
+
+    def _spread(self, body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
+        key = (mesh.name_full, model_id)
+        if key not in self._spreads:
+            self._spreads[key] = _spread(body, mesh, model_id)
+        return self._spreads[key]
+
+
+def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
+    """Interpolation from a model's vertices to a mesh's, both at rest."""
+    points, _ = avatar_meshes.rest_surface(mesh, retargeting.shape_of(body, mesh))
+    to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
+    return spread_between(
+        points @ to_rest[:3, :3].T + to_rest[:3, 3], retargeting.model_of(body, model_id)
+    )
+
+
+def spread_between(points: F64, model: PerceptualModel) -> Spread:
+    """Interpolation from a model's vertices to points (A, 3) in its space, by the nearest few."""
+    from mathutils.kdtree import KDTree
+
+    tree = KDTree(len(model))
+    for index, vertex in enumerate(model.vertices.tolist()):
+        tree.insert(vertex, index)
+    tree.balance()
+    found = [tree.find_n(point, _CLOSEST) for point in points.tolist()]
+    return Spread.of_neighbours(
+        np.array([[index for _, index, _ in each] for each in found]),
+        np.array([[distance for _, _, distance in each] for each in found]),
+    )

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Colours of haptic samples on one mesh, restricted to the vertices where they show.
+
+The same colours as ``engine.colouring`` gives, worked out at those vertices alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ...engine.arrays import F64, I64
+from ...engine.colouring import Colour, Spread, colour_name, overlay, strengths
+from ...engine.samples import Sample
+from .incidence import Incidence
+
+
+class _Spreading:
+    """A model's vertices on a mesh."""
+
+    def __init__(self, spread: Spread, vertex_count: int) -> None:
+        self._where = Incidence(spread.nearest, vertex_count)
+        self._coloured = self._where.places // spread.nearest.shape[1]
+        self._shares = spread.shares.ravel()[self._where.places]
+
+    def of(self, sample: Sample, is_contact: bool) -> tuple[I64, F64]:
+        """Spread a sample over the mesh: vertices (E,), perhaps repeated, and the share of each."""
+        entries, counts = self._where.of(sample.vertices)
+        felt = np.repeat(strengths(sample, is_contact), counts)
+        felt *= self._shares.take(entries)
+        return self._coloured.take(entries), felt
+
+
+class SkinColours:
+    """Colours of one mesh of A vertices.
+
+    Parameters
+    ----------
+    vertex_count : int
+        A.
+    spreads : mapping of str to (Spread, int)
+        By model, with the number of its vertices.
+    """
+
+    def __init__(self, vertex_count: int, spreads: Mapping[str, tuple[Spread, int]]) -> None:
+        self._spreading = {model: _Spreading(*each) for model, each in spreads.items()}
+        self._is_shown = np.zeros(vertex_count, np.bool_)
+        self._place = np.zeros(vertex_count, np.int64)  # among those that are shown
+
+    def of(
+        self,
+        samples: Iterable[Sample],
+        contact_effects: frozenset[str],
+        palette: Mapping[str, Colour],
+    ) -> tuple[I64, F64]:
+        """Vertices (N,) that show anything, and their colours and opacities (N, 4)."""
+        felt: dict[str, list[tuple[I64, F64]]] = {}
+        for sample in samples:
+            if not len(sample.vertices):
+                continue
+            is_contact = sample.stream.effect_id in contact_effects
+            here = self._spreading[sample.stream.model_id].of(sample, is_contact)
+            felt.setdefault(colour_name(sample, is_contact), []).append(here)
+        shown = self._shown(felt)
+        if not len(shown):
+            return shown, np.zeros((0, 4))
+        self._place[shown] = np.arange(len(shown))
+        shares = {}
+        for name, parts in felt.items():
+            vertices, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+            # Vertices without sensation have places, too: any shown one, with nothing added.
+            share = np.bincount(self._place.take(vertices), values, len(shown))[: len(shown)]
+            shares[name] = np.sqrt(np.minimum(share, 1.0))
+        return shown, overlay(shares, palette)
+
+    def _shown(self, felt: Mapping[str, list[tuple[I64, F64]]]) -> I64:
+        flags = self._is_shown
+        for parts in felt.values():
+            for vertices, values in parts:
+                flags[vertices[values > 0.0]] = True
+        shown = np.flatnonzero(flags)
+        flags[shown] = False
+        return shown

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pad on which a surface is stroked with the mouse: momentary values, and those of the stroke.
+
+Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...engine.arrays import F64
+from ...engine.surface.surface_drive import SurfaceDrive
+from ...engine.texture.signal import Signal
+from ...engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
+from ...engine.texture.stroke_rendering import render_stroke
+from ...engine.texture.surface_texture import SurfaceTexture
+from ...errors import InputError
+
+TARGETS_M_S = (SLOW_M_S, FAST_M_S)
+TARGET_PX_S = 200.0
+"""Speed of the pointer on the screen at the target speed, pixels a second, whatever speed that
+stands for."""
+
+SPEED_WINDOW_S = 0.15
+LONGEST_S = 60.0
+WAVEFORM_HZ = 8000.0
+
+_FELT_STEP_S = 0.008
+"""Time step within a bunch of positions, seconds; a finer one cannot be seen."""
+
+_TRAIL_STEP_PX = 1.0
+"""Spacing of the drawn line's points, pixels."""
+
+
+@dataclass(frozen=True)
+class StrokeState:
+    """Momentary state under the finger."""
+
+    speed_m_s: float = 0.0
+    height_m: float = 0.0
+    amplitude_m_s2: float = 0.0
+    frequency_hz: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """Finished stroke with its signal."""
+
+    name: str  # of the surface
+    texture: SurfaceTexture
+    stroke: Stroke
+    signal: Signal
+
+
+class StrokePad:
+    """Pad with one surface under the mouse.
+
+    Parameters
+    ----------
+    name : str
+        Of the surface, for messages.
+    """
+
+    def __init__(self, name: str, texture: SurfaceTexture) -> None:
+        self.name = name
+        self.texture = texture
+        self.brightest = 1.0 if texture.map is None else float(texture.map.intensity.max())
+        self.target_m_s = SLOW_M_S
+        """Speed that the user tries to keep; it sets the pad's scale."""
+        self.now = StrokeState()
+        self.take: Take | None = None
+        self.fault = ""
+        self._begin_s = 0.0
+        # Since the stroke's begin: a clock that has run for hours is too coarse for a step.
+        self._times: list[float] = []
+        self._points: list[tuple[float, float]] = []
+        self._rendered_s = self._felt_s = 0.0
+        self.trail_m: list[tuple[float, float]] = []
+        """Path of the present stroke, as finely as it is seen; empty between strokes."""
+        self.history: list[tuple[float, StrokeState]] = []  # of the present or the last stroke
+        self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
+
+    @property
+    def metres_per_pixel(self) -> float:
+        return self.target_m_s / TARGET_PX_S
+
+    @property
+    def drive(self) -> SurfaceDrive | None:
+        """Drive for devices with a c_v of their own."""
+        return SurfaceDrive.of(self.texture)
+
+    @property
+    def is_stroking(self) -> bool:
+        return bool(self._times)
+
+    @property
+    def path_m(self) -> F64:
+        """Path of the present stroke, (N, 2) metres; empty between strokes."""
+        return np.array(self._points, np.float64).reshape(-1, 2)
+
+    def press(self, time_s: float, point_m: tuple[float, float]) -> None:
+        """Begin a stroke."""
+        self._begin_s = time_s
+        self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
+        self._rendered_s, self.now, self.fault = (
+            0.0,
+            StrokeState(height_m=self._height(point_m)),
+            "",
+        )
+        self.history = []
+
+    def move(self, time_s: float, point_m: tuple[float, float]) -> None:
+        """Move the pointer; times that do not rise are left out."""
+        self.move_through([point_m], time_s)
+
+    def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
+        """Move the pointer through places since the last call; it is at the last one now.
+
+        A window that was busy tells of a whole bunch at once. A pointer is asked at an even
+        rate, so they are spread evenly over the time that passed.
+        """
+        now = time_s - self._begin_s
+        if not self._times or now <= self._times[-1]:
+            return
+        if now > LONGEST_S:
+            self.fault = f"a stroke lasts {LONGEST_S:g} s at most"
+            return
+        times = np.linspace(self._times[-1], now, len(points_m) + 1)[1:]
+        for each, point in zip(times.tolist(), points_m, strict=True):
+            if each <= self._times[-1]:
+                continue  # closer together than a clock can tell
+            self._times.append(each)
+            self._points.append(point)
+            way = np.hypot(point[0] - self.trail_m[-1][0], point[1] - self.trail_m[-1][1])
+            if way >= _TRAIL_STEP_PX * self.metres_per_pixel:
+                self.trail_m.append(point)
+            if not self.history or each - self._felt_s >= _FELT_STEP_S or each == now:
+                self._feel(each)
+
+    def rest(self, time_s: float) -> None:
+        """Let time pass while the pointer stands still."""
+        if self._times:
+            self.move(time_s, self._points[-1])
+
+    def next_step(self) -> Signal | None:
+        """Signal since the last call, in whole steps of the device; None without any."""
+        step = self.texture.device.update_s
+        if not self._times or self._times[-1] - self._rendered_s < step:
+            return None
+        count = int((self._times[-1] - self._rendered_s) / step * (1.0 + 1e-9))
+        signal = self._render(self._rendered_s, self._rendered_s + count * step)
+        self._rendered_s += count * step
+        return signal
+
+    def release(self, time_s: float) -> Take | None:
+        """Finish the stroke and return it; None if it was too short."""
+        self.rest(time_s)
+        times, points = np.array(self._times), self.path_m
+        self.cancel()
+        try:
+            stroke = Stroke(times, points)
+            signal = render_stroke(self.texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
+        except (InputError, IndexError) as error:
+            self.fault = str(error)
+            return None
+        self.take = Take(self.name, self.texture, stroke, signal)
+        return self.take
+
+    def cancel(self) -> None:
+        """Discard the stroke."""
+        self._times, self._points, self.trail_m, self.now = [], [], [], StrokeState()
+
+    def recent(self, seconds: float) -> list[tuple[float, StrokeState]]:
+        """Last seconds of the present or the last stroke, with their times."""
+        if not self.history:
+            return []
+        begin = self.history[-1][0] - seconds
+        return self.history[bisect_left(self.history, begin, key=lambda row: row[0]) :]
+
+    def _feel(self, time_s: float) -> None:
+        self._felt_s = time_s
+        begin = max(time_s - SPEED_WINDOW_S, 0.0)
+        stroke = self._since(begin)
+        grid = np.linspace(begin, time_s, 16)
+        way = np.linalg.norm(np.diff(stroke.at(grid), axis=0), axis=1).sum()
+        speed = float(way) / (time_s - begin) if time_s > begin else 0.0
+        step = self.texture.device.update_s
+        amplitude = frequency = 0.0
+        signal = self._render(time_s - step, time_s) if time_s >= step else None
+        if signal is not None:
+            amplitude = float(signal.amplitude_m_s2[-1])
+            frequency = float(signal.frequency_hz[-1])
+            self.waveform_m_s2 = signal.waveform_m_s2
+        self.now = StrokeState(speed, self._height(self._points[-1]), amplitude, frequency)
+        self.history.append((time_s, self.now))
+
+    def _render(self, begin_s: float, end_s: float) -> Signal | None:
+        stroke = self._since(begin_s)
+        inner = (stroke.times_s > begin_s) & (stroke.times_s < end_s)
+        times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
+        part = Stroke(times, stroke.at(times))
+        try:
+            step = self.texture.device.update_s  # no window reaches into the part before
+            return render_stroke(self.texture, part, window_s=step, waveform_rate_hz=WAVEFORM_HZ)
+        except InputError:
+            return None  # shorter than a step, by rounding
+
+    def _since(self, time_s: float) -> Stroke:
+        """End of the stroke since a time, from the last position before it."""
+        first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
+        return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
+
+    def _height(self, point_m: tuple[float, float]) -> float:
+        field = self.texture.height
+        return 0.0 if field is None else float(field.sample(np.array([point_m]))[0])

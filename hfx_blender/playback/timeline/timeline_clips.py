@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips in Blender's timeline, each with its envelope, as in editors of sound.
+
+What belongs together (rain, a sensation) shares a row.
+"""
+
+from __future__ import annotations
+
+import logging
+from itertools import pairwise
+
+import bpy
+
+from ...authoring.clips import clips
+from ...authoring.effects import effects, swarms
+
+_log = logging.getLogger(__name__)
+
+_LEAST_ROW, _MOST_ROW = 4.0, 22.0
+"""Height of an effect's row at an interface scale of 1, pixels."""
+
+_WANTED_ROWS = 4
+
+_RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
+_POINTS = 96
+_TEXT_ROW = 11.0
+"""Height from which on a row has the effect's name, pixels."""
+
+_has_failed = False
+_handles: list[object] = []
+
+
+def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
+    """Rows by the name of their effect or group: those of the selected effects, or else of all,
+    as far as they have clips.
+    """
+    scene = context.scene
+    found = swarms.listed_effects(scene)
+    return _rows([e for e in found if swarms.is_selected(scene, e)] or found)
+
+
+def _rows(found: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
+    rows: dict[str, list[bpy.types.Object]] = {}
+    for effect in found:
+        if clips.strips_of(effect):
+            rows.setdefault(effects.group_of(effect) or effect.name, []).append(effect)
+    return rows
+
+
+def wanted_height(context: bpy.types.Context) -> float:
+    """Height of a timeline's region in which all clips can be read, pixels; 0 without any."""
+    rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
+    scale = context.preferences.system.ui_scale
+    return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
+
+
+def _draw() -> None:
+    global _has_failed
+    context = bpy.context
+    if context.space_data.mode != "TIMELINE" or _has_failed:
+        return
+    try:
+        rows = shown_rows(context)
+        if rows:
+            _draw_rows(context, rows)
+    except Exception:  # it would be raised again at every redraw
+        _has_failed = True
+        _log.exception("clips in the timeline")
+
+
+def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
+    """Draw the rows below the ruler, as many as there is room for."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    from ...engine.colouring import PALETTES
+
+    scale = context.preferences.system.ui_scale
+    palette = PALETTES[context.scene.hfx.palette]
+    region, shader = context.region, gpu.shader.from_builtin("SMOOTH_COLOR")
+    room = region.height - (_RULER + _BELOW) * scale
+    height = min(max(room / len(rows), _LEAST_ROW * scale), _MOST_ROW * scale)
+    corners: list[tuple[float, float]] = []
+    colours: list[tuple[float, ...]] = []
+    names = []
+    for number, (name, row) in enumerate([*rows.items()][: max(int(room / height), 1)]):
+        low = region.height - _RULER * scale - (number + 1) * height
+        high = low + height - _GAP * scale
+        for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
+            colour = palette[effect.hfx.modality]
+            is_off = strip.mute or track.mute or effect.hfx.is_muted
+            points = [
+                (region.view2d.view_to_region(frame, 0.0, clip=False)[0], value)
+                for frame, value in clips.envelope(strip, _POINTS)
+            ]
+            left, right = points[0][0], points[-1][0]
+            if right < 0.0 or left > region.width:
+                continue
+            back = (*colour, 0.10 if is_off else 0.25)
+            _quad(corners, colours, ((left, low), (right, low), (right, high), (left, high)), back)
+            front = (*colour, 0.25 if is_off else 0.85)
+            for (x, value), (to, then) in pairwise(points):
+                top, end = low + value * (high - low), low + then * (high - low)
+                _quad(corners, colours, ((x, low), (to, low), (to, end), (x, top)), front)
+            if len(row) > 1 and names and names[-1][0] == name:  # one name for a group's clips
+                _, first, _, last, _ = names.pop()
+                left, right = min(left, first), max(right, last)
+            names.append((name, left, low, right, high - low))
+    gpu.state.blend_set("ALPHA")
+    content = {"pos": corners, "color": colours}
+    batch_for_shader(shader, "TRIS", content).draw(shader)
+    gpu.state.blend_set("NONE")
+    for name, x, low, right, tall in names:
+        if tall >= _TEXT_ROW * scale:
+            _write(name, max(x, 0.0) + 3.0 * scale, low + 0.3 * tall, right, scale)
+
+
+def _quad(
+    corners: list[tuple[float, float]],
+    colours: list[tuple[float, ...]],
+    quad: tuple[tuple[float, float], ...],
+    colour: tuple[float, ...],
+) -> None:
+    """Add the two triangles of a quad."""
+    a, b, c, d = quad
+    corners += (a, b, c, a, c, d)
+    colours += [colour] * 6
+
+
+def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
+    """Write an effect's name into its clip if there is room for it."""
+    import blf
+
+    blf.size(0, 10.0 * scale)
+    if x + blf.dimensions(0, text)[0] < right:
+        blf.enable(0, blf.SHADOW)
+        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
+        blf.color(0, 1.0, 1.0, 1.0, 1.0)
+        blf.position(0, x, y, 0)
+        blf.draw(0, text)
+        blf.disable(0, blf.SHADOW)
+
+
+def register() -> None:
+    if not bpy.app.background:
+        add = bpy.types.SpaceDopeSheetEditor.draw_handler_add
+        _handles.append(add(_draw, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister() -> None:
+    for handle in _handles:
+        bpy.types.SpaceDopeSheetEditor.draw_handler_remove(handle, "WINDOW")
+    _handles.clear()

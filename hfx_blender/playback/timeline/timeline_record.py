@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values of effects and actuators over the whole timeline, recorded in pieces, beside editing.
+
+It goes the way of an export (reader, engine, renderer), at the preview's tolerance, and is kept
+in memory only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+import bpy
+import numpy as np
+
+from ...authoring.effects import effects, swarms
+from ...engine.arrays import F64
+from ...engine.body.model import load_model
+from ...engine.evaluate import Engine
+from ...engine.modality import MODALITIES, neutral_temperature_c
+from ...engine.native import library
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.raster import Raster
+from ...engine.rendering.render import Renderer
+from ...engine.samples import Sample, SampleRun, Stream
+from ...engine.scene import EffectDescription, SceneDescription, TimeBase
+from ...engine.tolerance import PREVIEW
+from ...engine.track.header import TrackHeader
+from ...errors import HfxError, InputError
+from ...reading.description.scene_devices import load_scene_device
+from ...reading.scene_reader import SceneReader, time_base
+
+MOST_SAMPLES = 20_000
+"""A longer scene is sampled once a frame; one that is longer still, not at all."""
+
+MOST_ENTRIES = 8_000_000
+"""Felt vertices that are kept for the preview, 8 bytes each; beyond it, it works them out anew."""
+
+
+class NeedsSteppingError(HfxError):
+    """Raised where values need frames to be set one by one in Blender, which is slow."""
+
+
+@dataclass(eq=False)
+class EffectRecord:
+    """Values of one effect on one body over time."""
+
+    name: str
+    stream: Stream
+    unit: str
+    neutral: float  # of the strength
+    values: F64  # (T,) the strongest that is felt anywhere; of temperature, its deviation
+
+
+@dataclass(eq=False)
+class TimelineRecord:
+    """A scene's effects and actuators at T times."""
+
+    described: SceneDescription
+    time: TimeBase
+    frames: F64  # (T,) of the scene
+    effects: list[EffectRecord]
+    devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)  # devices that do not fit
+    notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
+    groups: dict[str, str] = field(default_factory=dict)  # of effects, by their names
+    _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
+    _entries: int = 0
+
+    def __post_init__(self) -> None:
+        self._first = float(self.frames[0])
+        self._per_frame = float(self.time.rate_hz / self.time.fps)
+
+    def rows(self) -> list[EffectRecord]:
+        """Values of the effects; those of a group that are alike are one row, the strongest."""
+        rows: dict[tuple[str, ...], EffectRecord] = {}
+        for each in self.effects:
+            stream, group = each.stream, self.groups.get(each.name, "")
+            key = group, "" if group else stream.effect_id, stream.body_id, stream.modality
+            if key in rows:
+                other = rows[key].values
+                strongest = np.where(np.abs(each.values) > np.abs(other), each.values, other)
+                rows[key] = replace(each, name=group, values=strongest)
+            else:
+                rows[key] = each
+        return list(rows.values())
+
+    def index(self, frame: float) -> int | None:
+        """The sample nearest to a frame; None where the timeline has ended."""
+        place, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
+        return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
+
+    def samples(self, index: int) -> list[Sample] | None:
+        """Samples at one of the times, as the engine gave them; None where they were not kept."""
+        if self._blocks is None:
+            return None
+        found = []
+        for first, last, runs in self._blocks:
+            for run in runs if first <= index <= last else ():
+                place = int(run.indices.searchsorted(index))
+                if place < len(run.indices) and run.indices[place] == index:
+                    found.append(_sample(run, place))
+        return found
+
+    def add(self, runs: Sequence[SampleRun]) -> None:
+        """Take a block of times over."""
+        runs = [run for run in runs if len(run)]
+        for run in runs:
+            effect = next(each for each in self.effects if each.stream == run.stream)
+            effect.values[run.indices] = _peaks(run, effect.neutral)
+            self._entries += len(run.vertices)
+        if self._entries > MOST_ENTRIES:
+            self._blocks = None
+        if self._blocks is not None and runs:
+            first = min(int(run.indices[0]) for run in runs)
+            self._blocks.append((first, max(int(run.indices[-1]) for run in runs), list(runs)))
+
+
+def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord | None]:
+    """Record a scene piece by piece; the last thing that it yields is the whole.
+
+    Parameters
+    ----------
+    may_step : bool
+        Whether scenes may be set to other frames. It must then be run to its end in one go, as
+        frames are restored there.
+
+    Raises
+    ------
+    NeedsSteppingError
+        They would have to be, and may not.
+    InputError
+        There is nothing to feel, the timeline is too long, or there are volumes and no compiled
+        part.
+    """
+    reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PREVIEW, is_probed=may_step)
+    if not may_step and reader.steps():
+        raise NeedsSteppingError("The scene has to be stepped through for that.")
+    described = reader.description
+    if described.has_volumes:
+        library.require_in_time()
+    header = TrackHeader.of(
+        described,
+        {each.model_id: load_model(each.model_id) for each in described.effects},
+        settings={},
+        tools={},
+    )
+    time = reader.time
+    described_by = {each.id: each for each in described.effects}
+    found = TimelineRecord(
+        described=described,
+        time=time,
+        frames=float(time.scene_start)
+        + time.times_s(np.arange(time.sample_count)) * float(time.fps),
+        effects=[_empty(described_by[s.effect_id], s, time.sample_count) for s in header.streams],
+        groups={each.name: effects.group_of(each) for each in swarms.listed_effects(scene)},
+    )
+    renderers = _renderers(scene, header, found.faults)
+    engine = Engine(described, tolerance=PREVIEW)
+    for block in reader.blocks():
+        runs = engine.evaluate(block)
+        found.add(runs)
+        for renderer in renderers[:]:
+            try:
+                renderer[1].add(runs)
+            except InputError as error:
+                found.faults.append(str(error))
+                renderers.remove(renderer)
+        yield None
+    found.devices = [(device, renderer.raster()) for device, renderer in renderers]
+    found.notes = notes_of([device for device, _ in found.devices])
+    yield found
+
+
+def _rate(scene: bpy.types.Scene) -> Fraction:
+    """Sampling rate: the scene's own, or its frame rate where the timeline is long."""
+    time = time_base(scene)
+    rate: Fraction = min(time.rate_hz, Fraction(1000))
+    if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
+        rate = time.fps
+    count = time_base(scene, rate_hz=rate).sample_count
+    if count > MOST_SAMPLES:
+        raise InputError(f"The timeline is too long to show values over it ({count} frames).")
+    return rate
+
+
+def _renderers(
+    scene: bpy.types.Scene, header: TrackHeader, faults: list[str]
+) -> list[tuple[DeviceConfig, Renderer]]:
+    found = []
+    for device in devices_of(scene, faults):
+        for body in header.bodies:
+            renderer = Renderer(
+                header, device, load_model, body_id=body.id, compensates_latency=False
+            )  # the drawing belongs to the displayed frame
+            found.append((device, renderer))
+    return found
+
+
+def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
+    """Devices of the scene; appends the faults of those that cannot be read."""
+    found = []
+    for item in scene.hfx.devices:
+        try:
+            found.append(load_scene_device(item))
+        except HfxError as error:
+            faults.append(str(error))
+    return found
+
+
+def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
+    """Differences between the displayed values of devices and their real output; a sentence each.
+
+    A script runs where a device plays or is exported, in the order of time; not while somebody
+    looks here and there.
+    """
+    return [
+        f"'{id}' is shown without its script, which runs when it plays and when it is exported"
+        for id in dict.fromkeys(each.id for each in devices if each.script is not None)
+    ]
+
+
+def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecord:
+    modality = MODALITIES[effect.modality]
+    unit = next(each.unit for each in modality.parameters if each.name == modality.strength)
+    is_warmth = modality.name == "temperature"
+    neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0
+    return EffectRecord(effect.name, stream, unit, neutral, np.zeros(count))
+
+
+def _peaks(run: SampleRun, neutral: float) -> F64:
+    """Largest strength of each sample of a run over all vertices, (n,)."""
+    modality = MODALITIES[run.stream.modality]
+    strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
+    starts = run.offsets[:-1]
+    weights = np.zeros(len(starts))
+    filled = np.diff(run.offsets) > 0
+    if filled.any():
+        weights[filled] = np.maximum.reduceat(run.weights, starts[filled])
+    found: F64 = weights[run.set_of] * run.levels * (strength - neutral)
+    return found
+
+
+def _sample(run: SampleRun, place: int) -> Sample:
+    """Sample of a run, as far as it shows."""
+    which = place if run.sets is None else int(run.sets[place])
+    part = slice(int(run.offsets[which]), int(run.offsets[which + 1]))
+    return Sample(
+        float(run.times_s[place]),
+        run.stream,
+        run.vertices[part],
+        run.weights[part],
+        float(run.levels[place]),
+        run.parameters[place],
+    )

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Records values over time anew, in short pieces, while nothing is edited or played."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...authoring.effects import effects, swarms
+from ...errors import HfxError
+from ...reading.stepped import stepping
+
+if TYPE_CHECKING:
+    from .timeline_record import TimelineRecord
+
+QUIET_S = 0.5
+"""Quiet time after the last change, seconds; then pieces follow with pauses between them."""
+
+_CHANGES_NOTHING = (
+    "Scene",
+    "Screen",
+    "WindowManager",
+    "WorkSpace",
+    "Collection",
+    "Material",
+    "World",
+    "Camera",
+    "Light",
+    "Brush",
+    "Image",
+)
+
+
+class Updates:
+    """Newest record of one scene, and its validity."""
+
+    def __init__(self) -> None:
+        self.result: TimelineRecord | None = None
+        self.is_fresh = False
+        self.must_step = False  # only a person starts that
+        self._is_settled = False
+        self.fault = ""
+        self.count = 0  # of records that were made, for tests
+        self._key: tuple[object, ...] = ()
+        self._changed_s = 0.0
+        self._running: Iterator[TimelineRecord | None] | None = None
+        self._is_working = False
+
+    def forget(self) -> None:
+        """Drop everything: another file, or an undo."""
+        count = self.count
+        self._stop()
+        self.__init__()  # type: ignore[misc]
+        self.count = count
+        self.changed()
+
+    def changed(self) -> None:
+        """Mark the record as outdated."""
+        self.is_fresh = self._is_settled = self.must_step = False
+        self._changed_s = time.monotonic()
+        self._stop()
+
+    def notice(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Check the changes that Blender reports."""
+        if not self._is_working and self.changes(depsgraph):
+            self.changed()
+
+    @staticmethod
+    def changes(depsgraph: bpy.types.Depsgraph) -> bool:
+        """Test for reported changes that may be felt."""
+        return any(type(update.id).__name__ not in _CHANGES_NOTHING for update in depsgraph.updates)
+
+    def look(self, scene: bpy.types.Scene) -> None:
+        """Notice changes of the scene's own settings."""
+        key = _key_of(scene)
+        if key != self._key:
+            self._key = key
+            self.changed()
+
+    @property
+    def wants_time(self) -> bool:
+        """Test for work left."""
+        return not self._is_settled
+
+    def work(self, scene: bpy.types.Scene) -> float:
+        """Do one piece of the work; returns the seconds until the next one."""
+        quiet_s = time.monotonic() - self._changed_s
+        if quiet_s < QUIET_S:
+            return QUIET_S - quiet_s + 0.01
+        begin = time.perf_counter()
+        self._is_working = True
+        try:
+            self._piece(scene)
+        except HfxError as error:
+            self._done(None, str(error))
+        except (ReferenceError, AttributeError):  # an undo took objects away
+            self._stop()
+        finally:
+            self._is_working = False
+        return 0.02 + 2.0 * (time.perf_counter() - begin)
+
+    def update_now(self, scene: bpy.types.Scene) -> None:
+        """Record at once, stepping through scenes where that is needed.
+
+        Raises
+        ------
+        HfxError
+            There is nothing to feel.
+        """
+        from .timeline_record import record
+
+        self._stop()
+        self._key = _key_of(scene)
+        self._is_working = True
+        try:
+            *_, found = record(scene, may_step=True)
+            self._done(found, "")
+        finally:
+            self._is_working = False
+
+    def _piece(self, scene: bpy.types.Scene) -> None:
+        from .timeline_record import NeedsSteppingError, record
+
+        if self._running is None:
+            if not (swarms.listed_effects(scene) and effects.bodies_of(scene)):
+                self._done(None, "")
+                return
+            self._running = record(scene, may_step=False)
+        try:
+            found = next(self._running)
+        except NeedsSteppingError as error:
+            self._running = None
+            self.fault, self.must_step, self._is_settled = str(error), True, True
+            return
+        if found is not None:
+            self._done(found, "")
+
+    def _done(self, found: TimelineRecord | None, fault: str) -> None:
+        self.result, self.fault = found, fault
+        self.is_fresh, self.must_step, self._is_settled = found is not None, False, True
+        self.count += found is not None
+        self._running = None
+
+    def _stop(self) -> None:
+        running, self._running = self._running, None
+        if running is not None and not self._is_working:
+            running.close()  # type: ignore[attr-defined]
+
+
+def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
+    render, unit = scene.render, scene.unit_settings
+    return (
+        scene.name,
+        scene.frame_start,
+        scene.frame_end,
+        render.fps,
+        render.fps_base,
+        scene.hfx.rate,
+        unit.system,
+        unit.scale_length,
+        tuple((device.name, device.scheme) for device in scene.hfx.devices),
+    )
+
+
+def is_held(context: bpy.types.Context) -> bool:
+    """Test that nothing may be computed beside Blender's present job."""
+    if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
+        return True
+    return any(window.screen.is_animation_playing for window in context.window_manager.windows)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values over time as a strip chart: a curve for each effect, a row for each actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...engine.arrays import F32, F64
+from ...engine.colouring import COLD, FULL_COLOUR, Colour
+from .timeline_record import TimelineRecord
+
+CURVE_HEIGHT = 22.0  # pixels of an effect's row, times the user's scale
+ROW_HEIGHT = 5.0  # of an actuator's
+_GAP = 4.0
+_LOWEST_ALPHA = 0.07
+_BACKGROUND = (0.08, 0.08, 0.09, 0.82)
+
+
+@dataclass(frozen=True)
+class Label:
+    """Label of a row."""
+
+    text: str
+    left: float
+    bottom: float
+    values: F64 | None = None  # (T,) of which the present one is told
+    unit: str = ""
+
+
+@dataclass(eq=False)
+class Chart:
+    """Chart geometry, in pixels from its lower left corner."""
+
+    width: float
+    height: float
+    left: float  # where time begins
+    frames: tuple[float, float]
+    times: F64  # (T,) frames of the labels' values
+    positions: F32  # (P, 2) three to a triangle
+    colours: F32  # (P, 4)
+    labels: list[Label] = field(default_factory=list)
+    hidden: int = 0  # rows for which there was no place
+
+    def x_of(self, frame: float) -> float:
+        """Horizontal position of a frame, pixels."""
+        first, last = self.frames
+        share = (frame - first) / max(last - first, 1e-9)
+        return self.left + min(max(share, 0.0), 1.0) * (self.width - self.left)
+
+
+def chart(
+    found: TimelineRecord,
+    palette: Mapping[str, Colour],
+    width: float,
+    height: float,
+    scale: float = 1.0,
+) -> Chart:
+    """Lay out a scene's values over a width, from the top; rows that do not fit are left out.
+
+    Parameters
+    ----------
+    palette : mapping
+        Colours by modality.
+    width, height : float
+        The most that may be used, pixels.
+    scale : float
+        Of the user's interface.
+    """
+    left = min(190.0 * scale, 0.35 * width)
+    columns = max(int(width - left), 1)
+    curve, row, gap = (each * scale for each in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
+    quads: list[tuple[F64, F64]] = []
+    labels: list[Label] = []
+    at, hidden = gap, 0
+    for effect in found.rows():
+        if at + curve + gap > height:
+            hidden += 1
+            continue
+        full = max(FULL_COLOUR[effect.stream.modality], float(np.abs(effect.values).max()))
+        shares = _columns(effect.values, columns) / full
+        quads.append(
+            _bars(shares, _tints(shares, effect.stream.modality, palette), at, curve, left)
+        )
+        unit = effect.unit.replace("^2", "²").replace("degC", "°C")
+        labels.append(Label(effect.name, 0.0, at + 0.3 * curve, effect.values, unit))
+        at += curve + gap
+    for device, raster in found.devices:
+        head = 16.0 * scale
+        if at + head + row > height:
+            hidden += len(device.actuators)
+            continue
+        labels.append(Label(device.name, 0.0, at + 0.25 * head))
+        at += head
+        for actuator, column in zip(device.actuators, device.strength_columns, strict=True):
+            strength = actuator.type.strength
+            values = raster.values[:, column] - strength.neutral
+            if at + row > height:
+                hidden += 1
+                continue
+            shares = _columns(values, columns) / max(strength.reach, 1e-9)
+            tints = _tints(shares, actuator.type.modality, palette)
+            tints[:, 3] = np.maximum(np.sqrt(np.abs(shares)), _LOWEST_ALPHA)
+            quads.append(_bars(np.ones(len(shares)), tints, at, row - 1.0, left))
+            at += row
+        at += gap
+    used = min(at, height)
+    positions, colours = _triangles(quads)
+    if len(positions):
+        positions[:, 1] = used - positions[:, 1]
+    for k, label in enumerate(labels):
+        labels[k] = Label(
+            label.text, 6.0 * scale, used - label.bottom - 10.0 * scale, label.values, label.unit
+        )
+    time = found.time
+    span = float(time.frame_first), float(time.frame_last + 1)
+    return Chart(width, used, left, span, found.frames, positions, colours, labels, hidden)
+
+
+def _columns(values: F64, count: int) -> F64:
+    """The strongest value within each of a number of columns (with its sign), (count,)."""
+    if len(values) <= count:
+        return values[np.minimum(np.arange(count) * len(values) // count, len(values) - 1)]
+    starts = np.arange(count) * len(values) // count
+    high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
+    return np.where(-low > high, low, high)
+
+
+def _tints(shares: F64, modality: str, palette: Mapping[str, Colour]) -> F64:
+    colours = np.ones((len(shares), 4))
+    colours[:, :3] = palette[modality]
+    if modality == "temperature":
+        colours[shares < 0.0, :3] = palette[COLD]
+    return colours
+
+
+def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> tuple[F64, F64]:
+    """A bar for each run of equal columns: boxes (n, 4) as left, top, right, bottom; colours."""
+    heights = np.round(np.abs(shares) * height, 1)
+    shown = np.concatenate([heights[:, None], np.round(colours, 2)], axis=1)
+    cuts = np.flatnonzero((np.diff(shown, axis=0) != 0.0).any(axis=1)) + 1
+    starts = np.concatenate([[0], cuts])
+    ends = np.concatenate([cuts, [len(shares)]])
+    kept = heights[starts] > 0.0
+    starts, ends = starts[kept], ends[kept]
+    boxes = np.stack(
+        [
+            left + starts,
+            top + height - heights[starts],
+            left + ends,
+            np.full(len(starts), top + height),
+        ],
+        axis=1,
+    )
+    return boxes, colours[starts]
+
+
+def _triangles(quads: list[tuple[F64, F64]]) -> tuple[F32, F32]:
+    if not quads:
+        return np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
+    boxes = np.concatenate([each for each, _ in quads])
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
+    colours = np.repeat(np.concatenate([each for _, each in quads]), 6, axis=0)
+    return corners.astype(np.float32), colours.astype(np.float32)
+
+
+def background(width: float, height: float) -> tuple[F32, F32]:
+    """Two triangles behind a chart."""
+    boxes = np.array([[0.0, 0.0, width, height]])
+    return _triangles([(boxes, np.array([_BACKGROUND]))])

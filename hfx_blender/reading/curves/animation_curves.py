@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluates Blender's animation data of a datablock at many times at once.
+
+Actions and NLA strips are sampled without stepping a scene. What is not modelled here is told
+by :class:`NotModelledError`; then Blender itself has to be stepped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...blender import compat
+from ...engine.arrays import F32, F64, I64
+from ...engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
+
+Channel = tuple[str, int]
+"""RNA path and array index of an animated value."""
+
+_LAST_KIND = int(max(Interpolation))
+_BEZIER = int(Interpolation.BEZIER)
+
+
+class NotModelledError(Exception):
+    """Raised for motion that only Blender itself can evaluate; the text says what moves."""
+
+
+@dataclass(eq=False)
+class _Curves:
+    """F-curves of one action, ready to be sampled together."""
+
+    channels: list[Channel] = field(default_factory=list)
+    keyed: list[tuple[KeyedCurves, list[int]]] = field(default_factory=list)  # and their columns
+    other: list[tuple[bpy.types.FCurve, int]] = field(default_factory=list)
+
+    def sample(self, frames: F64, single: bool) -> F64:
+        """Values (T, C) at an action's own frames; see :meth:`KeyedCurves.sample`."""
+        if len(self.keyed) == 1 and not self.other:
+            return self.keyed[0][0].sample(frames, single=single)
+        values = np.zeros((len(frames), len(self.channels)))
+        for curves, columns in self.keyed:
+            values[:, columns] = curves.sample(frames, single=single)
+        for curve, column in self.other:
+            values[:, column] = [curve.evaluate(frame) for frame in frames.tolist()]
+        return values
+
+
+def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool]) -> _Curves:
+    found = _Curves()
+    groups: dict[tuple[bytes, bytes], list[tuple[int, bpy.types.FCurve, F32]]] = {}
+    for curve in curves:
+        if not selects(curve.data_path):
+            continue
+        if curve.mute or (curve.group is not None and curve.group.mute) or not curve.is_valid:
+            continue
+        column = len(found.channels)
+        found.channels.append((curve.data_path, curve.array_index))
+        keys = curve.keyframe_points
+        if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
+            found.other.append((curve, column))
+            continue
+        points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
+        keys.foreach_get("co", points)
+        keys.foreach_get("interpolation", kinds)
+        if not _are_finite(keys, points):
+            found.other.append((curve, column))
+            continue
+        alike = points[::2].tobytes(), kinds.tobytes()
+        groups.setdefault(alike, []).append((column, curve, points[1::2]))
+    for (frame_bytes, kind_bytes), members in groups.items():
+        kinds = np.frombuffer(kind_bytes, np.int32)
+        if kinds.max() > _LAST_KIND:  # easing
+            found.other += [(curve, column) for column, curve, _ in members]
+            continue
+        curved = _BEZIER in kinds
+        found.keyed.append(
+            (
+                KeyedCurves(
+                    np.frombuffer(frame_bytes, np.float32).astype(np.float64),
+                    kinds,
+                    np.stack([values for _, _, values in members]).astype(np.float64),
+                    _handles(members, "handle_left") if curved else None,
+                    _handles(members, "handle_right") if curved else None,
+                ),
+                [column for column, _, _ in members],
+            )
+        )
+    return found
+
+
+def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
+    """Test that keyframes, which are at ``points``, and their handles are numbers."""
+    handles = np.empty((2, len(points)), np.float32)
+    keys.foreach_get("handle_left", handles[0])
+    keys.foreach_get("handle_right", handles[1])
+    largest = np.finfo(np.float32).max  # infinity, as Blender stores it in a key
+    return bool((np.abs(points) < largest).all() and (np.abs(handles) < largest).all())
+
+
+def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
+    """Handles of curves with equally many keys, (C, K, 2)."""
+    flat = np.empty((len(members), 2 * len(members[0][2])), np.float32)
+    for k, (_, curve, _) in enumerate(members):
+        curve.keyframe_points.foreach_get(name, flat[k])
+    return flat.reshape(len(members), -1, 2).astype(np.float64)
+
+
+@dataclass(eq=False)
+class _Strip:
+    """An NLA strip of one action."""
+
+    strip: bpy.types.NlaStrip
+    curves: _Curves
+    columns: I64 | slice  # of its values among those of the datablock
+    start: float
+    end: float
+
+    def frames_within(self, frames: F64) -> F64:
+        """The action's own frames at frames of the scene that lie within the strip."""
+        strip = self.strip
+        first, last = strip.action_frame_start, strip.action_frame_end
+        length = (last - first) * strip.scale
+        if length <= 0.0:
+            raise NotModelledError(f"strip '{strip.name}' plays no length of its action")
+        into = frames - self.start
+        # Blender's own rounding decides on which side of a repetition's edge a frame falls.
+        phase = np.fmod(into.astype(np.float32), np.float32(length)).astype(np.float64)
+        own = first + phase / strip.scale
+        if float(strip.repeat).is_integer():
+            own = np.where(frames >= self.end, last, own)
+        return own
+
+    def influence(self, frames: F64) -> F64:
+        strip = self.strip
+        share = np.ones(len(frames))
+        if strip.blend_out > 0.0:
+            falling = frames >= self.end - strip.blend_out
+            share = np.where(falling, np.abs(self.end - frames) / strip.blend_out, share)
+        if strip.blend_in > 0.0:
+            rising = frames <= self.start + strip.blend_in
+            share = np.where(rising, np.abs(frames - self.start) / strip.blend_in, share)
+        return share
+
+
+class AnimatedValues:
+    """Values of a datablock's properties from its action and NLA.
+
+    Parameters
+    ----------
+    owner : bpy.types.ID
+    default : callable
+        (path, index) -> the value that a property has where no strip of the NLA plays.
+    selects : callable
+        Which paths are of interest.
+    with_drivers : bool
+        There may be drivers: whoever uses the values leaves those to Blender.
+
+    Raises
+    ------
+    NotModelledError
+        There are other drivers, or strips of another kind than plain clips.
+    """
+
+    def __init__(
+        self,
+        owner: bpy.types.ID,
+        default: Callable[[str, int], float],
+        selects: Callable[[str], bool],
+        *,
+        with_drivers: bool = False,
+    ) -> None:
+        self._selects = selects
+        self.columns: dict[Channel, int] = {}
+        self._below: list[float] = []  # values where no strip of the NLA plays
+        self._tracks: list[list[_Strip]] = []
+        self._action: tuple[_Curves, I64 | slice] | None = None
+        data = owner.animation_data
+        if data is None:
+            return
+        if not with_drivers and any(not driver.mute for driver in data.drivers):
+            raise NotModelledError(f"'{owner.name}' has drivers")
+        if data.use_tweak_mode:
+            raise NotModelledError(f"a strip of '{owner.name}' is being edited")
+        action = _grouped(compat.fcurves(owner), selects)
+        if data.use_nla:
+            self._read_tracks(owner.name, data, default)
+        if self.columns and action.channels:
+            plain = data.action_blend_type == "REPLACE" and data.action_extrapolation == "HOLD"
+            if not plain or data.action_influence < 1.0:
+                raise NotModelledError(f"the action of '{owner.name}' is blended")
+        columns = self._columns_of(action, default)
+        if not (data.use_nla and any(track.is_solo for track in data.nla_tracks)):
+            self._action = action, columns
+
+    def _columns_of(self, curves: _Curves, default: Callable[[str, int], float]) -> I64 | slice:
+        for channel in curves.channels:
+            if channel not in self.columns:
+                self.columns[channel] = len(self._below)
+                self._below.append(default(*channel))
+        found = [self.columns[channel] for channel in curves.channels]
+        first = found[0] if found else 0
+        if found == [*range(first, first + len(found))]:
+            return slice(first, first + len(found))
+        return np.array(found, np.int64)
+
+    def _read_tracks(
+        self, name: str, data: bpy.types.AnimData, default: Callable[[str, int], float]
+    ) -> None:
+        solo = any(track.is_solo for track in data.nla_tracks)
+        for track in data.nla_tracks:
+            if track.mute and not track.is_solo:
+                continue
+            strips = []
+            for strip in track.strips:
+                _refuse_other_strips(name, strip)
+                curves = _grouped(compat.strip_fcurves(strip), self._selects)
+                columns = self._columns_of(curves, default)
+                strips.append(_Strip(strip, curves, columns, strip.frame_start, strip.frame_end))
+            if track.is_solo or not solo:
+                self._tracks.append(strips)
+
+    def sample(self, frames: F64, *, single: bool = False) -> F64:
+        """Sample each animated value at frames of the scene, (T, C) in the order of ``columns``.
+
+        ``single`` computes in 32 bits what Blender does; see :meth:`KeyedCurves.sample`.
+        """
+        values = np.tile(np.array(self._below, np.float64), (len(frames), 1))
+        for strips in self._tracks:
+            for strip, rows, at in _playing(strips, frames):
+                sampled = strip.curves.sample(strip.frames_within(at), single)
+                share = strip.influence(at)[:, None]
+                place = _place(rows, strip.columns)
+                if (share < 1.0).any():
+                    sampled = values[place] * (1.0 - share) + sampled * share
+                values[place] = sampled
+        if self._action is not None:
+            curves, columns = self._action
+            values[:, columns] = curves.sample(frames, single)
+        return values
+
+
+def _place(rows: I64, columns: I64 | slice) -> Any:
+    """Index of some rows and columns."""
+    return (rows, columns) if isinstance(columns, slice) else np.ix_(rows, columns)
+
+
+def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
+    plain = (
+        strip.type == "CLIP"
+        and strip.blend_type == "REPLACE"
+        and not strip.use_animated_influence
+        and not strip.use_animated_time
+        and not strip.use_reverse
+        and not len(strip.modifiers)
+        and strip.scale > 0.0
+    )
+    if not plain:
+        raise NotModelledError(f"strip '{strip.name}' of '{name}' is more than a plain clip")
+
+
+def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.ndarray, F64]]:
+    """Strips of a track with the frames at which each plays, ends held: rows, frames."""
+    free = np.ones(len(frames), np.bool_)
+    for k, strip in enumerate(strips):
+        until = strips[k + 1].start if k + 1 < len(strips) else np.inf
+        kind = strip.strip.extrapolation
+        covered = (frames >= strip.start) & (frames <= strip.end)
+        if kind != "NOTHING":
+            covered |= (frames > strip.end) & (frames < until)
+        if kind == "HOLD" and k == 0:
+            covered |= frames < strip.start
+        rows = np.flatnonzero(covered & free)
+        free[rows] = False
+        if len(rows) and not strip.strip.mute:
+            yield strip, rows, np.clip(frames[rows], strip.start, strip.end)

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects and bodies read from their F-curves, over blocks of times, without any stepping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...authoring.effects import effect_values
+from ...authoring.responses import responses
+from ...blender.stored_values import limited
+from ...engine.arrays import F64, I64
+from ...engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
+from ...engine.volume.shape import Shape
+from ...properties.responses import HfxResponseFilter
+from ..description import response_values, skin_values, visibility
+from ..description.activation import Activation, ActivationSource
+from ..description.soundness import animated_paths
+from ..description.surface_reading import SurfaceVertices
+from .animation_curves import NotModelledError
+from .fcurve_kinematics import Parents, PlainObject, rest_value
+
+_CHUNK = 256
+"""Samples in a chunk: sampling few times costs nearly as much as sampling many."""
+
+
+class CurveEffect:
+    """An effect whose level, parameters and place follow from F-curves.
+
+    Raises
+    ------
+    NotModelledError
+        Something else moves or shapes it.
+    """
+
+    def __init__(
+        self,
+        effect: bpy.types.Object,
+        state: Activation,
+        shape: Shape | None,
+        unit_m: float,
+        parents: Parents | None = None,
+    ) -> None:
+        self._hfx = effect.hfx
+        self._state = state
+        self.shape = shape
+        self._unit_m = unit_m
+        self._place = PlainObject(effect, self._default, parents)
+        self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
+        animated = {path for path, _ in self._place.values.columns}
+        known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity", "envelope")}
+        animated = {p for p in animated if response_values.place_of(p) is None}
+        animated = {p for p in animated if not skin_values.is_drive(p)}
+        if effect.hfx.kind == "SPOT":
+            known |= {f"hfx.{name}" for name in skin_values.PLACE}
+        other = sorted(path for path in animated - known if path.startswith("hfx."))
+        if visibility.is_keyed(effect):
+            raise NotModelledError(f"'{effect.name}' is shown and hidden")
+        if other:
+            raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
+        if state.source is ActivationSource.ANIMATED and "hfx.activation" not in animated:
+            raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
+        if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
+            _refuse_deformed(effect)
+        self._vertices: F64 | None = None
+        if effect.hfx.kind == "SURFACE":
+            _refuse_deformed(effect)
+            self._vertices = SurfaceVertices().of(effect, effect)[None]
+
+    def _default(self, path: str, index: int) -> float:
+        found = response_values.place_of(path)
+        if found is not None:
+            return float(HfxResponseFilter.bl_rna.properties[found[1]].default)
+        if skin_values.is_drive(path):
+            return 0.0
+        if path.startswith("hfx."):
+            known = self._hfx.bl_rna.properties.get(path[4:])
+            if known is None or known.type not in ("FLOAT", "INT", "BOOLEAN"):
+                raise NotModelledError(f"'{path}' is animated")
+            return float(known.default)
+        return rest_value(path, index)
+
+    def read(self, frames: F64) -> EffectBlock:
+        """The effect at frames of the scene, (T,)."""
+        sampled = self._place.values.sample(frames)
+        parameters = [self._value(name, sampled) for name in self._names]
+        is_volume = self._hfx.kind == "VOLUME"
+        world: F64 | None = None
+        if is_volume or self._vertices is not None or self._hfx.modality == "wind":
+            world = self._place.world(frames, sampled)
+        if self._hfx.modality == "wind" and world is not None:
+            parameters += list(effect_values.directions(world).T)
+        levels = self._level(sampled)
+        if self._vertices is not None and world is not None:
+            return EffectBlock(
+                levels,
+                np.stack(parameters, axis=1),
+                matrices=effect_values.to_metres(world, self._unit_m),
+                vertices=self._vertices,
+            )
+        if not is_volume or world is None or self.shape is None:
+            return EffectBlock(
+                levels,
+                np.stack(parameters, axis=1),
+                place=skin_values.places(
+                    self._hfx, self._unit_m, lambda name: self._value(name, sampled)
+                ),
+                drive=skin_values.drives(self._hfx, lambda name: self._value(name, sampled)),
+            )
+        return EffectBlock(
+            levels,
+            np.stack(parameters, axis=1),
+            matrices=effect_values.shape_matrices(world, self._unit_m, self._hfx),
+            shapes=(self.shape,),
+            response=self._response(sampled),
+        )
+
+    def _response(self, sampled: F64) -> F64 | None:
+        """Controls of its filters, (T, F, WIDTH)."""
+        still = response_values.controls(self._hfx, self._unit_m)
+        if still is None:
+            return None
+        values = np.repeat(still[None], len(sampled), axis=0)
+        for f, (place, each) in enumerate(responses.active(self._hfx)):
+            for c, name in enumerate(responses.properties_of(each)):
+                column = self._place.values.columns.get((f"hfx.response[{place}].{name}", 0))
+                if column is not None:
+                    limits = each.bl_rna.properties[name]
+                    clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
+                    unit = self._unit_m if name in responses.LENGTHS else 1.0
+                    values[:, f, c] = clipped.astype(np.float32).astype(np.float64) * unit
+        return values
+
+    def _level(self, sampled: F64) -> F64:
+        if self._state.source is ActivationSource.OFF:
+            return np.zeros(len(sampled))
+        intensity = self._value("intensity", sampled)
+        if self._state.source is ActivationSource.ALWAYS_ON:
+            return intensity
+        return self._value("activation", sampled) * intensity
+
+    def _value(self, name: str, sampled: F64) -> F64:
+        column = self._place.values.columns.get((f"hfx.{name}", 0))
+        owner = self._hfx
+        if skin_values.is_drive(f"hfx.{name}"):
+            owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
+        if column is None:
+            return np.full(len(sampled), limited(owner, name))
+        limits = owner.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
+        clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
+        return clipped.astype(np.float32).astype(np.float64)
+
+
+def is_steady(effect: bpy.types.Object) -> bool:
+    """Test that an effect's shape is the same mesh at all times, or no mesh."""
+    return is_rigid(effect) and not visibility.is_keyed(effect)
+
+
+def is_rigid(effect: bpy.types.Object) -> bool:
+    """Test that an effect's shape is a mesh that does not deform, or no mesh."""
+    try:
+        if effect.hfx.shape == "MESH":
+            _refuse_deformed(effect)
+    except NotModelledError:
+        return False
+    return True
+
+
+_DEFORMING = ("ARMATURE", "LATTICE")
+"""Types of parenting by which a parent deforms a mesh, as a modifier would."""
+
+
+def _refuse_deformed(effect: bpy.types.Object) -> None:
+    mesh = effect.data
+    if effect.type != "MESH":
+        raise NotModelledError(f"'{effect.name}' is no mesh")
+    switched = (path.endswith("].show_viewport") for path in animated_paths(effect))
+    if any(modifier.show_viewport for modifier in effect.modifiers) or any(switched):
+        raise NotModelledError(f"modifiers deform '{effect.name}'")
+    if effect.parent is not None and effect.parent_type in _DEFORMING:
+        raise NotModelledError(f"'{effect.parent.name}' deforms '{effect.name}'")
+    if mesh.shape_keys is not None:
+        raise NotModelledError(f"shape keys deform '{effect.name}'")
+    if mesh.animation_data is not None:
+        raise NotModelledError(f"the mesh of '{effect.name}' is animated")
+
+
+class EffectChunks:
+    """Effects from F-curves, sampled over long chunks of time and handed out in parts.
+
+    Where only a few samples far apart are asked for, ``spots`` (n,) ascending, just these are
+    sampled, together.
+    """
+
+    def __init__(
+        self,
+        effects: Mapping[int, CurveEffect],
+        frames_of: Callable[[I64], F64],
+        *,
+        spots: I64 | None = None,
+    ) -> None:
+        self._effects = effects
+        self._frames_of = frames_of
+        self._spots = spots
+        self._chunks: dict[int, dict[int, EffectBlock]] = {}
+
+    def read(self, which: int, indices: I64) -> EffectBlock:
+        """An effect at samples of ascending indices."""
+        if self._spots is not None:
+            rows = np.searchsorted(self._spots, indices)
+            return _rows_of(self._chunk(0, self._spots)[which], rows)
+        numbers = indices // _CHUNK
+        parts = []
+        for number in range(int(numbers[0]), int(numbers[-1]) + 1):
+            rows = indices[numbers == number] - number * _CHUNK
+            if len(rows):
+                inside = np.arange(number * _CHUNK, (number + 1) * _CHUNK)
+                parts.append(_rows_of(self._chunk(number, inside)[which], rows))
+        return parts[0] if len(parts) == 1 else _joined(parts)
+
+    def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
+        if number not in self._chunks:
+            frames = self._frames_of(indices)
+            for old in [old for old in self._chunks if abs(old - number) > 1]:
+                del self._chunks[old]
+            self._chunks[number] = {k: each.read(frames) for k, each in self._effects.items()}
+        return self._chunks[number]
+
+
+def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
+    return EffectBlock(
+        block.levels[rows],
+        block.parameters[rows],
+        matrices=None if block.matrices is None else block.matrices[rows],
+        vertices=block.vertices,
+        shapes=block.shapes,
+        response=None if block.response is None else block.response[rows],
+        place=None if block.place is None else block.place[rows],
+        drive=None if block.drive is None else block.drive[rows],
+    )
+
+
+def _joined(parts: list[EffectBlock]) -> EffectBlock:
+    matrices = [part.matrices for part in parts if part.matrices is not None]
+    controls = [part.response for part in parts if part.response is not None]
+    places = [part.place for part in parts if part.place is not None]
+    drives = [part.drive for part in parts if part.drive is not None]
+    return EffectBlock(
+        np.concatenate([part.levels for part in parts]),
+        np.concatenate([part.parameters for part in parts]),
+        matrices=np.concatenate(matrices) if matrices else None,
+        vertices=parts[0].vertices,
+        shapes=parts[0].shapes,
+        response=np.concatenate(controls) if controls else None,
+        place=np.concatenate(places) if places else None,
+        drive=np.concatenate(drives) if drives else None,
+    )
+
+
+class CurveBody:
+    """A body whose bones follow F-curves only.
+
+    Raises
+    ------
+    NotModelledError
+        Something else poses it.
+    """
+
+    def __init__(
+        self,
+        body: bpy.types.Object,
+        binding: SkinBinding | SurfaceBinding,
+        unit_m: float,
+        parents: Parents | None = None,
+    ) -> None:
+        if isinstance(binding, SurfaceBinding):
+            raise NotModelledError(f"'{body.name}' follows its avatar's surface")
+        if visibility.is_keyed(body):
+            raise NotModelledError(f"'{body.name}' is shown and hidden")
+        self.rig = (parents or Parents()).rig(body)
+        self._unit_m = unit_m
+
+    def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
+        """Read the body at frames of the scene; only the wanted ones are posed."""
+        to_world = np.zeros((len(frames), 4, 4))
+        if not wanted.any():
+            return PoseBlock(wanted, to_world)
+        if wanted.all():
+            world, bones = self.rig.sample(frames)
+            return PoseBlock(wanted, effect_values.to_metres(world, self._unit_m), bones)
+        bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
+        world, bones[wanted] = self.rig.sample(frames[wanted])
+        to_world[wanted] = effect_values.to_metres(world, self._unit_m)
+        return PoseBlock(wanted, to_world, bones)

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Kinematics of objects and bones from their F-curves alone, without stepping a scene.
+
+Only plain motion is modelled: actions, clips of the NLA, parents. :class:`NotModelledError` says
+what else there is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+
+from ...blender import compat
+from ...engine.arrays import F64
+from ...engine.kinematics.bone_hierarchy import rotations, transforms
+from ...engine.kinematics.keyed_rig import KeyedRig, rotation_channel
+from .animation_curves import AnimatedValues, NotModelledError
+
+_POSE = "pose.bones["
+BONE_PATH = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')
+WIDTHS = {
+    "location": 3,
+    "scale": 3,
+    "rotation_quaternion": 4,
+    "rotation_euler": 3,
+    "rotation_axis_angle": 4,
+    "delta_location": 3,
+    "delta_scale": 3,
+    "delta_rotation_quaternion": 4,
+    "delta_rotation_euler": 3,
+}
+_HARMLESS = re.compile(
+    r'(hfx\.|hide_|color$|show_|display_|\["|pose\.bones\[".*"\](\["|\.bbone_)|lock_)'
+)
+"""Animated paths that move nothing by themselves."""
+
+
+def rest_value(path: str, index: int) -> float:
+    """Value of a transform where no strip of the NLA plays."""
+    name = path.rpartition(".")[2]
+    if name.endswith("scale"):
+        return 1.0
+    if name.endswith("rotation_quaternion"):
+        return 1.0 if index == 0 else 0.0
+    if name.endswith("rotation_axis_angle"):
+        return 1.0 if index == 2 else 0.0
+    return 0.0
+
+
+class Parents:
+    """Parents of objects, each read once, and sampled once for all children at the same times."""
+
+    def __init__(self) -> None:
+        self._objects: dict[bpy.types.Object, PlainObject] = {}
+        self._rigs: dict[bpy.types.Object, PlainRig] = {}
+
+    def object(self, obj: bpy.types.Object) -> PlainObject:
+        """An object by its F-curves; see :class:`PlainObject`."""
+        if obj not in self._objects:
+            self._objects[obj] = PlainObject(obj, parents=self)
+        return self._objects[obj]
+
+    def rig(self, obj: bpy.types.Object) -> PlainRig:
+        """An armature by its F-curves; see :class:`PlainRig`."""
+        if obj not in self._rigs:
+            self._rigs[obj] = PlainRig(obj, self)
+        return self._rigs[obj]
+
+
+class _Kept:
+    """Cache of the last result, for the identical array of frames."""
+
+    def __init__(self, work: Callable[[F64], F64]) -> None:
+        self._work = work
+        self._last: tuple[F64, F64] | None = None
+
+    def __call__(self, frames: F64) -> F64:
+        if self._last is None or self._last[0] is not frames:
+            self._last = frames, self._work(frames)
+        return self._last[1]
+
+
+class PlainObject:
+    """An object whose world matrix follows from its own and its parents' F-curves.
+
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    default : callable, optional
+        What other properties than transforms have where no strip plays.
+    parents : Parents, optional
+        Those that are known.
+
+    Raises
+    ------
+    NotModelledError
+        Something else moves it.
+    """
+
+    def __init__(
+        self,
+        obj: bpy.types.Object,
+        default: Callable[[str, int], float] = rest_value,
+        parents: Parents | None = None,
+    ) -> None:
+        if any(not each.mute for each in obj.constraints):
+            raise NotModelledError(f"'{obj.name}' has constraints")
+        if obj.rigid_body is not None or obj.soft_body is not None:
+            raise NotModelledError(f"physics moves '{obj.name}'")
+        self.obj = obj
+        self.values = AnimatedValues(obj, default, lambda path: not path.startswith(_POSE))
+        for path, _ in self.values.columns:
+            if path not in WIDTHS and not _HARMLESS.match(path):
+                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+        self._parent: PlainObject | None = None
+        self._bone: str | None = None
+        self._rig: PlainRig | None = None
+        self._kept_world = _Kept(self.world)
+        if obj.parent is not None:
+            self._read_parent(obj, parents or Parents())
+
+    def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
+        if obj.parent_type == "OBJECT":
+            self._parent = parents.object(obj.parent)
+        elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
+            self._rig = parents.rig(obj.parent)
+            self._parent = self._rig.body
+            self._bone = obj.parent_bone
+            if self._bone not in obj.parent.data.bones:
+                raise NotModelledError(f"'{obj.name}' has a bone as parent that does not exist")
+        else:
+            raise NotModelledError(f"'{obj.name}' hangs on more than the place of its parent")
+
+    def world(self, frames: F64, sampled: F64 | None = None) -> F64:
+        """World matrices (T, 4, 4) in Blender's units; ``sampled`` saves sampling it again."""
+        if sampled is None:
+            sampled = self.values.sample(frames)
+        own = self._own(sampled if self._moves else sampled[:1])
+        own = np.broadcast_to(own, (len(frames), 4, 4)).copy()
+        if self._parent is None:
+            return own
+        above = self._parent._kept_world(frames)
+        if self._rig is not None and self._bone is not None:
+            along = compat.place_along_parent_bone(self.obj)
+            above = above @ self._rig.places_on_bone(self._bone, along, frames)
+        return above @ np.array(self.obj.matrix_parent_inverse, np.float64) @ own
+
+    @property
+    def _moves(self) -> bool:
+        """Test for an animated place of its own."""
+        return any(path in WIDTHS for path, _ in self.values.columns)
+
+    def _own(self, sampled: F64) -> F64:
+        """Matrices (T, 4, 4) of its own channels."""
+        mode = self.obj.rotation_mode
+
+        def of(name: str) -> F64:
+            return self._channels(sampled, name)
+
+        turned = rotations(of(rotation_channel(mode)), mode)
+        if mode == "QUATERNION":
+            turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
+        elif mode != "AXIS_ANGLE":
+            turned = rotations(of("delta_rotation_euler"), mode) @ turned
+        return transforms(
+            of("location") + of("delta_location"), turned, of("scale") * of("delta_scale")
+        )
+
+    def _channels(self, sampled: F64, name: str) -> F64:
+        """Values of one property over the times, (T, width)."""
+        still = np.array(getattr(self.obj, name), np.float64)
+        values = np.repeat(still[None], len(sampled), axis=0)
+        for index in range(len(still)):
+            column = self.values.columns.get((name, index))
+            if column is not None:
+                values[:, index] = sampled[:, column]
+        return values
+
+
+class PlainRig:
+    """An armature whose bones follow their parents and their F-curves only.
+
+    Raises
+    ------
+    NotModelledError
+        A bone has constraints or inherits in another way, or the armature does not pose.
+    """
+
+    def __init__(self, obj: bpy.types.Object, parents: Parents | None = None) -> None:
+        self.body = (parents or Parents()).object(obj)
+        data = obj.data
+        if data.pose_position != "POSE":
+            raise NotModelledError(f"'{obj.name}' shows its rest position")
+        if data.animation_data is not None and (
+            data.animation_data.action is not None or len(data.animation_data.drivers)
+        ):
+            raise NotModelledError(f"the armature of '{obj.name}' is animated itself")
+        self._names = [bone.name for bone in obj.pose.bones]
+        index = {name: k for k, name in enumerate(self._names)}
+        bones = [data.bones[name] for name in self._names]
+        for posed, bone in zip(obj.pose.bones, bones, strict=True):
+            if any(not each.mute for each in posed.constraints):
+                raise NotModelledError(f"bone '{bone.name}' of '{obj.name}' has constraints")
+            if not bone.use_inherit_rotation or bone.inherit_scale != "FULL":
+                raise NotModelledError(
+                    f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
+                )
+        matrices = np.empty((len(data.bones), 4, 4), np.float32)
+        data.bones.foreach_get("matrix_local", matrices.ravel())
+        order = [data.bones.find(name) for name in self._names]
+        rest = np.array(matrices[order].transpose(0, 2, 1), np.float64, order="C")
+        self._lengths = {bone.name: bone.length for bone in bones}
+        self._relative = {bone.name for bone in bones if bone.use_relative_parent}
+        modes = [bone.rotation_mode for bone in obj.pose.bones]
+        still = {name: self._current(name) for name in (*_rotations(modes), *_OTHERS)}
+        # Columns of the sampled values by bone and component.
+        places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in still}
+        self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
+        for (path, number), column in self._values.columns.items():
+            match = BONE_PATH.match(path)
+            if match is None:
+                if not _HARMLESS.match(path):
+                    raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+                continue
+            name = bpy.utils.unescape_identifier(match[1])
+            if match[2] == "rotation_mode":
+                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+            if name in index and match[2] in places:
+                places[match[2]].append((column, index[name], number))
+        self.keyed = KeyedRig(
+            tuple(-1 if bone.parent is None else index[bone.parent.name] for bone in bones),
+            rest,
+            tuple(bone.use_local_location for bone in bones),
+            tuple(modes),
+            np.flatnonzero([b.use_connect and b.parent is not None for b in bones]),
+            still,
+            {name: np.array(found).T for name, found in places.items() if found},
+        )
+        self._kept_pose = _Kept(self._pose)
+
+    def _current(self, name: str) -> F64:
+        flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
+        self.body.obj.pose.bones.foreach_get(name, flat)
+        return flat.reshape(len(self._names), -1).astype(np.float64)
+
+    @property
+    def bone_count(self) -> int:
+        return len(self._names)
+
+    def channels(self, frames: F64) -> F64:
+        """Sampled values (T, C), as :attr:`keyed` takes them."""
+        return self._values.sample(frames)
+
+    def sample(self, frames: F64) -> tuple[F64, F64]:
+        """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
+        return self.body.world(frames), self._pose(frames)
+
+    def _pose(self, frames: F64) -> F64:
+        return self.keyed.skinning(self.channels(frames))
+
+    def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
+        """Places of objects with a bone as their parent, (T, 4, 4), armature space.
+
+        ``along`` is the place along the bone: 0 the head, 1 the tail.
+        """
+        k = self._names.index(bone)
+        seat = np.zeros((len(frames), 4, 4))
+        seat[:, :3] = self._kept_pose(frames)[:, k]
+        seat[:, 3, 3] = 1.0
+        if bone in self._relative:
+            return seat
+        seat = seat @ self.keyed.rest[k]
+        seat[:, :3, 3] += seat[:, :3, 1] * along * self._lengths[bone]
+        return seat
+
+
+_OTHERS = ("location", "scale")
+
+
+def _rotations(modes: list[str]) -> list[str]:
+    return list(dict.fromkeys(map(rotation_channel, modes)))

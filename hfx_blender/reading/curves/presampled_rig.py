@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Presampled rig: keyed bones are sampled and set here, so that Blender only solves the rest.
+
+Evaluating the F-curves of a rig costs Blender several times what posing it costs, as each path
+is resolved again at each frame. So a copy of the armature object stands in the scratch scene
+whose bones are not animated; it keeps its constraints, its drivers, its parent, and all of its
+animation that does not move bones.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import bpy
+import numpy as np
+
+from ...blender import compat
+from ...engine.arrays import F32
+from .animation_curves import AnimatedValues, NotModelledError
+from .animation_time import animation_frames
+from .fcurve_kinematics import BONE_PATH, WIDTHS, rest_value
+
+_CHUNK = 128
+"""Times that are sampled together, always the same ones."""
+
+
+class PresampledRig:
+    """Animated bones of an armature over time, and the copy that they are set on.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    obj : bpy.types.Object
+        An armature.
+    first, step : Fraction
+        Frame of the first sample, and frames from one to the next.
+
+    Raises
+    ------
+    NotModelledError
+        Its animation cannot be sampled, or not be told from what else is animated.
+    """
+
+    def __init__(
+        self, scene: bpy.types.Scene, obj: bpy.types.Object, first: Fraction, step: Fraction
+    ) -> None:
+        if obj.library is not None or obj.override_library is not None:
+            raise NotModelledError(f"'{obj.name}' is linked")
+        self._scene = scene
+        self.obj = obj
+        self.copy: bpy.types.Object | None = None
+        self._first, self._step = first, step
+        self._values = AnimatedValues(obj, rest_value, _moves_a_bone, with_drivers=True)
+        if not self._values.columns:
+            raise NotModelledError(f"nothing animates the bones of '{obj.name}'")
+        self._mixed = _mixed_action(obj)
+        bones = {bone.name: k for k, bone in enumerate(obj.pose.bones)}
+        places: dict[str, list[tuple[int, int]]] = {}
+        for (path, number), column in self._values.columns.items():
+            match = BONE_PATH.match(path)
+            bone = bones.get(bpy.utils.unescape_identifier(match[1])) if match else None
+            if match is not None and bone is not None:
+                place = bone * WIDTHS[match[2]] + number
+                places.setdefault(match[2], []).append((place, column))
+        self._places = {name: np.array(found).T for name, found in places.items()}
+        self._chunk = -1
+        self._sampled: dict[str, F32] = {}
+
+    def make_copy(self) -> list[bpy.types.ID]:
+        """Make the copy, and its needs; the caller removes all of it.
+
+        What refers to the rig itself, as a constraint's target does, refers to the copy there.
+        """
+        self.copy = self.obj.copy()
+        made: list[bpy.types.ID] = [self.copy]
+        data = self.copy.animation_data
+        for track in data.nla_tracks:
+            for strip in list(track.strips):  # even a muted one would set what it animates
+                if any(_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)):
+                    track.strips.remove(strip)
+        if self._mixed is not None:
+            slot = getattr(data, "action_slot", None)
+            data.action = self._mixed.copy()
+            made.append(data.action)
+            if slot is not None:
+                data.action_slot = next(s for s in data.action.slots if s.handle == slot.handle)
+            for curve in compat.fcurves(self.copy):
+                curve.mute |= _moves_a_bone(curve.data_path)
+        elif any(_moves_a_bone(curve.data_path) for curve in compat.fcurves(self.copy)):
+            data.action = None
+        return made
+
+    def set_frame(self, frame: Fraction) -> None:
+        """Give the copy the values of a sample's time; the scene is to be evaluated after it."""
+        chunk, row = divmod(int((frame - self._first) / self._step), _CHUNK)
+        if chunk != self._chunk:
+            self._sample(chunk)
+        assert self.copy is not None
+        for name, values in self._sampled.items():
+            self.copy.pose.bones.foreach_set(name, values[row])
+        self.copy.update_tag(refresh={"OBJECT"})
+
+    def _sample(self, chunk: int) -> None:
+        first = self._first + chunk * _CHUNK * self._step
+        frames = [first + k * self._step for k in range(_CHUNK)]
+        whole = [frame.numerator // frame.denominator for frame in frames]
+        parts = [float(frame - k) for frame, k in zip(frames, whole, strict=True)]
+        at = np.array(whole, np.float32) + np.array(parts, np.float32)  # as Blender adds them
+        at = animation_frames(self._scene, at)
+        values = self._values.sample(at, single=True).astype(np.float32)
+        for name, (places, columns) in self._places.items():
+            still = np.zeros(len(self.obj.pose.bones) * WIDTHS[name], np.float32)
+            self.obj.pose.bones.foreach_get(name, still)
+            self._sampled[name] = np.repeat(still[None], _CHUNK, axis=0)
+            self._sampled[name][:, places] = values[:, columns]
+        self._chunk = chunk
+
+
+def _moves_a_bone(path: str) -> bool:
+    match = BONE_PATH.match(path)
+    return match is not None and match[2] in WIDTHS
+
+
+def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
+    """Assigned action, if it moves bones and animates something else, too."""
+    for track in obj.animation_data.nla_tracks:
+        for strip in track.strips:
+            paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]
+            if any(paths) and not all(paths):
+                raise NotModelledError(f"strip '{strip.name}' moves more than bones")
+    paths = [_moves_a_bone(curve.data_path) for curve in compat.fcurves(obj)]
+    return obj.animation_data.action if any(paths) and not all(paths) else None

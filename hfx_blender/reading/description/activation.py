@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Activation of effects over time, from the animation data of ``activation``.
+
+The property alone is not the truth: where every strip is muted, or the NLA is off, nothing
+writes it and it keeps its last value. So the animation data is asked first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from itertools import pairwise
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...authoring.clips import clips
+from ...blender import compat
+from ...blender.stored_values import limited
+from ...engine.arrays import F64
+from ...engine.scene import Clip
+
+
+class ActivationSource(Enum):
+    """Source of an effect's activation."""
+
+    ALWAYS_ON = auto()  # nothing animates it
+    OFF = auto()  # clips there are, all of them muted
+    ANIMATED = auto()  # the evaluated value is the truth
+
+
+@dataclass(frozen=True)
+class Activation:
+    """An effect's activation before any frame is evaluated."""
+
+    source: ActivationSource
+    spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)  # frames outside: certainly off
+    clips: tuple[Clip, ...] = ()
+    playing: tuple[Clip, ...] = ()  # those that are on nowhere but between their ends
+
+    def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
+        """Test that the effect can be on at each frame, (n,); False is certain."""
+        on = np.zeros(len(frames), np.bool_)
+        if self.source is not ActivationSource.OFF:
+            for start, end in self.spans:
+                on |= (frames >= start) & (frames <= end)
+        return on
+
+    def level(self, hfx: bpy.types.PropertyGroup) -> float:
+        """Level of the effect by its evaluated settings: clip times intensity."""
+        if self.source is ActivationSource.OFF:
+            return 0.0
+        on = 1.0 if self.source is ActivationSource.ALWAYS_ON else limited(hfx, "activation")
+        return on * limited(hfx, "intensity")
+
+
+SILENCED = Activation(ActivationSource.OFF)
+"""Activation of an effect that its user has muted."""
+
+
+def activation_of(effect: bpy.types.Object) -> Activation:
+    """Read an effect's clips, curves and drivers."""
+    data = effect.animation_data
+    if data is None:
+        return Activation(ActivationSource.ALWAYS_ON)
+    pairs = clips.strips_of(effect)
+    named = tuple(Clip(strip.name, strip.frame_start, strip.frame_end) for _, strip in pairs)
+    curves = [
+        curve
+        for curve in compat.fcurves(effect)
+        if curve.data_path == clips.DATA_PATH and not curve.mute
+    ]
+    driver = any(d.data_path == clips.DATA_PATH and not d.mute for d in data.drivers)
+    if len(curves) == 1 and not driver and not len(data.nla_tracks):
+        return Activation(ActivationSource.ANIMATED, _spans_of(curves[0]), named)
+    if curves or driver:
+        return Activation(ActivationSource.ANIMATED, clips=named)
+    if not pairs:
+        return Activation(ActivationSource.ALWAYS_ON)
+    solo = any(track.is_solo for track in data.nla_tracks)
+    playing = [
+        strip
+        for track, strip in pairs
+        if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
+    ]
+    if not playing:
+        return Activation(ActivationSource.OFF, clips=named)
+    if any(strip.extrapolation != "NOTHING" for strip in playing):
+        return Activation(ActivationSource.ANIMATED, clips=named)
+    spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
+    timed = tuple(Clip(strip.name, *span) for strip, span in zip(playing, spans, strict=True))
+    return Activation(ActivationSource.ANIMATED, spans, named, timed)
+
+
+def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
+    """Frames at which a property can be above 0; None unless one plain F-curve alone defines it."""
+    data = effect.animation_data
+    if data is None or len(data.nla_tracks):
+        return None
+    if any(driver.data_path == path for driver in data.drivers):
+        return None
+    curves = [curve for curve in compat.fcurves(effect) if curve.data_path == path]
+    if len(curves) != 1 or curves[0].mute or not curves[0].is_valid:
+        return None
+    if curves[0].group is not None and curves[0].group.mute:
+        return None
+    return _spans_of(curves[0])
+
+
+def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
+    """Frames at which a curve can be above 0; it certainly is not outside."""
+    keys = list(curve.keyframe_points)
+    kinds = {key.interpolation for key in keys}
+    plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"
+    values = [v for key in keys for v in (*key.co, *key.handle_left, *key.handle_right)]
+    if not keys or not plain or len(curve.modifiers) or not np.isfinite(values).all():
+        return ((-np.inf, np.inf),)
+    spans = [(-np.inf, keys[0].co[0])] if keys[0].co[1] > 0.0 else []
+    for key, following in pairwise(keys):
+        # A Bezier curve stays within the hull of its keys and handles.
+        values = [key.co[1], following.co[1]]
+        if key.interpolation == "BEZIER":
+            values += [key.handle_right[1], following.handle_left[1]]
+        if max(values) > 0.0:
+            spans.append((key.co[0], following.co[0]))
+    if keys[-1].co[1] > 0.0:
+        spans.append((keys[-1].co[0], np.inf))
+    return tuple(spans)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dormant effects: those without any possible sample need no reading.
+
+They keep their place in the scene's description and in the track, and the report names them.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...blender.stored_values import limited
+from ...engine.arrays import F64
+from ...engine.scene import TimeBase
+from ..curves.animation_time import animation_frames
+from ..stepped import stepping
+from ..stepped.adaptive_reading import grid_step
+from . import activation
+from .scene_description import sample_frames
+from .visibility import is_keyed
+
+MUTED = "is muted"
+CLIPS_OFF = (
+    "has clips, all of them muted",
+    "has clips, none of them on the NLA track that is solo",
+    "has clips, but its NLA is turned off",
+)
+OFF = "is not on at any exported time"
+
+_INTENSITY = "hfx.intensity"
+
+
+def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
+    """Frames of the animation at all samples, and at those beside them for motion.
+
+    With the part of the grid of :mod:`.adaptive_reading` that goes over either end, what is felt
+    at a sample does not depend on the range that is read.
+    """
+    beside = grid_step(time.rate_hz)
+    indices = np.arange(-beside, time.sample_count + beside)
+    return animation_frames(scene, sample_frames(time, indices))
+
+
+def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
+    """Reason why an effect is not felt at any of these frames of the animation; None if it may be.
+
+    The text goes on after the effect's name.
+    """
+    if state is activation.SILENCED:
+        return MUTED
+    if state.source is activation.ActivationSource.OFF:
+        return _why_clips_are_off(effect)
+    if not state.may_be_on(frames).any():
+        return OFF
+    if _is_powerless(effect, frames):
+        return "has intensity 0"
+    return None
+
+
+def _why_clips_are_off(effect: bpy.types.Object) -> str:
+    data = effect.animation_data
+    muted, not_solo, off = CLIPS_OFF
+    if not data.use_nla:
+        return off
+    return not_solo if any(track.is_solo for track in data.nla_tracks) else muted
+
+
+def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
+    """Test for an intensity that is certainly 0 at all of these frames."""
+    if stepping.foreign_handler() is not None:
+        return False  # it may set anything
+    spans = activation.spans_of_value(effect, _INTENSITY)
+    if spans is not None:
+        return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    return not is_keyed(effect, _INTENSITY) and limited(effect.hfx, "intensity") <= 0.0

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A contact response's controls at a time, in the engine's units; how long its impacts ring."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...authoring.responses import responses
+from ...authoring.responses.response_animation import PATH
+from ...blender import compat
+from ...blender.stored_values import limited
+from ...engine.arrays import F64
+from ...engine.response_filters.controls import WIDTH, Filter, FilterKind
+from ...engine.response_filters.envelope import longest_s
+from ...engine.scene import TimeBase
+from ..curves.animation_time import animation_frames
+
+_STEPS_A_FRAME = 4
+"""Steps a frame at which a changing frequency is integrated to turns."""
+
+
+def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
+    """Active filters, with upper bounds of how long their impacts ring."""
+    return tuple(
+        responses.described(each, _longest_s(effect, k, each))
+        for k, each in responses.active(effect.hfx)
+    )
+
+
+def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
+    """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
+    if each.kind != FilterKind.IMPACT:
+        return 0.0
+    attack, decay = limited(each, "attack"), limited(each, "decay")
+    data = effect.animation_data
+    if data is None:
+        return longest_s(attack, decay)
+    for name in ("attack", "decay"):
+        path = f"hfx.response[{place}].{name}"
+        highest = each.bl_rna.properties[name].hard_max
+        if any(driver.data_path == path for driver in data.drivers):
+            return longest_s(highest, highest)
+        for curves in compat.curve_collections(effect):
+            for curve in curves:
+                if curve.data_path == path:
+                    bound = min(highest_of(curve), highest)
+                    attack, decay = (
+                        (max(attack, bound), decay)
+                        if name == "attack"
+                        else (attack, max(decay, bound))
+                    )
+    return longest_s(attack, decay)
+
+
+def highest_of(curve: bpy.types.FCurve) -> float:
+    """Upper bound of a curve; infinite where modifiers or extrapolation continue it."""
+    keys = curve.keyframe_points
+    plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
+    if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
+        return float("inf")
+    # A Bezier curve stays within the hull of its keys and handles.
+    values = [v for key in keys for v in (key.co[1], key.handle_left[1], key.handle_right[1])]
+    return max(values) if np.isfinite(values).all() else float("inf")
+
+
+def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
+    """Controls (F, WIDTH) as they are evaluated now; None without filters."""
+    found = responses.active(hfx)
+    if not found:
+        return None
+    values = np.zeros((len(found), WIDTH))
+    for row, (_, each) in zip(values, found, strict=True):
+        for c, name in enumerate(responses.properties_of(each)):
+            row[c] = limited(each, name) * (unit_m if name in responses.LENGTHS else 1.0)
+    return values
+
+
+def with_even_phase(
+    scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
+) -> F64:
+    """Controls (T, F, WIDTH) at played frames, with continuous phase of sines whose frequency is
+    animated.
+
+    Turns are the integral of the frequency; its difference to frequency times time goes into
+    the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
+    """
+    for f, (place, each) in enumerate(responses.active(effect.hfx)):
+        if each.kind != FilterKind.SINE or each.domain != "time":
+            continue
+        path = f"hfx.response[{place}].frequency"
+        curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)
+        if curve is not None:
+            times = (frames - time.scene_start) / float(time.fps)
+            turns = _integral(scene, curve, frames, time.scene_start) / float(time.fps)
+            values[:, f, 3] += turns - values[:, f, 1] * times
+    return values
+
+
+def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
+    """Integral of a curve from a played frame to others, (T,), by trapezia on a common grid."""
+    last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
+    grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
+    at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1])) / _STEPS_A_FRAME])
+    return np.interp(frames, grid, sums)
+
+
+def place_of(path: str) -> tuple[int, str] | None:
+    """Filter index and property of an animated path, if it belongs to a response."""
+    match = PATH.match(path)
+    return None if match is None else (int(match[1]), match[2])

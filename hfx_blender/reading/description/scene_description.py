@@ -1,0 +1,450 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Describes the constant part of a scene: objects with a haptic meaning, and their settings.
+
+Faults that make an export impossible are told here, before any time is evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ... import __version__
+from ...authoring.effects import effect_values, effects, model_migration
+from ...authoring.effects.effect_values import Shapes
+from ...avatars import avatar_meshes, body_binding
+from ...blender.background_scenes import scene_objects
+from ...blender.scene_units import metres_of
+from ...blender.stored_values import bad_values
+from ...engine.body.model import load_model
+from ...engine.scene import (
+    ActuatorArea,
+    BodyDescription,
+    Clip,
+    EffectDescription,
+    HapticSurface,
+    HapticVolume,
+    PaintedArea,
+    SceneDescription,
+    SpotArea,
+    TimeBase,
+)
+from ...errors import InputError
+from ...files.hashes import sha256_of
+from ..curves.animation_time import animation_frames, played_frame
+from ..curves.curve_reading import is_steady
+from ..stepped import reached
+from ..stepped.simulation import Simulation
+from . import (
+    activation,
+    response_values,
+    skin_areas,
+    soundness,
+    surface_reading,
+    unreported,
+    visibility,
+)
+
+IN_SCENE = ("VOLUME", "SURFACE")
+"""Kinds of effects that the skin meets in the scene, so that its pose is needed."""
+
+
+ABSENT = "is disabled in viewports or excluded from the view layer"
+NO_BODY = "is felt on a body that is not in the scene"
+
+
+@dataclass(frozen=True)
+class HapticObjects:
+    """The bodies and effects of a scene that take part, and when each effect is on."""
+
+    scene: bpy.types.Scene
+    layer: bpy.types.ViewLayer
+    bodies: list[bpy.types.Object]
+    effects: list[bpy.types.Object]
+    activations: list[activation.Activation]
+    warnings: tuple[str, ...]
+    simulation: Simulation | None = None
+    left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
+    notes: tuple[str, ...] = ()  # keyframes that are no numbers
+    gone: Mapping[str, str] = field(default_factory=dict)  # effects that were left out, and why
+    # Effects that are not felt at any time that is read, also such as only instances could show,
+    # and why; nothing else of them is read.
+    dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
+
+    @property
+    def active(self) -> list[int]:
+        """Effects that may be felt at some time, by their place."""
+        return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
+
+    @property
+    def read(self) -> list[bpy.types.Object]:
+        """Objects that are read of a scene: effects that may be felt, bodies, and the meshes that
+        bodies follow.
+        """
+        bodies = [body for body in self.bodies if body_binding.why_surface(body) is not None]
+        followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
+        return [*(self.effects[k] for k in self.active), *self.bodies, *followed]
+
+    @property
+    def unit_m(self) -> float:
+        """Metres of a Blender unit."""
+        return metres_of(self.scene)
+
+
+def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
+    """The haptic objects of a scene.
+
+    Raises
+    ------
+    InputError
+        There is no body or no effect, or one of them cannot be evaluated.
+    """
+    # Evaluated copies may hold datablocks that were removed since; reading those would crash.
+    layer.update()
+    if unreported.tag(scene, layer):
+        layer.update()
+    refuse_bad_unit(scene)
+    enabled = visibility.enabled_objects(scene, layer)
+    bodies, warned, left_out = _find_bodies(scene, layer, enabled)
+    found = effects.effects_of(scene)
+    shown, warnings = _shown_effects(scene, layer, found, enabled)
+    warnings = (*_of_unknown_role(scene), *warned, *warnings)
+    kept, bodiless = _without_bodiless(shown, bodies)
+    warnings += bodiless
+    sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
+    if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
+        raise InputError(next(iter(faults.values())))
+    warnings += tuple(text for each in sound.values() for text in each)
+    left_out += soundness.left_out(faults)
+    silent = effects.silenced(sound)
+    activations = [
+        activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
+    ]
+    gone = {effect.name: ABSENT for effect in found if effect not in shown}
+    gone |= {effect.name: NO_BODY for effect in shown if effect not in kept}
+    return HapticObjects(
+        scene,
+        layer,
+        bodies,
+        list(sound),
+        activations,
+        warnings,
+        left_out=left_out,
+        notes=soundness.non_finite_keyframes([*bodies, *sound]),
+        gone={**gone, **_names_of(faults)},
+    )
+
+
+def refuse_bad_unit(scene: bpy.types.Scene) -> None:
+    """Raise InputError if a scene's unit of length is none."""
+    unit = scene.unit_settings.scale_length
+    if not 1e-9 <= unit <= 1e9:
+        raise InputError(
+            f"Scene '{scene.name}': its Unit Scale is {unit:g}, allowed is 1e-09 to 1e+09."
+        )
+
+
+def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
+    roles = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
+    bad = [(obj, each) for obj in roles for each in bad_values(obj) if each.path == "role"]
+    return [f"object '{obj.name}': {each}; it was left out" for obj, each in bad]
+
+
+def _find_bodies(
+    scene: bpy.types.Scene,
+    layer: bpy.types.ViewLayer,
+    enabled: set[bpy.types.Object],
+) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
+    """Find the bodies that can be posed, warnings about them, and the names of the others."""
+    bodies = effects.bodies_of(scene)
+    if not bodies:
+        inside = _instanced_body(scene)
+        if inside is not None:
+            raise InputError(
+                f"Scene '{scene.name}' shows the haptic body '{inside[1].name}' only as an "
+                f"instance, by '{inside[0].name}', and instances are not posed: select it and "
+                "make a library override (Object > Library Override > Make), or make it real."
+            )
+        raise InputError(
+            f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
+            "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
+        )
+
+    def check(body: bpy.types.Object) -> list[str]:
+        warned = soundness.warnings_of(body)
+        if body.type != "ARMATURE":
+            raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
+        for obj in (body, *avatar_meshes.meshes_of(body)):
+            if not visibility.may_be_seen(obj, layer, enabled):
+                raise InputError(
+                    f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
+                    "from the view layer, so Blender does not pose it."
+                )
+        return warned
+
+    sound, faults = soundness.without_faulty(bodies, check)
+    if not sound:
+        raise InputError(next(iter(faults.values())))
+    warned = tuple(text for each in sound.values() for text in each)
+    return list(sound), warned, soundness.left_out(faults)
+
+
+def _instanced_body(
+    scene: bpy.types.Scene,
+) -> tuple[bpy.types.Object, bpy.types.Object] | None:
+    """Find an instanced collection with a haptic body: the instancer, and that body."""
+    for obj in scene_objects(scene):
+        collection = obj.instance_collection
+        for each in collection.all_objects if collection is not None else ():
+            if each.hfx.role == "BODY":
+                return obj, each
+    return None
+
+
+def _shown_effects(
+    scene: bpy.types.Scene,
+    layer: bpy.types.ViewLayer,
+    found: list[bpy.types.Object],
+    enabled: set[bpy.types.Object],
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    """Effects among those found that Blender evaluates, and warnings about the others."""
+    # Perhaps of volumes that are not in the scene.
+    has_instances = any(map(reached.is_instancer, scene_objects(scene)))
+    if not found and not has_instances:
+        raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
+    kept = [effect for effect in found if visibility.may_be_seen(effect, layer, enabled)]
+    if not kept and not has_instances:
+        raise InputError(
+            f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
+        )
+    warnings = tuple(
+        f"effect '{effect.name}' {ABSENT}: it was left out"
+        for effect in found
+        if effect not in kept
+    )
+    return kept, warnings
+
+
+def _without_bodiless(
+    found: list[bpy.types.Object], bodies: list[bpy.types.Object]
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    """Leave out linked effects whose body was not linked: nothing here can repair them."""
+    gone = [
+        effect
+        for effect in found
+        if (effect.library or effect.override_library)
+        and effect.hfx.kind in effects.ON_A_BODY
+        and effect.hfx.body is not None
+        and effects.present(effect.hfx.body, bodies) is None
+    ]
+    if not gone:
+        return found, ()
+    names = ", ".join(f"'{effect.name}'" for effect in gone[:3]) + (", ..." if gone[3:] else "")
+    text = (
+        f"linked effect {names} is felt on a body that is not in the scene: it was left out"
+        if len(gone) == 1
+        else f"{len(gone)} linked effects are felt on bodies that are not in the scene: they were "
+        f"left out ({names})"
+    )
+    return [effect for effect in found if effect not in gone], (text,)
+
+
+def describe(
+    found: HapticObjects,
+    time: TimeBase,
+    shapes: Shapes,
+    *,
+    always_posed: bool,
+    more: Sequence[EffectDescription] = (),
+) -> tuple[HapticObjects, SceneDescription]:
+    """Describe the haptic objects of a scene for the engine; faulty ones are left out.
+
+    Parameters
+    ----------
+    shapes : Shapes
+        Of volumes; they are made here.
+    always_posed : bool
+        Whether bodies are posed for painted effects, too.
+    more : sequence of EffectDescription
+        Volumes that are no objects of the scene: instances. They come after its own effects.
+
+    Returns
+    -------
+    HapticObjects
+        Those that are described.
+    SceneDescription
+
+    Raises
+    ------
+    InputError
+        No body can be followed, or no effect is without a fault: the first of those.
+    """
+    ids = effects.unique_ids([*found.bodies, *found.effects])
+    states = dict(zip(found.effects, found.activations, strict=True))
+
+    def work(effect: bpy.types.Object) -> EffectDescription:
+        is_volume = effect.hfx.kind == "VOLUME" and effect not in found.dormant
+        if is_volume and is_steady(effect):  # a bad mesh is reported at once
+            shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
+        return _describe_effect(effect, states[effect], found, ids)
+
+    described, faults = soundness.without_faulty(found.effects, work)
+    if not described and not more:
+        none = f"Scene '{found.scene.name}' has no haptic effects to export."
+        raise InputError(next(iter(faults.values()), none))
+    frames = sample_frames(time, np.arange(time.sample_count))
+    frames = animation_frames(found.scene, frames)
+    posed = {
+        each.model_id
+        for effect, each in described.items()
+        if effect not in found.dormant
+        and (each.kind == "volume" or always_posed)
+        and states[effect].may_be_on(frames).any()
+    }
+    posed |= {effect.model_id for effect in more}
+    bindings, unbound = soundness.without_faulty(
+        found.bodies, lambda body: body_binding.binding_of(body, posed)
+    )
+    if not bindings:
+        raise InputError(next(iter(unbound.values())))
+    if unbound:  # and effects on them
+        others = replace(
+            found,
+            bodies=list(bindings),
+            left_out=(*found.left_out, *soundness.left_out(unbound)),
+        )
+        return describe(others, time, shapes, always_posed=always_posed, more=more)
+    kept = replace(
+        found,
+        effects=list(described),
+        activations=[states[effect] for effect in described],
+        left_out=(*found.left_out, *soundness.left_out(faults)),
+        gone={**found.gone, **_names_of(faults)},
+    )
+    warnings = [*found.warnings, *kept.left_out]
+    warnings += filter(None, map(body_binding.warning_of, found.bodies))
+    if bpy.app.autoexec_fail:
+        warnings.append(
+            "Blender did not run a script or a driver of this file "
+            f"({bpy.app.autoexec_fail_message}): motion that depends on it is not exported"
+        )
+    return kept, SceneDescription(
+        time=time,
+        bodies=tuple(
+            BodyDescription(ids[body.name_full], body.name, binding)
+            for body, binding in bindings.items()
+        ),
+        effects=(*described.values(), *more),
+        source=_source(found.scene),
+        warnings=tuple(dict.fromkeys(warnings)),
+    )
+
+
+def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
+    """Faults by the names of effects, as ends of sentences."""
+    return {obj.name: f"has a fault: {why.removesuffix('.')}" for obj, why in faults.items()}
+
+
+def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """Frames of samples, (n,), rounded once: none falls before a clip that begins with it."""
+    step = time.fps / time.rate_hz
+    return time.frame_first + indices * step.numerator / step.denominator
+
+
+def _describe_effect(
+    effect: bpy.types.Object,
+    state: activation.Activation,
+    found: HapticObjects,
+    ids: dict[str, str],
+) -> EffectDescription:
+    hfx = effect.hfx
+    area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
+    if effect in found.dormant and hfx.kind in IN_SCENE:
+        area = HapticVolume(effect_values.falloff(hfx))  # it answers nothing, and has no relief
+    elif hfx.kind == "PAINTED":
+        area = _painted_area(effect, found, ids)
+    elif hfx.kind == "SURFACE":
+        evaluated = effect.evaluated_get(found.layer.depsgraph)
+        area = surface_reading.describe(effect, evaluated, found.unit_m)
+    elif hfx.kind == "SPOT":
+        area = skin_areas.spot_area(effect, ids[_body_of(effect, found).name_full])
+    elif hfx.kind == "ACTUATORS":
+        area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name_full])
+    else:
+        area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
+    return EffectDescription(
+        id=ids[effect.name_full],
+        name=effect.name,
+        modality=hfx.modality,
+        model_id=effects.model_id_for(hfx.modality),
+        area=area,
+        is_contact=hfx.temperature_reference == "CONTACT",
+        clips=played_clips(found.scene, state),
+    )
+
+
+def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:
+    """The clips of an effect, at frames that are played."""
+    return tuple(
+        Clip(clip.name, played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end))
+        for clip in state.clips
+    )
+
+
+def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
+    bodies = found.bodies
+    is_only = len(effects.bodies_of(found.scene)) == 1
+    body = effect.hfx.body or (bodies[0] if is_only else None)
+    body = None if body is None else effects.present(body, bodies)
+    if body is None:
+        raise InputError(
+            f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "
+            "choose one of: " + ", ".join(body.name for body in bodies) + "."
+        )
+    return body
+
+
+def _painted_area(
+    effect: bpy.types.Object, found: HapticObjects, ids: dict[str, str]
+) -> PaintedArea:
+    hfx, body = effect.hfx, _body_of(effect, found)
+    vertices, weights = effects.area(effect)
+    if len(vertices) == len(weights):  # what is no weight is told by soundness
+        sound = [k for k, weight in enumerate(weights) if 0.0 <= weight <= 1.0]
+        vertices, weights = [vertices[k] for k in sound], [weights[k] for k in sound]
+    wanted = effects.model_id_for(hfx.modality)
+    if hfx.model_id != wanted:
+        raise InputError(
+            f"Effect '{effect.name}' has no area on the {hfx.modality} model: expected "
+            f"'{wanted}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what was "
+            "painted for another modality (Keep Painted Area)."
+        )
+    model = load_model(wanted)
+    if hfx.model_hash != model.content_hash:
+        raise InputError(
+            f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
+            f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})"
+            f"{model_migration.reason_not_carried(wanted, hfx.model_hash)}."
+        )
+    checked = effects.checked_area(effect.name, vertices, weights, len(model))
+    if not len(checked[0]):
+        raise InputError(f"Effect '{effect.name}' is painted nowhere. Paint it, or delete it.")
+    return PaintedArea(ids[body.name_full], *checked)
+
+
+def _source(scene: bpy.types.Scene) -> dict[str, str]:
+    source = {
+        "scene": scene.name,
+        "blender": bpy.app.version_string,
+        "hfx": __version__,
+    }
+    path = Path(bpy.data.filepath)
+    if bpy.data.filepath and path.is_file():
+        source["file"] = path.name
+        source["sha256"] = sha256_of(path)
+    return source

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tolerance that is stored in a scene."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...blender.stored_values import bad_values
+from ...engine.tolerance import Tolerance, parse
+from ...errors import InputError, UsageError
+
+
+def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
+    """Read the tolerance of a scene.
+
+    Raises
+    ------
+    InputError
+        What is stored is no tolerance.
+    """
+    for bad in bad_values(scene):
+        if bad.path in ("tolerance", "tolerance_custom"):
+            raise InputError(f"Scene '{scene.name}': {bad}.")
+    if scene.hfx.tolerance != "CUSTOM":
+        return parse(scene.hfx.tolerance)
+    try:
+        return parse(scene.hfx.tolerance_custom)
+    except UsageError as error:
+        raise InputError(f"Scene '{scene.name}': {error}.") from error

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reasons why effects, clips and bodies are not felt, as far as they are known before reading.
+
+What a user asked for (a muted effect, a part of the frames) is expected, and told in a line; all
+else is a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+from typing import Final
+
+import bpy
+
+from ...authoring.clips import clips
+from ...authoring.responses import responses
+from ...blender.background_scenes import scene_objects
+from ...blender.stored_values import limited
+from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
+from ...engine.arrays import F64
+from ...engine.counters import Unfelt, powerless_reason
+from ...engine.modality import neutral_temperature_c
+from ...engine.scene import Clip, TimeBase
+from ...text import named
+from ..stepped import stepping
+from ..stepped.reached import is_instancer, reached_from
+from . import dormant, visibility
+from .activation import Activation, ActivationSource, spans_of_value
+
+_STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind_speed"}
+"""Property that the level of an effect scales."""
+
+_ROUNDING: Final = 1e-4  # frames: strips are single precision
+
+
+@dataclass(frozen=True)
+class LostClip:
+    """Clip, or part of one, that falls on no sample."""
+
+    effect: str
+    clip: Clip
+    why: str  # key of _LOST
+
+    @property
+    def is_whole(self) -> bool:
+        """Test that nothing of the clip is felt."""
+        return _LOST[self.why][0] == "lie"
+
+    @property
+    def title(self) -> str:
+        return f"'{self.clip.name}' of '{self.effect}'"
+
+
+_LOST: Final = {
+    "after": ("lie", "after the last frame of the scene ({end:.2f} s)"),
+    "before": ("lie", "before the first frame of the scene"),
+    "beyond": ("go", "on after the last frame of the scene ({end:.2f} s), where nothing is felt"),
+    "early": ("go", "on before the first frame of the scene, where nothing is felt"),
+    "between": ("lie", "between two samples"),
+}
+"""Verb and place of clips in warnings, by the reason; what lies there is not felt at all."""
+
+
+def lost_clips(
+    scene: bpy.types.Scene, time: TimeBase, effect: bpy.types.Object, state: Activation
+) -> Iterator[LostClip]:
+    """Clips of an effect that play outside of the frames of a scene, wholly or in part, or so
+    short that they fall between two samples.
+
+    Where only some frames are exported, clips outside of these are no loss.
+    """
+    is_whole = (time.frame_first, time.frame_last) == (scene.frame_start, scene.frame_end)
+    for clip in state.playing:
+        start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
+        why = _why_lost(time, start, end)
+        if why is not None and (is_whole or why == "between"):
+            yield LostClip(effect.name, Clip(clip.name, start, end), why)
+
+
+def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
+    first, stop = time.frame_first, time.frame_last + 1
+    step = float(time.fps / time.rate_hz)
+    why = clips.outside(start, end, first, stop, step)
+    sample = ceil((start - first - _ROUNDING) / step)
+    if why not in ("before", "after") and sample > floor((end - first + _ROUNDING) / step):
+        return "between"
+    return why
+
+
+def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ...]:
+    """One warning for each reason, with the clips."""
+    end = float((time.frame_last + 1 - time.scene_start) / time.fps)
+    found = []
+    for why, (verb, place) in _LOST.items():
+        of_it = [each for each in lost if each.why == why]
+        place = place.format(end=end)
+        if len(of_it) == 1:
+            clip = of_it[0].clip
+            start, stop = (
+                (at - time.scene_start) / float(time.fps)
+                for at in (clip.frame_start, clip.frame_end)
+            )
+            whole = " and is not felt" if verb == "lie" else ""
+            verb = {"lie": "lies", "go": "goes"}[verb]
+            title = f"clip {of_it[0].title} ({start:.2f} to {stop:.2f} s)"
+            found.append(f"{title} {verb} {place}{whole}")
+        elif of_it:
+            whole = " and are not felt" if verb == "lie" else ""
+            names = named([each.title for each in of_it])
+            found.append(f"{len(of_it)} clips {verb} {place}{whole}: {names}")
+    return tuple(found)
+
+
+def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
+    """Reason for an effect of whose clips nothing is felt; expected, as the clips are told."""
+    if not lost or len(lost) < len(state.playing) or not all(each.is_whole for each in lost):
+        return None
+    if all(each.why == "between" for each in lost):
+        return Unfelt("has no clip that reaches a sample", is_expected=True)
+    return Unfelt("has no clip within the frames of the scene", is_expected=True)
+
+
+def of_dormant(why: str, is_part: bool) -> Unfelt:
+    """Reason for an effect that is dormant; ``is_part``: only some frames are exported."""
+    is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
+    return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
+
+
+def is_always_on(effect: bpy.types.Object, state: Activation) -> bool:
+    """Test for an effect that nothing turns on or off, and nothing hides, at any time."""
+    return (
+        state.source is ActivationSource.ALWAYS_ON
+        and not visibility.is_keyed(effect)
+        and not visibility.is_keyed(effect, "hfx.intensity")
+        and stepping.foreign_handler() is None
+    )
+
+
+def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
+    """Reason why nothing is felt of an effect that is on: certainly no strength at these frames of
+    the animation.
+    """
+    hfx = effect.hfx
+    if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active(hfx):
+        return None
+    if stepping.foreign_handler() is not None:
+        return None  # it may set anything
+    is_contact = hfx.temperature_reference == "CONTACT"
+    reason = powerless_reason(hfx.modality, is_contact)
+    if hfx.modality == "temperature":
+        neutral = neutral_temperature_c(is_contact)
+        is_still = not visibility.is_keyed(effect, "hfx.temperature")
+        deviation = abs(limited(hfx, "temperature") - neutral)
+        return reason if is_still and deviation < NEUTRAL_WITHIN_C else None
+    name = _STRENGTHS[hfx.modality]
+    spans = spans_of_value(effect, f"hfx.{name}")
+    if spans is not None:
+        is_nothing = not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    else:
+        is_nothing = not visibility.is_keyed(effect, f"hfx.{name}") and limited(hfx, name) <= 0.0
+    return reason if is_nothing else None
+
+
+def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
+    """Warnings about bodies and effects that a scene shows as instances, which are not felt.
+
+    Instances of haptic volumes are felt, see :mod:`.instances`.
+    """
+    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
+    if not instancers:
+        return ()
+    candidates = {obj for obj in reached_from(instancers) if _is_lost_as_instance(obj)}
+    if not candidates:
+        return ()
+    own = set(scene_objects(scene))
+    makers: dict[bpy.types.Object, str] = {}
+    for instance in layer.depsgraph.object_instances:
+        if instance.is_instance and instance.object.original in candidates:
+            parent = instance.parent
+            maker = "" if parent is None else parent.original.name
+            makers.setdefault(instance.object.original, maker)
+    return tuple(
+        text
+        for obj, maker in sorted(makers.items(), key=lambda pair: pair[0].name_full)
+        for text in _of_instance(obj, maker, obj in own)
+    )
+
+
+def _is_lost_as_instance(obj: bpy.types.Object) -> bool:
+    role = obj.hfx.role
+    return bool(role == "BODY" or (role == "EFFECT" and obj.hfx.kind != "VOLUME"))
+
+
+def _of_instance(obj: bpy.types.Object, maker: str, is_own: bool) -> Iterable[str]:
+    shown = f"is shown {'also' if is_own else 'only'} as an instance, by '{maker}'"
+    if obj.hfx.role == "BODY":
+        yield (
+            f"body '{obj.name}' {shown}: it is not posed there and feels nothing; make a library "
+            "override of it, or make the instance real"
+        )
+    elif obj.hfx.kind == "SURFACE" or not is_own:
+        yield f"effect '{obj.name}' {shown}: it is not felt there; make the instance real"

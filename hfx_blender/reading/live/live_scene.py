@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluates the open scene as it stands now, for the preview and live devices.
+
+It goes the way of an export (reader, engine, samples), but reads what Blender has evaluated
+already instead of stepping through time. An effect that could not be exported is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+
+import bpy
+import numpy as np
+
+from ...authoring.effects import effects
+from ...authoring.effects.effect_values import Shapes
+from ...authoring.responses import responses
+from ...authoring.surfaces import surfaces
+from ...engine.evaluate import Engine
+from ...engine.native import library
+from ...engine.samples import SampleRun
+from ...engine.scene import AnimationBlock, HapticVolume
+from ...engine.tolerance import Tolerance
+from ..description import scene_description, skin_areas, visibility
+from ..scene_reader import time_base
+from ..stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
+from ..stepped.stepped_reading import SteppedReading
+from ..stepped.stepping import Stepper
+from .live_clock import LiveClock
+from .live_instances import LiveInstances
+
+
+class LiveScene:
+    """Scene that is described once and evaluated whenever something has moved.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    layer : bpy.types.ViewLayer
+        Whose evaluated objects are read.
+    tolerance : Tolerance
+    with_positions : bool
+        Samples tell where they are, for devices that stand in the room.
+
+    Raises
+    ------
+    InputError
+        Nothing can be felt: no body, no effect without a fault, or a volume without the compiled
+        part.
+    """
+
+    def __init__(
+        self,
+        scene: bpy.types.Scene,
+        layer: bpy.types.ViewLayer,
+        tolerance: Tolerance,
+        *,
+        with_positions: bool = False,
+    ) -> None:
+        self.signature = signature_of(scene)
+        found = scene_description.find(scene, layer)
+        shapes = Shapes()
+        self._instances = LiveInstances(found, shapes)
+        more = self._instances.descriptions
+        # While Blender plays, an update is a frame: this gives contacts on surfaces their speed.
+        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
+        time = time_base(scene)
+        time = replace(time, rate_hz=time.fps) if self._has_surfaces else time
+        self.objects, self.description = scene_description.describe(
+            found, time, shapes, always_posed=False, more=more
+        )
+        if self.description.has_volumes:
+            library.require_in_time()
+        self.faults = self.objects.left_out
+        self.tolerance = tolerance
+        self.record = ("positions",) if with_positions else ()
+        self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
+        self._reading = SteppedReading(self.objects, self.description, shapes)
+        self._now = _AsItStands(scene, layer)
+        self._index = 0  # goes on where strokes over surfaces are to be followed
+        own = self.description.effects[: len(self.objects.effects)]
+        self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
+        self._answers = any(
+            isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
+        )
+        self._clock = LiveClock(scene)
+        self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
+
+    @property
+    def rings(self) -> bool:
+        """Test for responses that still ring, though nothing may move any more."""
+        return self._answers and self.engine.responses.settling.any_rings(self._clock.ahead_s())
+
+    def runs(self) -> list[SampleRun]:
+        """Current samples: at most one for each effect and body."""
+        asked = self._may_be_on()
+        if asked is None:
+            return []
+        row = self._reading.read(0, self._now, asked, ())
+        effects = [row.effects.get(k, EffectRow()) for k in range(len(self.objects.effects))]
+        hidden = [body.evaluated_get(self.objects.layer.depsgraph) for body in self.objects.bodies]
+        for k in visibility.felt_on(self.description, [body.hide_viewport for body in hidden]):
+            effects[k] = EffectRow()
+        many, stays = self._instances.rows()
+        felt = any(effects[k].level > 0.0 for k in self._volumes)
+        if self.record or felt or any(each.level > 0.0 for each in many):
+            self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
+        self._index += self._has_surfaces or self._answers
+        block = self._block(effects + many, row.poses, stays)
+        runs = self.engine.evaluate(block)
+        # The display of this moment needs no other.
+        return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
+
+    def _may_be_on(self) -> Sequence[int] | None:
+        """Effects that have to be read: the others are certainly off. None where all there
+        is, is.
+        """
+        every = range(len(self.objects.effects))
+        if self._answers or self._has_surfaces or self._instances.descriptions:
+            return every
+        graph = self.objects.layer.depsgraph
+        pairs = zip(self.objects.effects, self.objects.activations, strict=True)
+        # Not "> 0": NaN has to be found and reported.
+        levels = [state.level(obj.evaluated_get(graph).hfx) for obj, state in pairs]
+        return [k for k, level in enumerate(levels) if not level <= 0.0] or None
+
+    def _block(
+        self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
+    ) -> AnimationBlock:
+        """Block of the present moment, with the one before it where responses need it."""
+        rows, posed = [[each] for each in effects], [poses]
+        now_s, step_s = self._clock.tick()
+        has_history = self._answers and step_s is not None and self._before is not None
+        if not has_history and step_s is None:
+            self.engine.responses.settling.memories.clear()
+        if has_history and self._before is not None:
+            before, before_poses = self._before
+            own = len(effects) - len(stays)
+            for k, row in enumerate(rows):
+                is_same = k < own or stays[k - own]
+                row.insert(0, before[k] if is_same else EffectRow())
+            posed.insert(0, before_poses)
+        self._before = (effects, poses) if self._answers else None
+        count = len(posed)
+        return AnimationBlock(
+            indices=np.arange(self._index - count + 1, self._index + 1),
+            effects=tuple(
+                effect_block(row, each.modality)
+                for row, each in zip(rows, self.description.effects, strict=True)
+            ),
+            poses=tuple(
+                pose_block([each.get(k) for each in posed]) for k in range(len(self.objects.bodies))
+            ),
+            history=count - 1,
+            live_s=np.array([now_s - (step_s or 0.0), now_s])[-count:] if self._answers else None,
+        )
+
+
+class _AsItStands(Stepper):
+    """Stepper that reads the present evaluated state."""
+
+    def set_frame(self, frame: Fraction) -> None:
+        pass
+
+
+def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
+    """Fingerprint of a scene's description: cheap enough for every update."""
+    found: list[object] = [scene.name]
+    for obj in (*effects.bodies_of(scene), *effects.effects_of(scene)):
+        hfx = obj.hfx
+        data = obj.animation_data
+        strips = () if data is None else tuple(_strips(data))
+        found.append(
+            (
+                obj.name,
+                hfx.role,
+                hfx.modality,
+                hfx.kind,
+                hfx.shape,
+                hfx.falloff,
+                hfx.falloff_share,
+                hfx.temperature_reference,
+                hfx.model_hash,
+                hfx.body.name if hfx.body else "",
+                hfx.avatar.name if hfx.avatar else "",
+                hfx.follow,
+                hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
+                hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
+                visibility.is_disabled(obj),
+                hfx.is_muted,
+                hfx.is_solo,
+                responses.signature(hfx),
+                surfaces.signature(obj) if hfx.kind == "SURFACE" else (),
+                skin_areas.signature(obj),
+                strips,
+            )
+        )
+    return tuple(found)
+
+
+def _has_weights(obj: bpy.types.Object) -> bool:
+    # An empty ID-property array comes back as a list.
+    return effects.WEIGHTS in obj and not isinstance(obj[effects.WEIGHTS], list)
+
+
+def _strips(data: bpy.types.AnimData) -> list[object]:
+    found: list[object] = [data.use_nla, data.action.name if data.action else ""]
+    for track in data.nla_tracks:
+        found.append((track.mute, track.is_solo))
+        found += [(strip.name, strip.mute) for strip in track.strips]
+    return found

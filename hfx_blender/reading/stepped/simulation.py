@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulations: detected, and played forward once before sub-frames are read.
+
+A simulation goes on from the frame before, and going back to a time between two frames while
+there is no later one lets it go on from there, disturbed. Played through, its cache holds all
+frames, and Blender interpolates between them. Baked ones are left as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+
+import bpy
+
+from ...blender.background_scenes import scene_objects
+from .reached import reached_from
+
+_PHYSICS = {
+    "CLOTH",
+    "SOFT_BODY",
+    "FLUID",
+    "DYNAMIC_PAINT",
+    "EXPLODE",
+    "OCEAN",
+    "PARTICLE_INSTANCE",
+}
+"""Modifiers that move or deform an object otherwise than its curves say."""
+
+_MOVING_PAINT = {"DISPLACE", "WAVE"}
+"""Surfaces of dynamic paint that deform a mesh."""
+
+_CACHED = {"CLOTH", "SOFT_BODY"}
+"""Modifiers with a point cache of their own; their steps depend on time remapping."""
+
+
+class Simulation:
+    """The simulations of a scene, to be played through once.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    last : int
+        The last frame of the animation that is needed.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, last: int) -> None:
+        self._scene = scene
+        self._last = last
+        self._is_played = False
+        self._forgets = any(map(_simulates_nodes, _shown(scene)))
+        self._frame = Fraction(0)  # that was read last
+        self.frames_played = 0
+
+    def play(self) -> None:
+        """Step through all frames of the animation, as baking does; only once."""
+        if self._is_played:
+            return
+        render = self._scene.render
+        remapped = render.frame_map_old, render.frame_map_new
+        try:
+            if remapped[0] != remapped[1]:
+                render.frame_map_old = render.frame_map_new = 100
+            for frame in range(_first_frame(self._scene), self._last + 1):
+                self._scene.frame_set(frame)
+                self.frames_played += 1
+        finally:
+            if remapped[0] != remapped[1]:
+                render.frame_map_old, render.frame_map_new = remapped
+        self._is_played = True
+
+    def go_to(self, frame: Fraction) -> None:
+        """Play again before a frame where that is needed.
+
+        Blender 4.5 forgets simulations of geometry nodes when it goes back from beyond the
+        scene's last frame.
+        """
+        if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
+            self._is_played = False
+            self.play()
+        self._frame = frame
+
+
+def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
+    """Find an object that physics moves or deforms, among some objects and all that they reach."""
+    if not any(map(_is_simulated, bpy.data.objects)):
+        return None
+    return next(filter(_is_simulated, _by_name(reached_from(start))), None)
+
+
+def takes_part(obj: bpy.types.Object) -> bool:
+    """Test for an object that is simulated, or that what is simulated may feel."""
+    if _is_simulated(obj) or obj.particle_systems or obj.rigid_body_constraint is not None:
+        return True
+    is_field = obj.field is not None and obj.field.type != "NONE"
+    return is_field or any(modifier.type == "COLLISION" for modifier in obj.modifiers)
+
+
+def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
+    """Test for simulations in a scene, felt or not."""
+    return simulated(scene_objects(scene)) is not None or moves_particles(scene)
+
+
+def moves_particles(scene: bpy.types.Scene) -> bool:
+    """Test for moving particles in a scene: emitted ones, or hair that swings."""
+    return any(
+        system.settings.type == "EMITTER" or system.use_hair_dynamics
+        for obj in _shown(scene)
+        for system in obj.particle_systems
+    )
+
+
+def to_bake(scene: bpy.types.Scene, felt: Iterable[bpy.types.Object]) -> list[str]:
+    """Warnings about simulations, of what is felt and of all that it reaches, that need baking."""
+    felt = list(felt)
+    if simulated(felt) is None:
+        return []
+    is_remapped = scene.render.frame_map_old != scene.render.frame_map_new
+    found = []
+    for obj in _by_name(reached_from(felt)):
+        for modifier in obj.modifiers:
+            if _is_unbaked(modifier):
+                name = modifier.bl_rna.name.removesuffix(" Modifier").lower()
+                found.append(f"the {name} of '{obj.name}' is not baked: bake it to feel it")
+            elif modifier.type in _CACHED and is_remapped and not modifier.point_cache.is_baked:
+                found.append(
+                    f"time is remapped and the simulation of '{obj.name}' is not baked: bake it "
+                    "to be sure of what is felt"
+                )
+    return found
+
+
+def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
+    """Test for a simulation that playing forward once does not reproduce between frames."""
+    if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+        return not modifier.domain_settings.has_cache_baked_data
+    if modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
+        return any(
+            surface.is_active
+            and surface.surface_type in _MOVING_PAINT
+            and not surface.point_cache.is_baked
+            for surface in modifier.canvas_settings.canvas_surfaces
+        )
+    return False
+
+
+def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Objects of a scene, and those that they reach, by name."""
+    return _by_name(reached_from(scene_objects(scene)))
+
+
+def _by_name(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    return sorted(objects, key=lambda obj: obj.name_full)
+
+
+def _is_simulated(obj: bpy.types.Object) -> bool:
+    return obj.rigid_body is not None or any(_simulates(each) for each in obj.modifiers)
+
+
+def _simulates(modifier: bpy.types.Modifier) -> bool:
+    if modifier.type == "NODES" and modifier.node_group is not None:
+        return _has_simulation(modifier.node_group, set())
+    return modifier.type in _PHYSICS
+
+
+def _simulates_nodes(obj: bpy.types.Object) -> bool:
+    return any(each.type == "NODES" and _simulates(each) for each in obj.modifiers)
+
+
+def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
+    seen.add(tree.name_full)
+    return any(
+        node.bl_idname == "GeometryNodeSimulationInput"
+        or (
+            node.type == "GROUP"
+            and node.node_tree is not None
+            and node.node_tree.name_full not in seen
+            and _has_simulation(node.node_tree, seen)
+        )
+        for node in tree.nodes
+    )
+
+
+def _first_frame(scene: bpy.types.Scene) -> int:
+    """First frame of the earliest simulation of a scene, or of the scene itself."""
+    starts = [start for obj in _shown(scene) for start in _starts(obj)]
+    world = scene.rigidbody_world
+    if world is not None:
+        starts.append(world.point_cache.frame_start)
+    return min([scene.frame_start, *starts])
+
+
+def _starts(obj: bpy.types.Object) -> Iterator[int]:
+    for system in obj.particle_systems:
+        yield system.point_cache.frame_start
+    for modifier in obj.modifiers:
+        if modifier.type in _CACHED:
+            yield modifier.point_cache.frame_start
+        elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
+            yield from (each.frame_start for each in modifier.canvas_settings.canvas_surfaces)
+        elif modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+            yield modifier.domain_settings.cache_frame_start

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reading single times of a scene that is stepped through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ...authoring import volumes
+from ...authoring.effects import effect_values
+from ...avatars import avatar_meshes, body_binding
+from ...blender import compat
+from ...engine.arrays import F64
+from ...engine.scene import EffectBlock, SceneDescription, SurfaceBinding
+from ...engine.volume.shape import Shape
+from ...errors import InputError
+from ..curves.curve_reading import is_rigid
+from ..description import activation, response_values, skin_values, soundness
+from ..description.scene_description import HapticObjects
+from ..description.surface_reading import SurfaceVertices
+from .scene_rows import EffectRow, PoseRow, Row
+from .stepping import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """Settings of an effect that nothing animates, as they were read: only its place moves."""
+
+    level: float
+    parameters: list[float]  # in their modality's order; of wind the speed only
+    place: F64 | None
+    drive: F64 | None
+    shape: Shape | None
+    scale: F64 | None  # of a volume: shape space to local space, (3,)
+    is_wind: bool
+    is_mesh: bool  # that deforms: its shape is read each time
+
+
+class SteppedReading:
+    """Reads effects and bodies from whatever scene is stepped.
+
+    Parameters
+    ----------
+    found : HapticObjects
+    scene : SceneDescription
+    shapes : Shapes
+    keeps_settings : bool
+        Settings of effects that no curve and no driver changes are read once. Not where a user
+        edits them meanwhile, or a handler might change them.
+    faults : dict, optional
+        What is known already; more is added to it.
+    """
+
+    def __init__(
+        self,
+        found: HapticObjects,
+        scene: SceneDescription,
+        shapes: effect_values.Shapes,
+        *,
+        keeps_settings: bool = False,
+        faults: dict[str, set[int]] | None = None,
+    ) -> None:
+        self._found = found
+        self._scene = scene
+        self._shapes = shapes
+        self._unit_m = found.unit_m
+        self._vertices = SurfaceVertices()
+        self._settings: dict[int, _Settings] = {}
+        self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
+        self._is_rigid = [keeps_settings and is_rigid(each) for each in found.effects]
+        self.counters = shapes.counters
+        self.far: frozenset[int] = frozenset()
+        """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
+        self.faults: dict[str, set[int]] = {} if faults is None else faults
+        """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
+
+    def read(
+        self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
+    ) -> Row:
+        """Set a sample's time, and read some effects and bodies."""
+        stepper.set_frame(self._scene.time.frame(index))
+        for failure in stepper.failures:
+            soundness.add_fault(self.faults, failure, index)
+        self.counters.times_stepped += 1
+        row = Row(index)
+        row.effects = {k: self._read_effect(k, stepper, index) for k in effects}
+        self.counters.effects_read += len(row.effects)
+        self.add_poses(row, stepper, bodies)
+        return row
+
+    def add_poses(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
+        """Read bodies at the time that is set already."""
+        read = {k: self._read_pose(k, stepper) for k in bodies}
+        self.counters.poses_read += len(read)
+        row.poses |= read
+
+    def add_outlines(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
+        """Read the bounds of bodies that follow their mesh, at the time that is set already."""
+        row.outlines |= {k: self._read_pose(k, stepper, is_outline=True) for k in bodies}
+
+    def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
+        effect, state = self._found.effects[which], self._found.activations[which]
+        evaluated = stepper.evaluated(effect)
+        if not evaluated.is_evaluated or evaluated.hide_viewport:
+            return EffectRow()
+        known = self._settings.get(which)
+        if known is not None and (which in self.far or not known.is_mesh):
+            return self._moved(known, evaluated, effect)
+        hfx = evaluated.hfx
+        values = EffectRow()
+        if state.source is activation.ActivationSource.OFF:
+            return values
+        values.level = state.level(hfx)
+        matrix = effect_values.world_of(evaluated)
+        values.parameters = effect_values.parameters(hfx, matrix)
+        values.place = skin_values.place(hfx, self._unit_m)
+        values.drive = skin_values.drive(hfx)
+        if hfx.kind == "SURFACE":
+            try:
+                values.vertices = self._vertices.of(effect, evaluated)
+            except InputError as error:
+                values.vertices, values.level = self._vertices.last_of(effect), 0.0
+                soundness.add_fault(self.faults, str(error), index)
+            values.matrix = effect_values.to_metres(matrix, self._unit_m)
+        if hfx.kind == "VOLUME":
+            if hfx.shape == "MESH" and _shows_only_instances(evaluated):
+                return EffectRow()
+            try:
+                values.shape = self._shape(which, evaluated)
+            except InputError as error:
+                soundness.add_fault(self.faults, str(error), index)
+                values.shape = self._shapes.last_of(effect)
+                if values.shape is None:
+                    return EffectRow()
+                values.level = 0.0  # silent while its mesh has no inside
+            values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
+            values.response = self._response(effect, hfx, index)
+        if self._keeps[which]:
+            self._keep(which, values, hfx)
+        return values
+
+    def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
+        effect = self._found.effects[which]
+        is_rigid = self._is_rigid[which]
+        known = self._shapes.last_of(effect) if is_rigid else None
+        if known is not None:
+            return known
+        box = None
+        if which in self.far and evaluated.hfx.shape == "MESH" and not is_rigid:
+            box = self._shapes.box_of(effect, evaluated)
+        return self._shapes.shape_of(effect, evaluated) if box is None else box
+
+    def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
+        """Cache the settings of an effect, if its row holds nothing else."""
+        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
+        if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
+            return
+        is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
+        assert row.parameters is not None
+        self._settings[which] = _Settings(
+            row.level,
+            row.parameters[:1] if is_wind else row.parameters,
+            row.place,
+            row.drive,
+            row.shape,
+            volumes.shape_scale(hfx) if is_volume else None,
+            is_wind,
+            is_mesh,
+        )
+
+    def _moved(
+        self, known: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
+    ) -> EffectRow:
+        """Row of an effect with cached settings, at its present place."""
+        row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
+        if known.scale is None and not known.is_wind:
+            return row
+        world = effect_values.world_of(evaluated)
+        if known.is_wind:
+            row.parameters = [*known.parameters, *effect_values.directions(world).tolist()]
+        if known.scale is not None:
+            world[:3] *= self._unit_m
+            world[:3, :3] *= known.scale
+            row.matrix, row.shape = world, known.shape
+            if known.is_mesh:
+                row.shape = self._shapes.box_of(effect, evaluated)
+        return row
+
+    def count_far(self, name: str, first: int, count: int) -> None:
+        """Count the samples of a block of which only the place of a volume or body is needed."""
+        self.counters.far.setdefault(name, {})[str(first)] = count
+
+    def is_settled(self, which: int) -> bool:
+        """Test that only the place of a volume is not known yet."""
+        known = self._settings.get(which)
+        return known is not None and known.scale is not None and not known.is_mesh
+
+    def placed(self, which: int, matrices: F64, there: npt.NDArray[np.bool_]) -> EffectBlock:
+        """A settled volume at times at which its place (T, 4, 4) in Blender's units is known.
+
+        It is silent where it is not ``there``.
+        """
+        known = self._settings[which]
+        assert known.scale is not None and known.shape is not None
+        parameters = np.repeat(np.array([known.parameters], np.float64), len(there), axis=0)
+        if known.is_wind:
+            parameters = np.hstack([parameters, effect_values.directions(matrices)])
+        world = matrices.copy()
+        world[:, :3] *= self._unit_m
+        world[:, :3, :3] *= known.scale
+        world[~there] = np.eye(4)
+        return EffectBlock(
+            np.where(there, known.level, 0.0),
+            np.where(there[:, None], parameters, 0.0),
+            matrices=world,
+            shapes=(known.shape,),
+        )
+
+    def _response(
+        self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
+    ) -> np.ndarray | None:
+        controls = response_values.controls(hfx, self._unit_m)
+        if controls is None:
+            return None
+        time = self._scene.time
+        frame = np.array([float(time.frame(index))])
+        return response_values.with_even_phase(
+            self._found.scene, effect, controls[None], frame, time
+        )[0]
+
+    def _read_pose(
+        self, which: int, stepper: Stepper, *, is_outline: bool = False
+    ) -> PoseRow | None:
+        """Pose of a body; None while it is disabled, as Blender does not pose it."""
+        body: bpy.types.Object = self._found.bodies[which]
+        binding = self._scene.bodies[which].binding
+        needed = [body]
+        if isinstance(binding, SurfaceBinding):
+            needed += avatar_meshes.meshes_of(body)
+        if any(stepper.evaluated(obj).hide_viewport for obj in needed):
+            return None
+        unit_m = self._unit_m
+        if isinstance(binding, SurfaceBinding):
+            matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
+            surface = body_binding.read_surfaces(body, stepper.evaluated, is_outline=is_outline)
+            return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
+        armature = stepper.evaluated(body)
+        matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
+        armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
+        bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
+        matrix = effect_values.world_of(armature)
+        return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)
+
+
+def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
+    nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
+    return nodes and effect_values.is_empty(evaluated)
+
+
+def _is_animated(effect: bpy.types.Object) -> bool:
+    """Test for a curve or a driver that may change an effect's own settings."""
+    data = effect.animation_data
+    if data is None:
+        return False
+    curves = [curve for each in compat.curve_collections(effect) for curve in each]
+    return any("hfx" in curve.data_path for curve in (*curves, *data.drivers))

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Placements of volumes that only Blender can place: all are read at once, and little of each.
+
+A place and a box tell that a volume is near no skin; then nothing else of it is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import bpy
+import numpy as np
+
+from ...authoring.effects import effect_values
+from ...authoring.responses import responses
+from ...blender import compat
+from ...blender.stored_values import limited, limited_row
+from ...engine.arrays import F32, F64, I64, Bool
+from ..description.response_values import highest_of
+from .nearness import Box, swept_boxes
+from .scene_rows import Places
+from .stepping import Stepper
+
+_SIZES = {
+    "CUBOID": ("size",),
+    "SPHERE": ("radius",),
+    "CYLINDER": ("radius", "height"),
+    "CAPSULE": ("radius", "height"),
+}
+"""Properties that the size of a volume follows from."""
+
+
+class SteppedVolumes:
+    """Reads where volumes are in scenes that are stepped.
+
+    Parameters
+    ----------
+    effects : mapping of int to bpy.types.Object
+        By any number. Those whose place does not decide where they can be felt are left out.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Of the volumes that are read, (N,).
+    """
+
+    def __init__(self, effects: Mapping[int, bpy.types.Object]) -> None:
+        known = {k: half for k, each in effects.items() if (half := _half_size(each)) is not None}
+        self.numbers = tuple(known)
+        self._effects = [effects[k] for k in known]
+        self._is_mesh = np.array([each.hfx.shape == "MESH" for each in self._effects], np.bool_)
+        self._has_mesh = bool(self._is_mesh.any())
+        halves = np.array([*known.values()], np.float64).reshape(-1, 3)
+        self._still = np.stack([-halves, halves], axis=1)
+        self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def read(self, stepper: Stepper) -> Places:
+        """Read their placements at the present time."""
+        listed = stepper.objects
+        count = len(listed)
+        rows, missing = self._rows(stepper, listed, count)
+        there = np.full(len(self), True)
+        matrices = _all(listed, "matrix_world", count, 16).reshape(-1, 4, 4)[rows]
+        matrices = matrices.transpose(0, 2, 1).astype(np.float64)
+        boxes = self._still
+        if self._has_mesh:
+            corners = _all(listed, "bound_box", count, 24).reshape(-1, 8, 3)[rows]
+            boxes = _boxes(corners.astype(np.float64))
+            boxes[~self._is_mesh] = self._still[~self._is_mesh]
+        for k in missing:
+            evaluated = stepper.evaluated(self._effects[k])
+            there[k] = evaluated.is_evaluated and not evaluated.hide_viewport
+            if there[k]:
+                matrices[k] = effect_values.world_of(evaluated)
+                boxes[k] = np.where(self._is_mesh[k], np.nan, boxes[k])
+        return Places(there, matrices, boxes)
+
+    def _rows(
+        self, stepper: Stepper, objects: bpy.types.bpy_prop_collection, count: int
+    ) -> tuple[I64, list[int]]:
+        """Rows of the volumes among the objects that a scene shows, and those not among them.
+
+        Their order changes only where some are shown or hidden.
+        """
+        known = self._listed.get(stepper)
+        if known is None or known[0] != count or stepper.is_changing:
+            number = {each.original: k for k, each in enumerate(objects)}
+            found = [number.get(effect, -1) for effect in self._effects]
+            missing = [k for k, row in enumerate(found) if row < 0]
+            known = count, np.maximum(np.array(found, np.int64), 0), missing
+            self._listed[stepper] = known
+        return known[1:]
+
+
+def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
+    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
+    flat = np.zeros(max(count, 1) * width, np.float32)
+    if count:
+        objects.foreach_get(name, flat)
+    return flat
+
+
+def over_time(places: Sequence[Places]) -> Places:
+    """Placements at several times as one, its arrays (T, N, ...)."""
+    return Places(
+        np.array([each.there for each in places]),
+        np.array([each.matrices for each in places]),
+        np.array([each.boxes for each in places]),
+    )
+
+
+def swept(places: Places, unit_m: float) -> tuple[Box, F64]:
+    """Boxes (N, 3) around volumes :func:`over time <over_time>`, and between two times; their
+    matrices (T, N, 4, 4), metres."""
+    matrices = places.matrices.copy()
+    matrices[..., :3, :] *= unit_m
+    return swept_boxes(matrices, places.boxes, places.there), matrices
+
+
+def near(places: Places, unit_m: float, skins: Sequence[Box | None]) -> Bool:
+    """Volumes that may meet any of some boxes :func:`over time <over_time>`, (N,)."""
+    (low, high), _ = swept(places, unit_m)
+    # Not "and": a box that is no number may be anywhere.
+    found = np.zeros(len(low), np.bool_)
+    for skin in skins:
+        found |= skin is None or ~((low > skin[1]).any(axis=1) | (high < skin[0]).any(axis=1))
+    return found & places.there.any(axis=0)
+
+
+def _boxes(corners: F64) -> F64:
+    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh.
+
+    Of a subdivided mesh Blender may give the corners of its cage, which it lies within.
+    """
+    boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    boxes[(boxes[:, 0] == boxes[:, 1]).all(axis=1)] = np.nan
+    return boxes
+
+
+def _half_size(effect: bpy.types.Object) -> list[float] | None:
+    """Half of the size that a volume has at most, (3,) Blender's units.
+
+    Of a mesh NaN: its box is read. None where no such is known, or a place does not decide
+    where an effect can be felt: it is no volume, or has filters that go on ringing.
+    """
+    hfx = effect.hfx
+    if hfx.kind != "VOLUME" or responses.active(hfx) or _has_curves(effect, "shape"):
+        return None
+    if hfx.shape == "MESH":
+        is_read = effect.type == "MESH" and effect.mode != "EDIT"
+        return [np.nan] * 3 if is_read else None
+    known = _largest(effect, hfx.shape)
+    if known is None:
+        return None
+    if hfx.shape == "CUBOID":
+        return [each / 2 for each in known]
+    radius = known[0]
+    if hfx.shape == "SPHERE":
+        return [radius] * 3
+    half = known[1] / 2
+    return [radius, radius, half if hfx.shape == "CYLINDER" else max(half, radius)]
+
+
+def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
+    """The largest values of the properties that the size of a shape follows from."""
+    found = []
+    for name in _SIZES[shape]:
+        now = limited_row(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)
+        most = max(now)
+        if _has_curves(effect, name):
+            data = effect.animation_data
+            curves = [c for c in compat.fcurves(effect) if c.data_path == f"hfx.{name}"]
+            every = [c for each in compat.curve_collections(effect) for c in each]
+            if len(curves) < sum(c.data_path == f"hfx.{name}" for c in every):
+                return None  # strips may add to each other
+            if data.action_blend_type != "REPLACE" or _is_driven(effect, name):
+                return None
+            limits = effect.hfx.bl_rna.properties[name]
+            default = max(limits.default_array) if name == "size" else limits.default
+            most = max(most, default, *map(highest_of, curves))
+        if not np.isfinite(most):
+            return None
+        found += [most] * len(now) if most > max(now) else now
+    return found
+
+
+def _has_curves(effect: bpy.types.Object, name: str) -> bool:
+    if effect.animation_data is None:
+        return False
+    curves = [curve for each in compat.curve_collections(effect) for curve in each]
+    return any(c.data_path == f"hfx.{name}" for c in curves) or _is_driven(effect, name)
+
+
+def _is_driven(effect: bpy.types.Object, name: str) -> bool:
+    return any(each.data_path == f"hfx.{name}" for each in effect.animation_data.drivers)

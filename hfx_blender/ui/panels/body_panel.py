@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The haptic body in the sidebar: its avatar, the bone table, and how well the models fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...authoring.effects import effects
+from ...avatars import avatar_meshes
+from ...errors import InputError
+from ...operators.shared import active_armature
+from ..sidebar import HfxPanel, draw_text
+from .bone_labels import label_of, region_of
+
+if TYPE_CHECKING:
+    from ...engine.retargeting.quality import PartQuality
+
+_FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARENT", "ERROR"
+
+
+class HFX_UL_bones(bpy.types.UIList):
+    """Canonical bones with their counterparts in the avatar"""
+
+    def draw_item(
+        self,
+        _context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        hfx: bpy.types.PropertyGroup,
+        row: bpy.types.PropertyGroup,
+        _icon: int,
+        _active_data: object,
+        _active_property: str,
+    ) -> None:
+        armature = hfx.id_data
+        split = layout.split(factor=0.55)  # a field to choose in would leave no room for names
+        split.label(text=label_of(row.name), icon=icon_of(row, armature))
+        split.label(text=row.bone)
+
+    def filter_items(
+        self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
+    ) -> tuple[list[int], list[int]]:
+        wanted = self.filter_name.lower()
+        region = hfx.bone_map_region
+        shown = [
+            wanted in f"{label_of(row.name)} {row.name} {row.bone}".lower()
+            if wanted  # a search goes through the whole table
+            else region_of(row.name) == region
+            for row in getattr(hfx, name)
+        ]
+        return [self.bitflag_filter_item if each else 0 for each in shown], []
+
+
+def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
+    """Icon of a joint's state: found, corrected, following another, or missing."""
+    if row.bone and row.bone not in armature.data.bones:
+        return _WRONG
+    if row.bone != row.found:
+        return _CORRECTED
+    return _FOUND if row.bone else _FOLLOWING
+
+
+def sentence_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
+    """Sentence on a joint's state."""
+    icon, label = icon_of(row, armature), label_of(row.name)
+    if icon == _WRONG:
+        return f"{label}: the armature has no bone '{row.bone}'"
+    if row.bone:
+        was = f"; found: '{row.found}'" if row.found else "; none was found"
+        return f"{label}: '{row.bone}'" + (f", by hand{was}" if icon == _CORRECTED else ", found")
+    by = f"none, by hand (found: '{row.found}')" if icon == _CORRECTED else "no bone found"
+    return f"{label}: {by}" + (f"; follows '{row.follows}'" if row.follows else "")
+
+
+class HFX_PT_body(HfxPanel, bpy.types.Panel):
+    """The active haptic body, or an armature that can become one"""
+
+    bl_label = "Haptic Body"
+    bl_order = 4
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_armature(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        from ...avatars import retargeting
+
+        layout = self.layout
+        body = active_armature(context)
+        if body.hfx.role != "BODY":
+            layout.label(text=f"'{body.name}' is not a haptic body yet", icon="ARMATURE_DATA")
+            layout.operator("hfx.mark_body", icon="ADD")
+            return
+        elsewhere = [
+            each
+            for each in effects.effects_of(context.scene)
+            if each.hfx.kind in effects.ON_A_BODY and each.hfx.body not in (None, body)
+        ]
+        if elsewhere:
+            text = f"Take {len(elsewhere)} Effects of Other Bodies"
+            take = layout.operator("hfx.move_to_body", text=text, icon="FORWARD")
+            take.which, take.body = "ALL", body.name
+        layout.label(text=body.name, icon="ARMATURE_DATA")
+        for mesh in avatar_meshes.meshes_of(body):
+            layout.label(text=mesh.name, icon="MESH_DATA")
+        layout.row().prop(body.hfx, "follow", expand=True)
+        layout.row().prop(body.hfx, "felt_layer", expand=True)
+        draw_text(context, layout, how_followed(body), "INFO")
+        if retargeting.is_fitted(body):
+            layout.operator("hfx.fit_body", icon="FILE_REFRESH")
+        else:
+            layout.operator("hfx.mark_body", text="Choose Meshes Again", icon="FILE_REFRESH")
+        layout.operator_menu_enum("hfx.show_model", "model", icon="HIDE_OFF")
+
+
+def how_followed(body: bpy.types.Object) -> str:
+    """Sentence on what poses a body at present, and why."""
+    from ...avatars import body_binding
+
+    if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
+        return "What modifiers and shape keys do to the avatar is measured when it is played"
+    try:
+        reason = body_binding.why_surface(body)
+    except InputError as error:
+        return str(error)
+    if reason is not None:
+        return f"Follows the evaluated surface, because {reason}"
+    is_lossy = body.hfx.follow == "BONES" and body_binding.warning_of(body) is not None
+    return "Follows the bones" + (
+        ", although other modifiers deform the avatar" if is_lossy else ""
+    )
+
+
+class HFX_PT_bones(HfxPanel, bpy.types.Panel):
+    """Bones of the avatar, by the joints that they stand for"""
+
+    bl_label = "Bones"
+    bl_parent_id = "HFX_PT_body"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        from ...avatars import retargeting
+
+        layout = self.layout
+        armature = active_armature(context)
+        hfx = armature.hfx
+        row = layout.row(align=True)
+        row.operator("hfx.find_bones", icon="VIEWZOOM")
+        row.operator("hfx.load_bones", text="", icon="FILE_FOLDER")
+        if not hfx.bone_map:
+            return
+        row.operator("hfx.save_bones", text="", icon="FILE_TICK")
+        row.operator("hfx.reset_bones", text="", icon="LOOP_BACK")
+        layout.row().prop(hfx, "bone_map_region", expand=True)
+        layout.template_list("HFX_UL_bones", "", hfx, "bone_map", hfx, "bone_map_active", rows=8)
+        if 0 <= hfx.bone_map_active < len(hfx.bone_map):
+            chosen = hfx.bone_map[hfx.bone_map_active]
+            layout.prop_search(chosen, "bone", armature.data, "bones", text="", icon="BONE_DATA")
+            draw_text(context, layout, sentence_of(chosen, armature), icon_of(chosen, armature))
+        if retargeting.is_fitted(armature):
+            layout.operator("hfx.fit_body", text="Fit with These Bones", icon="FILE_REFRESH")
+
+
+class HFX_PT_fit(HfxPanel, bpy.types.Panel):
+    """Fit of the perceptual models to the avatar, the worst part first"""
+
+    bl_label = "Fit"
+    bl_parent_id = "HFX_PT_body"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        armature = active_armature(context)
+        if armature is None:
+            return False
+        from ...avatars import retargeting  # polled all the time, and slow to import
+
+        return retargeting.is_fitted(armature)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        from ...avatars import retargeting
+
+        layout = self.layout
+        body = active_armature(context)
+        qualities = retargeting.quality_of(body)
+        table = layout.column(align=True)
+        _draw_row(table, "Part", "NONE", ("mm off", "placed", "area"))
+        for part in retargeting.worst_first(qualities):
+            _draw_part(table, part)
+        sides = min((quality.sides for quality in qualities), default=1.0)
+        forward = min((quality.feet_forward for quality in qualities), default=1.0)
+        sentence = f"On its own side: {100 * sides:.0f} %; feet forward: {100 * forward:.0f} %"
+        draw_text(context, layout, sentence)
+        for warning in retargeting.texts_of(body, "warnings"):
+            draw_text(context, layout, warning, "ERROR")
+        for note in retargeting.texts_of(body, "notes"):
+            draw_text(context, layout, note, "INFO")
+
+
+def _draw_part(table: bpy.types.UILayout, part: PartQuality) -> None:
+    icon = "ERROR" if part.faults else "CHECKMARK"
+    values = (
+        f"{part.distance_p95_mm:.1f}",
+        f"{100 * part.in_place:.0f} %",
+        f"{part.area_ratio:.2f}",
+    )
+    _draw_row(table, part.part.replace("_", " ").title(), icon, values)
+
+
+def _draw_row(
+    table: bpy.types.UILayout, title: str, icon: str, values: tuple[str, str, str]
+) -> None:
+    split = table.split(factor=0.45)
+    split.label(text=title, icon=icon)
+    row = split.row()
+    for value in values:
+        row.label(text=value)
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_UL_bones, HFX_PT_body, HFX_PT_bones, HFX_PT_fit)
+)

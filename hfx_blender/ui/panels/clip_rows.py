@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rows of the panel of clips: times of the active effect's clips, in the scene's unit of time.
+
+Strips of the NLA cannot have properties of ours. The rows stand for them, and are made anew when
+their number changes; the window manager keeps them, and no file stores them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+from bpy.props import CollectionProperty, FloatProperty
+
+from ...authoring.clips import clips
+from ...authoring.effects import effects, swarms
+from ...blender.events import push_undo_soon
+from ...blender.scene_units import fps_of
+from ...operators.shared import active_effect
+from ...playback.preview import preview
+
+
+def refresh() -> None:
+    """Make as many rows as the active effect has clips; never from a drawing."""
+    context = bpy.context
+    effect, rows = active_effect(context), context.window_manager.hfx_clips
+    count = 0 if effect is None else len(clips.strips_of(effect))
+    if len(rows) != count:
+        rows.clear()
+        for _ in range(count):
+            rows.add()
+        preview.redraw()
+
+
+def frames_per_unit() -> float:
+    """Frames of the scene's unit of time: 1, or those of a second."""
+    scene = bpy.context.scene
+    return 1.0 if scene.hfx.time_unit == "FRAMES" else fps_of(scene)
+
+
+def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
+    effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
+    index = next(k for k, each in enumerate(rows) if each == row)
+    found = [] if effect is None else clips.strips_of(effect)
+    return found[index][1] if index < len(found) else None
+
+
+def _get(name: str) -> Callable[[HfxClipRow], float]:
+    def get(row: HfxClipRow) -> float:
+        strip = _strip(row)
+        return 0.0 if strip is None else getattr(strip, name) / frames_per_unit()
+
+    return get
+
+
+def _set(name: str) -> Callable[[HfxClipRow, float], None]:
+    def set_time(row: HfxClipRow, value: float) -> None:
+        strip = _strip(row)
+        if strip is not None:
+            setattr(strip, name, value * frames_per_unit())
+            preview.check_soon()
+            push_undo_soon()
+
+    return set_time
+
+
+def active_group() -> list[bpy.types.Object]:
+    """Effects of the active effect's group."""
+    effect = active_effect(bpy.context)
+    name = "" if effect is None else effects.group_of(effect)
+    found = swarms.listed_effects(bpy.context.scene) if name else []
+    return [each for each in found if effects.group_of(each) == name]
+
+
+def _start(_manager: object) -> float:
+    starts = [strip.frame_start for each in active_group() for _, strip in clips.strips_of(each)]
+    return min(starts, default=0.0) / frames_per_unit()
+
+
+def _set_start(manager: object, value: float) -> None:
+    clips.shift(active_group(), (value - _start(manager)) * frames_per_unit())
+    preview.check_soon()
+    push_undo_soon()
+
+
+class HfxClipRow(bpy.types.PropertyGroup):
+    """Times of a clip in the scene's unit."""
+
+    start: FloatProperty(
+        name="Start",
+        description="Time at which the clip starts",
+        get=_get("frame_start_ui"),
+        set=_set("frame_start_ui"),
+    )
+    end: FloatProperty(
+        name="End",
+        description="Time at which the clip ends",
+        get=_get("frame_end_ui"),
+        set=_set("frame_end_ui"),
+    )
+    fade_in: FloatProperty(
+        name="Fade In",
+        description="Time to reach full strength",
+        min=0.0,
+        get=_get("blend_in"),
+        set=_set("blend_in"),
+    )
+    fade_out: FloatProperty(
+        name="Fade Out",
+        description="Time to fall from full strength to nothing",
+        min=0.0,
+        get=_get("blend_out"),
+        set=_set("blend_out"),
+    )
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HfxClipRow,))
+
+
+def register() -> None:
+    _register()
+    bpy.types.WindowManager.hfx_clips = CollectionProperty(type=HfxClipRow)
+    bpy.types.WindowManager.hfx_group_start = FloatProperty(
+        name="Start of the Group",
+        description="Start of the group's first clip; all its clips and keyframes move along",
+        get=_start,
+        set=_set_start,
+    )
+    preview.after_looking.append(refresh)
+
+
+def unregister() -> None:
+    preview.after_looking.remove(refresh)
+    del bpy.types.WindowManager.hfx_group_start
+    del bpy.types.WindowManager.hfx_clips
+    _unregister()

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""List of all effects of a scene; what belongs together (rain, a sensation) is a row that opens.
+
+Its rows are made anew whenever the scene was looked at and its effects are others than before. They
+are kept with the window manager: no file stores them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
+
+from ...authoring.clips import clips
+from ...authoring.effects import effects, swarms
+from ...blender.events import push_undo_soon
+from ...errors import InputError
+from ...operators.shared import active_effect, select_only, to_object_mode
+from ...playback.preview import preview
+
+ICONS = {
+    "vibration": "FORCE_HARMONIC",
+    "pressure": "FULLSCREEN_EXIT",
+    "temperature": "LIGHT_SUN",
+    "wind": "FORCE_WIND",
+}
+_LEAST_ROWS, _MOST_ROWS = 3, 10
+
+_open: set[str] = set()
+"""Groups that are open."""
+
+
+def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
+    """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow.
+
+    What is left alone of its group is a row without one.
+    """
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for effect in swarms.listed_effects(scene):
+        group = effects.group_of(effect)
+        grouped.setdefault((group, "" if group else effect.name), []).append(effect.name)
+    found: list[tuple[str, str]] = []
+    for (group, _), names in grouped.items():
+        is_alone = len(names) == 1
+        found += [] if is_alone else [("", group)]
+        found += [(name, "" if is_alone else group) for name in names]
+    return found
+
+
+def refresh() -> None:
+    """Make the rows anew if the scene's effects are others than before; never from a drawing."""
+    rows, wanted = bpy.context.window_manager.hfx_rows, rows_of(bpy.context.scene)
+    if [(row.effect, row.group) for row in rows] == wanted:
+        return
+    rows.clear()
+    for effect, group in wanted:
+        row = rows.add()
+        row.name, row.effect, row.group = effect or group, effect, group
+    preview.redraw()
+
+
+def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
+    scene = bpy.context.scene
+    own = scene.objects.get(row.effect)
+    if own is not None and own.hfx.role == "EFFECT":
+        return [own]
+    found = swarms.listed_effects(scene)
+    if row.effect:  # of a swarm
+        return [each for each in found if each.name == row.effect]
+    return [each for each in found if effects.group_of(each) == row.group]
+
+
+def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
+    strips = (strip for _, strip in clips.strips_of(effect))
+    return any(clips.outside_scene(scene, strip) is not None for strip in strips)
+
+
+def _has(name: str) -> Callable[[HfxEffectRow], bool]:
+    return lambda row: all(getattr(each.hfx, name) for each in _effects_of_row(row))
+
+
+def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
+    def set_all(row: HfxEffectRow, value: bool) -> None:
+        for effect in _effects_of_row(row):
+            setattr(effect.hfx, name, value)
+        preview.check_soon()
+        push_undo_soon()
+
+    return set_all
+
+
+def _is_open(row: HfxEffectRow) -> bool:
+    return row.group in _open
+
+
+def _set_open(row: HfxEffectRow, value: bool) -> None:
+    (_open.add if value else _open.discard)(row.group)
+
+
+class HfxEffectRow(bpy.types.PropertyGroup):
+    """Row of the list: an effect, or a group of effects."""
+
+    effect: StringProperty(name="Effect", description="The effect's name; empty: a group")
+    group: StringProperty(name="Group", description="Group of the effect")
+    is_open: BoolProperty(
+        name="Open",
+        description="Show the effects of the group",
+        get=_is_open,
+        set=_set_open,
+    )
+    is_muted: BoolProperty(
+        name="Mute",
+        description="Neither felt nor exported",
+        get=_has("is_muted"),
+        set=_set("is_muted"),
+    )
+    is_solo: BoolProperty(
+        name="Solo",
+        description="Only effects that are solo are felt and exported",
+        get=_has("is_solo"),
+        set=_set("is_solo"),
+    )
+
+
+class HFX_UL_effects(bpy.types.UIList):
+    """Effects and groups of effects"""
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        _data: object,
+        row: HfxEffectRow,
+        _icon: int,
+        _active_data: object,
+        _active_property: str,
+    ) -> None:
+        found = _effects_of_row(row)
+        if not found:  # deleted or renamed just now
+            layout.label(text=row.name)
+            return
+        line = layout.row(align=True)
+        title = line.row(align=True)
+        title.alert = any(effects.needs_body(context.scene, each) for each in found) or (
+            bool(row.effect) and _has_clip_outside(context.scene, found[0])
+        )
+        if row.effect:
+            if row.group:
+                title.label(text="", icon="BLANK1")
+            icon = "ERROR" if title.alert else ICONS[found[0].hfx.modality]
+            title.prop(found[0], "name", text="", icon=icon, emboss=False)
+        else:
+            icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
+            title.prop(row, "is_open", text="", icon=icon, emboss=False)
+            title.label(text=f"{row.group} ({len(found)})")
+        for name, on, off in (
+            ("is_solo", "SOLO_ON", "SOLO_OFF"),
+            ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
+        ):
+            icon = on if getattr(row, name) else off
+            line.prop(row, name, text="", icon=icon, emboss=False)
+
+    def filter_items(
+        self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str
+    ) -> tuple[list[int], list[int]]:
+        wanted = self.filter_name.lower()
+        shown = [
+            wanted in f"{row.effect} {row.group}".lower()
+            if wanted  # a search goes through closed groups, too
+            else not (row.effect and row.group) or row.is_open
+            for row in getattr(manager, name)
+        ]
+        return [self.bitflag_filter_item if each else 0 for each in shown], []
+
+
+def _active_row(manager: bpy.types.WindowManager) -> int:
+    active = bpy.context.object
+    if active is None:
+        return -1
+    shown = active.get("hfx_painted_effect") or active_effect(bpy.context) or active
+    group = effects.group_of(shown)
+    for index, row in enumerate(manager.hfx_rows):
+        if row.effect == shown.name or (not row.effect and row.group == group and group):
+            if row.effect or group not in _open:
+                return index
+    return -1
+
+
+def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
+    context = bpy.context
+    try:
+        to_object_mode(context)
+    except InputError:
+        return  # painting goes on
+    if 0 <= index < len(manager.hfx_rows):
+        found = _effects_of_row(manager.hfx_rows[index])
+        shown = [obj for effect in found for obj in swarms.shown_by(context.scene, effect)]
+        select_only(context, *shown)
+        push_undo_soon()
+
+
+def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw the list, as high as it needs to be, up to a limit."""
+    manager = context.window_manager
+    shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
+    rows = min(max(shown, _LEAST_ROWS), _MOST_ROWS)
+    layout.template_list(
+        "HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row", rows=rows, maxrows=rows
+    )
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HfxEffectRow, HFX_UL_effects))
+
+
+def register() -> None:
+    _register()
+    bpy.types.WindowManager.hfx_rows = CollectionProperty(type=HfxEffectRow)
+    bpy.types.WindowManager.hfx_row = IntProperty(
+        name="Effect", description="Select the effect", get=_active_row, set=_select_row
+    )
+    preview.after_looking.append(refresh)
+
+
+def unregister() -> None:
+    preview.after_looking.remove(refresh)
+    del bpy.types.WindowManager.hfx_row
+    del bpy.types.WindowManager.hfx_rows
+    _unregister()

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All effects of the scene in one list, and the clips of the active one."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...authoring.clips import clips
+from ...authoring.effects import effects, swarms
+from ...operators.shared import active_armature, active_effect
+from .. import next_step
+from ..sidebar import HfxPanel, draw_text
+from . import clip_rows, effect_list
+
+_NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
+_NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
+_OUTSIDE = {
+    "after": "After the scene's last frame: not felt",
+    "before": "Before the scene's first frame: not felt",
+    "beyond": "Goes on after the scene's last frame: not felt there",
+    "early": "Begins before the scene's first frame: not felt there",
+}
+
+
+def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
+    """Draw that the body of effects is gone, and the button that moves them to another.
+
+    Parameters
+    ----------
+    which : str
+        Effects to move, as ``hfx.move_to_body`` names them.
+    """
+    column = layout.column()
+    column.alert = True
+    count = len(effects.without_body(context.scene))
+    what = "this effect" if which == "ACTIVE" else "1 effect" if count == 1 else f"{count} effects"
+    draw_text(context, column, f"The body of {what} is not in this scene: not felt", "ERROR")
+    bodies = effects.bodies_of(context.scene)
+    if len(bodies) > 1:
+        layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
+    elif bodies:
+        move = layout.operator(
+            "hfx.move_to_body", text=f"Move to Body '{bodies[0].name}'", icon="FORWARD"
+        )
+        move.which, move.body = which, bodies[0].name
+
+
+class HFX_PT_effects(HfxPanel, bpy.types.Panel):
+    """List of all effects: select, mute, solo; switches for the preview in the viewport"""
+
+    bl_label = "Haptic Effects"
+    bl_order = 0
+
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        self.layout.operator("hfx.workspace", text="", icon="WORKSPACE", emboss=False)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.prop(context.window_manager, "hfx_preview", icon="HIDE_OFF", toggle=True)
+        row.prop(context.window_manager, "hfx_show_actuators", text="", icon="LIGHT_POINT")
+        row.prop(context.window_manager, "hfx_show_values", text="", icon="FCURVE")
+        row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
+        found = swarms.listed_effects(context.scene)
+        if found:
+            effect_list.draw(context, layout)
+        if effects.without_body(context.scene):
+            draw_moving(context, layout, "GONE")
+        has_body = bool(effects.bodies_of(context.scene))
+        if not has_body and active_armature(context) is None:
+            draw_text(context, layout, _NO_BODY, "INFO")
+        elif has_body and not found:
+            draw_text(context, layout, _NO_EFFECT, "INFO")
+        row = layout.row()
+        row.scale_y = 1.3
+        next_step.draw_first(context, row)
+        row = layout.row(align=True)
+        row.menu("HFX_MT_add", text="Add", icon="ADD")
+        if found:
+            row.operator("hfx.copy_effects", text="", icon="COPYDOWN")
+            row.operator("hfx.paste_effects", text="", icon="PASTEDOWN")
+            row = layout.row(align=True)
+            for name, label in (
+                ("hfx.scale_strength", "Gain"),
+                ("hfx.scale_frequency", "Frequency"),
+                ("hfx.modulate", "Modulation"),
+            ):
+                row.operator(name, text=label)
+
+
+class HFX_PT_clips(HfxPanel, bpy.types.Panel):
+    """Clips of the active effect: the times at which it is on"""
+
+    bl_label = "Clips"
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_effect(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.add_clip", icon="NLA")
+        row.operator("hfx.add_heartbeat", icon="HEART")
+        effect = active_effect(context)
+        found, group = clips.strips_of(effect), effects.group_of(effect)
+        if found:
+            row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
+            layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        if found and len(clip_rows.active_group()) > 1:
+            layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
+        # Rows are made after a clip is added or another effect selected, just before this is drawn
+        # again.
+        for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
+            box = layout.box()
+            self._draw_clip(box, strip, times)
+            outside = clips.outside_scene(context.scene, strip)
+            if outside is not None:
+                column = box.column()
+                column.alert = True
+                draw_text(context, column, _OUTSIDE[outside], "ERROR")
+                box.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ACTIVE"
+        if not found:
+            layout.label(text="No clips: on for the whole timeline", icon="INFO")
+
+    @staticmethod
+    def _draw_clip(
+        box: bpy.types.UILayout,
+        strip: bpy.types.NlaStrip,
+        times: bpy.types.PropertyGroup,
+    ) -> None:
+        row = box.row(align=True)
+        row.prop(strip, "name", text="")
+        row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
+        row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
+        row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
+        row = box.row(align=True)
+        row.prop(times, "start", text="Start")
+        row.prop(times, "end", text="End")
+        column = box.column(align=True)
+        if strip.use_animated_influence:
+            column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
+        else:
+            column.prop(times, "fade_in")
+            column.prop(times, "fade_out")
+        column.prop(strip, "repeat", text="Repeat")
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_PT_effects, HFX_PT_clips))

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Panel of live devices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...playback.live.live import live
+from ...playback.live.track_source import summary
+from ...properties.scenes import SCHEMES
+from ..device_icons import forget_icons, icon_of
+from ..sidebar import HfxPanel, draw_text
+
+if TYPE_CHECKING:
+    from ...devices.configurations.device_facts import DeviceFacts
+
+STATES = {
+    "connecting": ("Connecting...", "SORTTIME"),
+    "connected": ("Connected, silent", "LINKED"),
+    "armed": ("Playing", "PLAY"),
+    "stopped": ("Stopped", "SNAP_FACE"),
+    "frozen": ("Stopped", "SNAP_FACE"),
+    "fault": ("Fault", "ERROR"),
+    "lost": ("Lost", "UNLINKED"),
+    "closed": ("Closed", "UNLINKED"),
+}
+_LONG = 9  # letters of an actuator's name that two columns have room for
+_BUTTONS = 6  # letters that the buttons beside a device's name take
+_MOST_ACTUATORS = 40  # of which bars and pulses are shown
+
+
+def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Source of what devices play: the scene, or a track."""
+    hfx = context.scene.hfx
+    column = layout.column(align=True)
+    column.row(align=True).prop(hfx, "live_source", expand=True)
+    if hfx.live_source == "TRACK":
+        column.prop(hfx, "live_track", text="")
+        column.operator("hfx.record_track", icon="REC")
+        draw_text(context, layout, summary(context.scene, live.tracks))
+
+
+def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
+    """Reason why devices stopped in a slow scene, and what helps."""
+    slow, hfx = live.slow_frames.newest, context.scene.hfx
+    text = str(slow) if slow is not None else "Blender did not answer in time."
+    draw_text(context, box, f"Devices stopped. {text}", "ERROR")
+    column = box.column(align=True)
+    if hfx.live_source == "SCENE":
+        is_coarse = hfx.live_tolerance == "PREVIEW"
+        column.prop_enum(
+            hfx,
+            "live_tolerance",
+            "EXPORT" if is_coarse else "PREVIEW",
+            text="Tolerance as Exported" if is_coarse else "Preview Tolerance",
+        )
+        column.operator("hfx.record_track", text="Play a Recorded Track Instead", icon="REC")
+    column.operator("hfx.hide_meshes", icon="HIDE_ON")
+    manager = context.window_manager
+    for name, what in (("hfx_preview", "What Is Felt"), ("hfx_show_actuators", "Actuators")):
+        if getattr(manager, name):
+            text = f"Stop Showing {what}"
+            column.prop(manager, name, text=text, invert_checkbox=True, toggle=1)
+    draw_text(context, box, "Then press Play: devices begin from silence")
+
+
+class HFX_PT_live(HfxPanel, bpy.types.Panel):
+    """Connect devices and feel what you design"""
+
+    bl_label = "Live Devices"
+    bl_order = 6
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        if live.states:
+            column = layout.column()
+            column.scale_y = 2.0
+            column.alert = True
+            column.operator("hfx.live_stop_all", icon="CANCEL")
+            if not all(each.is_armed for each in live.states.values()):
+                layout.operator("hfx.live_play", icon="PLAY")
+        if live.is_frozen:
+            _draw_advice(context, layout.box())
+        if context.scene.hfx.devices:
+            _draw_source(context, layout)
+        if live.fault:
+            draw_text(context, layout, live.fault, "ERROR")
+        elif live.lookahead_fault and live.states:
+            text = f"Latency is compensated from the second playback on: {live.lookahead_fault}"
+            draw_text(context, layout, text, "INFO")
+        for item in context.scene.hfx.devices:
+            _draw_device(context, layout.box(), item)
+        row = layout.row(align=True)
+        row.operator_menu_enum("hfx.live_add", "name", icon="ADD")
+        row.operator("hfx.live_find", icon="VIEWZOOM")
+        row.operator("hfx.live_import", text="", icon="IMPORT")
+        if context.scene.hfx.devices:
+            column = layout.column(align=True)
+            column.label(text="Play Space")
+            column.prop(context.scene.hfx, "play_space", text="")
+
+
+def _draw_device(
+    context: bpy.types.Context, box: bpy.types.UILayout, item: bpy.types.PropertyGroup
+) -> None:
+    from ...devices.configurations.device_facts import facts_of
+
+    facts, state = facts_of(item.name), live.state(item.name)
+    row = box.row(align=True)
+    icon = "DOWNARROW_HLT" if item.is_expanded else "RIGHTARROW"
+    row.prop(item, "is_expanded", text="", icon=icon, emboss=False)
+    draw_text(context, row, facts.title, beside=_BUTTONS)
+    row.operator("hfx.live_remove", text="", icon="X").name = item.name
+    if item.is_expanded:
+        _draw_facts(context, box.column(align=True), item, facts)
+    if state is None:
+        box.operator("hfx.live_connect", icon="LINKED").name = item.name
+    else:
+        box.operator("hfx.live_disconnect", icon="UNLINKED").name = item.name
+    row = box.row(align=True)
+    row.prop(item, "is_muted", text="", icon="MUTE_IPO_ON" if item.is_muted else "MUTE_IPO_OFF")
+    row.prop(item, "gain", slider=True)
+    if item.name in live.approved:
+        box.operator("hfx.live_revoke", icon="FILE_SCRIPT").name = item.name
+    if state is None:
+        if item.name in live.unapproved:
+            box.operator("hfx.live_approve", icon="FILE_SCRIPT").name = item.name
+        return
+    text, icon = STATES[state.state]
+    told = state.text or state.unit
+    draw_text(context, box, f"{text}: {told}" if told else text, icon)
+    offset = f"Offset {live.offset_ms(item.name):g} ms"
+    box.operator("hfx.live_offset", text=offset, icon="TIME").name = item.name
+    device = live.device(item.name)
+    if device is None or not state.is_armed:
+        return
+    is_long = any(len(actuator.id) > _LONG for actuator in device.actuators)
+    grid = box.grid_flow(columns=1 if is_long else 2, align=True, even_columns=True)
+    for k, actuator in enumerate(device.actuators[:_MOST_ACTUATORS]):
+        level = state.levels[k] if k < len(state.levels) else 0.0
+        text = f"{actuator.id}  {level:.0%}"
+        pulse = grid.operator("hfx.live_pulse", text=text, depress=level > 0.0)
+        pulse.name, pulse.actuator = item.name, k
+
+
+def _draw_facts(
+    context: bpy.types.Context,
+    column: bpy.types.UILayout,
+    item: bpy.types.PropertyGroup,
+    facts: DeviceFacts,
+) -> None:
+    """Picture, maker, places and rendering scheme of a device."""
+    if facts.picture is not None:
+        column.template_icon(icon_of(facts.picture), scale=9.0)
+    for text in filter(None, (facts.maker, facts.summary)):
+        draw_text(context, column, text)
+    if facts.fault:
+        draw_text(context, column, facts.fault, "ERROR")
+    if facts.device is not None:
+        column.separator()
+        column.prop(item, "scheme", text="")
+        name = facts.device.scheme.name if item.scheme == "CONFIGURED" else item.scheme
+        tip = next(tip for scheme, _, tip in SCHEMES if scheme == name)
+        own = f"{name.title()}. " if item.scheme == "CONFIGURED" else ""
+        draw_text(context, column, f"{own}{tip}")
+
+
+def _header(self: bpy.types.Header, _context: bpy.types.Context) -> None:
+    """Draw the stop of all devices: visible whatever panel is open."""
+    if live.states:
+        row = self.layout.row()
+        row.alert = True
+        row.operator("hfx.live_stop_all", icon="CANCEL")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_live,))
+
+
+def register() -> None:
+    _register()
+    bpy.types.VIEW3D_HT_header.prepend(_header)
+
+
+def unregister() -> None:
+    bpy.types.VIEW3D_HT_header.remove(_header)
+    _unregister()
+    forget_icons()

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The active object's haptic surface: its maps beside its material, and how they are made."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...authoring.surfaces import surface_updates, surfaces
+from ...operators.surfaces.surfaces import active_surface
+from ..sidebar import HfxPanel, draw_text
+
+_SOURCE_FIELDS = {
+    "MATERIAL": ("resolution", "height_mm"),
+    "IMAGE": ("image", "image_kind", "height_mm", "roughness_image"),
+    "SCAN": ("scan_path", "scan_unit_mm", "resolution"),
+    "PROCEDURAL": ("procedural", "seed", "resolution"),
+    "MAP": (),
+    "GENERATED": (),
+}
+_LAYERS = (
+    ("relief_image", "Relief"),
+    ("intensity_image", "Intensity"),
+    ("sharpness_image", "Sharpness"),
+)
+
+
+class HFX_PT_surface(HfxPanel, bpy.types.Panel):
+    """The active object's surface"""
+
+    bl_label = "Haptic Surface"
+    bl_order = 2
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        return (
+            obj is not None
+            and obj.type == "MESH"
+            and context.mode == "OBJECT"  # who paints an area has a perceptual model at hand
+            and obj.hfx.role in ("NONE", "EFFECT")
+            and (obj.hfx.role == "NONE" or surfaces.is_surface(obj))
+        )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        obj = active_surface(context)
+        if obj is None:
+            layout.operator_menu_enum("hfx.add_surface", "source", text="Feel It", icon="VIEW_PAN")
+            layout.operator("hfx.estimate_relief", icon="IMAGE_RGB")
+            return
+        settings = obj.hfx.surface
+        row = layout.row(align=True)
+        row.prop(settings, "source")
+        row.operator("hfx.remove_surface", text="", icon="X")
+        self._draw_maps(layout, obj)
+        if settings.is_outdated:
+            sentence = "Out of date: the material was edited. Press Make Maps."
+            draw_text(context, layout, sentence, "ERROR")
+        row = layout.row(align=True)
+        row.operator("hfx.bake_surface", icon="RENDER_STILL")
+        row.operator("hfx.stroke_pad", icon="GREASEPENCIL")
+        row.operator("hfx.export_stroke", text="", icon="EXPORT")
+        if settings.source in ("MATERIAL", "IMAGE"):
+            layout.operator("hfx.estimate_relief", icon="IMAGE_RGB")
+        if settings.note:
+            icon = "ERROR" if settings.is_faulty else "INFO"
+            draw_text(context, layout, settings.note, icon)
+        if settings.warning and not settings.is_faulty:
+            draw_text(context, layout, settings.warning, "ERROR")
+        for name in _SOURCE_FIELDS[settings.source]:
+            layout.prop(settings, name)
+        if settings.source == "SCAN" and _is_picture(settings.scan_path):
+            layout.prop(settings, "scan_size_mm")
+            layout.prop(settings, "height_mm")
+        if settings.source != "MAP":
+            layout.prop_search(settings, "uv_map", obj.data, "uv_layers")
+            layout.prop(settings, "use_own_scale")
+            if settings.use_own_scale:
+                layout.prop(settings, "uv_mm")
+
+    @staticmethod
+    def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+        """Draw the material beside its haptic maps."""
+        surface_updates.shown(obj)
+        shown = [(obj.active_material, "Material")]
+        shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
+        grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        for each, label in shown:
+            if each is None:
+                continue
+            column = grid.column(align=True)
+            column.template_icon(icon_value=layout.icon(each), scale=4.0)
+            column.label(text=label)
+
+
+class _OfSurface(HfxPanel):
+    """A part of the panel of an object that is a surface already."""
+
+    bl_parent_id = "HFX_PT_surface"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_surface(context) is not None
+
+
+class HFX_PT_surface_files(_OfSurface, bpy.types.Panel):
+    """A surface from a picture, a scan or a file of maps, and back"""
+
+    bl_label = "Files"
+    bl_order = 1
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.load_surface_image", text="Image", icon="IMAGE_DATA")
+        row.operator("hfx.load_scan", text="Scan", icon="MOD_OCEAN")
+        row = layout.row(align=True)
+        row.operator("hfx.import_texture", icon="IMPORT")
+        row.operator("hfx.export_texture", icon="EXPORT")
+
+
+class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
+    """Rendering of the surface as vibration"""
+
+    bl_label = "Felt As"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        hfx = context.object.hfx
+        settings = hfx.surface
+        layout.prop(settings, "renderer")
+        layout.prop(hfx, "intensity")
+        row = layout.row(align=True)
+        row.use_property_split = False  # beside the field, a label with its unit is cut off
+        row.prop(hfx, "amplitude", text="Strongest (m/s²)")
+        row.prop_decorator(hfx, "amplitude")
+        if settings.renderer == "MCHA":
+            for name in ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps"):
+                layout.prop(settings, name)
+        else:
+            layout.prop(settings, "drive")
+            if settings.renderer == "TEXTILE":
+                layout.prop(hfx, "frequency", text="Carrier (Hz)")
+        layout.prop(settings, "sound")
+
+
+class HFX_PT_surface_calibration(_OfSurface, bpy.types.Panel):
+    """Calibration of the strength of fabrics, for you and for a device"""
+
+    bl_label = "Calibration"
+    bl_order = 2
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        chosen = context.window_manager.hfx_surface_calibration
+        layout.prop_search(chosen, "device", context.scene.hfx, "devices")
+        row = layout.row()
+        row.prop(chosen, "fabric", expand=True)
+        row = layout.row()
+        row.prop(chosen, "speed", expand=True)
+        layout.prop(chosen, "drive", slider=True)
+        layout.operator("hfx.feel_fabric", icon="PLAY")
+
+
+def _is_picture(path: str) -> bool:
+    from ...authoring.surfaces.surface_sources import PICTURES
+
+    return any(path.lower().endswith(suffix) for suffix in PICTURES)
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_PT_surface, HFX_PT_surface_felt, HFX_PT_surface_files, HFX_PT_surface_calibration)
+)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Panel of values in the viewport: glowing actuators, and the chart over time."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...playback.preview import preview
+from ..sidebar import HfxPanel, draw_text
+
+
+class HFX_PT_values(HfxPanel, bpy.types.Panel):
+    """Values of effects and actuators, now and over the whole timeline"""
+
+    bl_label = "Values"
+    bl_order = 7
+    bl_options = {"DEFAULT_CLOSED"}  # its switches are in the list of effects, too
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        column = layout.column(align=True)
+        column.prop(context.window_manager, "hfx_show_values", icon="FCURVE", toggle=True)
+        column.prop(context.window_manager, "hfx_show_actuators", icon="LIGHT_POINT", toggle=True)
+        layout.prop(context.scene.hfx, "preview_opacity", slider=True)
+        known = preview.updates()
+        if context.window_manager.hfx_show_values and known.must_step:
+            draw_text(context, layout, known.fault, "INFO")
+            layout.operator("hfx.update_values", icon="FILE_REFRESH")
+        if context.window_manager.hfx_show_actuators and not len(context.scene.hfx.devices):
+            draw_text(
+                context, layout, "Add a device under Live Devices to see its actuators", "INFO"
+            )
+        notes = [
+            *(preview.preview().notes if context.window_manager.hfx_show_actuators else ()),
+            *(known.result.notes if known.result is not None else ()),
+        ]
+        for note in dict.fromkeys(notes):
+            draw_text(context, layout, note, "INFO")
+        for fault in known.result.faults if known.result is not None else ():
+            draw_text(context, layout, fault, "ERROR")
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_PT_values,))

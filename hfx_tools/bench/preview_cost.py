@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cost of the preview per frame of playback: the demo with 20 volumes, 5 of them in contact.
+
+Each frame is played with and without the preview, one after the other in one run; of all rounds
+the least counts. Counted is the processor time of all that the preview does by itself: its handler,
+looking for changes as often as it does, what is felt, colours, actuators, and handing them to the
+graphics card. Draw calls are counted apart: without a card they are this processor's work. What
+Blender itself draws is left out, as it would be this processor's work, too.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.processes import blender_session
+
+if TYPE_CHECKING:
+    import bpy
+
+P95_MS: Final = 3.0
+IDLE_MS: Final = 0.3
+
+VOLUMES: Final = 20
+TOUCHED: Final = (
+    ("upperarm01.L", "vibration"),
+    ("lowerarm01.R", "pressure"),
+    ("upperleg01.L", "temperature"),
+    ("spine02", "vibration"),
+    ("lowerleg01.R", "pressure"),
+)
+"""Bones that carry the volumes in contact, and the modality of each."""
+
+_MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
+_IDLE: Final = (430, 770)  # frames of the demo in which nothing is on
+_LOOKS_EVERY: Final = {"worked out at each frame": 15, "from the record": 60}
+"""Frames between two looks for changes, at 60 frames a second."""
+
+_SIZE: Final = (320, 200)
+
+# Windows counts a thread's time in steps of 16 ms.
+_now_s: Final = time.perf_counter if sys.platform == "win32" else time.thread_time
+
+Progress = Callable[[float], None]
+
+
+def measure(
+    *, short: bool = False, rounds: int = 9, progress: Progress = lambda share: None
+) -> dict[str, Any]:
+    """Rows of figures by name; plain data."""
+    bpy = blender_session.start()
+
+    with temporary_folder() as folder:
+        blender_session.open_blend(build(Path(folder) / "preview.blend"))
+    from hfx_blender.playback.preview import preview
+
+    scene = bpy.context.scene
+    step = 12 if short else 4
+    played = [
+        frame
+        for frame in range(scene.frame_start, scene.frame_end + 1, step)
+        if not _IDLE[0] <= frame < _IDLE[1]
+    ]
+    parts = (
+        ("played", played, "p95_ms", P95_MS),
+        ("nothing active", range(*_IDLE, step), "median_ms", IDLE_MS),
+    )
+    screen = _Screen()
+    preview.forget()
+    preview.describe()
+    found: dict[str, Any] = {}
+    for name in _LOOKS_EVERY:
+        if name == "from the record":  # which is made once nothing is edited for a moment
+            preview.updates().look(scene)
+            preview.updates().update_now(scene)
+        for part, frames, key, limit in parts:
+            own, with_it, without = _play(screen, frames, rounds, _LOOKS_EVERY[name])
+            found[f"{part}, {name}"] = {
+                **_figures(own),
+                "of": key,
+                "limit_ms": limit,
+                "playback_with_ms": _median_ms(with_it),
+                "playback_without_ms": _median_ms(without),
+            }
+            progress(len(found) / 4)
+    return found
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """A table for people."""
+    title = f"the preview, {VOLUMES} volumes, {len(TOUCHED)} in contact"
+    lines = [
+        f"{title:<44}{'frames':>7}{'median':>11}{'p95':>11}{'engine':>11}{'card':>11}  limit"
+        "         a frame with / without"
+    ]
+    for name, row in result.items():
+        figures = "".join(
+            f"{row[k]:>8.3f} ms" for k in ("median_ms", "p95_ms", "engine_ms", "card_ms")
+        )
+        over = "     " if row[row["of"]] <= row["limit_ms"] else " over"
+        lines.append(
+            f"{name:<44}{row['frames']:>7}{figures}  "
+            f"{row['of'].removesuffix('_ms'):>6} {row['limit_ms']:g} ms{over}"
+            f"{row['playback_with_ms']:>9.1f} / {row['playback_without_ms']:.1f} ms"
+        )
+    return "\n".join(lines)
+
+
+def build(path: Path) -> Path:
+    """Save the demo with volumes to make :data:`VOLUMES` as a .blend."""
+    import bpy
+
+    from ..demo import garage
+
+    scene = garage.build()
+    body = next(obj for obj in scene.objects if obj.hfx.role == "BODY")
+    before = sum(obj.hfx.kind == "VOLUME" for obj in scene.objects if obj.hfx.role == "EFFECT")
+    clips = ((0, _IDLE[0]), (_IDLE[1], scene.frame_end + 1))
+    rng = np.random.default_rng(1)
+    for k in range(VOLUMES - before):
+        bone, modality = TOUCHED[k] if k < len(TOUCHED) else ("", _MODALITIES[k % 4])
+        bpy.ops.hfx.add_volume(
+            modality=modality, shape=("SPHERE", "CUBOID", "CAPSULE")[k % 3], name=f"Volume {k}",
+            radius=0.12, height=0.4, size=(0.25, 0.25, 0.25),
+        )  # fmt: skip
+        volume = bpy.context.object
+        if bone:
+            volume.parent, volume.parent_type, volume.parent_bone = body, "BONE", bone
+        else:  # beside the way
+            at = rng.uniform((-5.0, -3.0, 0.3), (5.0, -2.0, 1.8))
+            volume.location = at.tolist()
+        for first, end in clips:
+            bpy.ops.hfx.add_clip(start=first, duration=(end - first) / garage.FPS)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
+    return path
+
+
+class _Screen:
+    """Off-screen viewport in which only the preview draws."""
+
+    def __init__(self) -> None:
+        import bpy
+        import gpu
+        from mathutils import Matrix
+
+        scene = bpy.context.scene
+        bodies = [obj for obj in scene.objects if obj.hfx.role == "BODY"]
+        self._meshes = [body.hfx.avatar for body in bodies]
+        if hasattr(gpu, "init"):
+            gpu.init()
+        else:  # a picture starts it, too
+            render = scene.render
+            kept = render.engine, render.resolution_x, render.resolution_y
+            render.engine, render.resolution_x, render.resolution_y = "BLENDER_WORKBENCH", 8, 8
+            bpy.ops.render.render()
+            render.engine, render.resolution_x, render.resolution_y = kept
+        self._buffer = gpu.types.GPUOffScreen(*_SIZE)
+        self._view = Matrix.LocRotScale(
+            (0.0, -9.0, 1.2), Matrix.Rotation(1.5708, 3, "X"), None
+        ).inverted()
+        self._projection = Matrix(
+            ((1.5, 0, 0, 0), (0, 1.5 * _SIZE[0] / _SIZE[1], 0, 0), (0, 0, -1, -0.2), (0, 0, -1, 0))
+        )
+
+    def draw(self, more: Callable[[], None]) -> None:
+        """Draw a viewport over the scene, as Blender would."""
+        import bpy
+        import gpu
+
+        graph = bpy.context.evaluated_depsgraph_get()
+        for mesh in self._meshes:  # Blender needs normals for its own drawing
+            _ = mesh.evaluated_get(graph).data.vertex_normals[0].vector
+        with self._buffer.bind():
+            gpu.matrix.load_matrix(self._view)
+            gpu.matrix.load_projection_matrix(self._projection)
+            more()
+
+
+def _play(
+    screen: _Screen, frames: Sequence[int], rounds: int, looks_every: int
+) -> tuple[list[_Seconds], list[float], list[float]]:
+    """Least times of the preview at each frame, and of whole frames with and without it."""
+    import bpy
+
+    scene = bpy.context.scene
+    own = [_Seconds(np.inf)] * len(frames)
+    with_it, without = [np.inf] * len(frames), [np.inf] * len(frames)
+    for turn in range(rounds + 1):  # the first round warms up
+        for k, frame in enumerate(frames):
+            for is_on in (True, False) if (turn + k) % 2 else (False, True):
+                took = _Preview(is_on, looks=k % looks_every == 0)
+                begun = time.perf_counter()
+                scene.frame_set(frame)
+                took.on_frame()
+                screen.draw(took.draw)
+                ended = time.perf_counter() - begun
+                if turn and is_on:
+                    own[k] = min(own[k], took.seconds)
+                    with_it[k] = min(with_it[k], ended)
+                elif turn:
+                    without[k] = min(without[k], ended)
+    return own, with_it, without
+
+
+@dataclass(order=True)
+class _Seconds:
+    """Processor seconds of this thread, nearly independent of the machine's other work."""
+
+    own: float = 0.0
+    engine: float = 0.0  # among them
+    card: float = 0.0  # beside them
+
+
+class _Preview:
+    """Timed calls of the preview in one frame; no calls if it is off."""
+
+    def __init__(self, is_on: bool, looks: bool) -> None:
+        self._is_on, self._looks = is_on, looks
+        self.seconds = _Seconds()
+
+    def on_frame(self) -> None:
+        """Call the preview as on a change of the frame."""
+        from hfx_blender.playback.preview import preview
+
+        self._timed(preview.on_frame)
+        if self._looks:
+            self._timed(lambda scene: preview.describe())
+
+    def draw(self) -> None:
+        """Call the preview as for drawing the viewport."""
+        from hfx_blender.playback.preview import preview
+
+        self._timed(preview.draw_over)
+
+    def _timed(self, work: Callable[[bpy.types.Scene], object]) -> None:
+        import bpy
+
+        if not self._is_on:
+            return
+        from hfx_blender.engine.evaluate import Engine
+        from hfx_blender.playback.preview import drawing
+
+        scene, seconds = bpy.context.scene, self.seconds
+        with _timed(Engine, "evaluate") as engine, _timed(drawing, "submit") as card:
+            begun = _now_s()
+            work(scene)
+            took = _now_s() - begun
+        seconds.engine += sum(engine)
+        seconds.card += sum(card)
+        seconds.own += took - sum(card)
+
+
+@contextmanager
+def _timed(owner: Any, name: str) -> Iterator[list[float]]:
+    """Context that times each call of a function of an object."""
+    function, found = getattr(owner, name), []
+
+    def timed(*arguments: Any) -> Any:
+        begun = _now_s()
+        try:
+            return function(*arguments)
+        finally:
+            found.append(_now_s() - begun)
+
+    setattr(owner, name, timed)
+    try:
+        yield found
+    finally:
+        setattr(owner, name, function)
+
+
+def _figures(took: list[_Seconds]) -> dict[str, Any]:
+    def figure(of: Callable[[Any], Any], seconds: list[float]) -> float:
+        return round(1000.0 * float(of(np.array(seconds))), 4)
+
+    own = [each.own for each in took]
+    return {
+        "frames": len(took),
+        "median_ms": figure(np.median, own),
+        "p95_ms": figure(lambda values: np.percentile(values, 95), own),
+        "max_ms": figure(np.max, own),
+        "engine_ms": figure(np.median, [each.engine for each in took]),
+        "card_ms": figure(np.median, [each.card for each in took]),
+    }
+
+
+def _median_ms(seconds: list[float]) -> float:
+    return round(1000.0 * float(np.median(seconds)), 3)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces from words: kinds that are recognised, comparatives, and the judge of strokes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from hfx_blender.engine.texture.procedural import KINDS
+from hfx_blender.engine.texture.roughness import roughness_of_surface
+from hfx_blender.errors import InputError
+from hfx_blender.generation import library_search
+from hfx_blender.generation.generated import Generated
+from hfx_blender.generation.wish import read_words
+
+from . import classify, texture
+from .word_prompts import COMPARATIVES, PROMPTS
+
+_TEXELS: Final = 384
+_JUDGED: Final = ("gravel", "metal", "fabric", "wood")
+_DIRECTIONS: Final = (0.2, 1.0, 2.2)
+_SPEEDS_M_S: Final = (0.03, 0.06, 0.1)
+
+
+def measure(*, short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Measure everything; plain data."""
+    result: dict[str, Any] = {"kinds": kinds()}
+    progress(0.1)
+    result["comparatives"] = comparatives()
+    progress(0.5)
+    result["judge"] = judge(1 if short else 3, PROMPTS if not short else None)
+    progress(1.0)
+    return result
+
+
+def kinds() -> dict[str, Any]:
+    """Kind found for each prompt."""
+    wrong, unknown = [], set()
+    for kind, prompts in PROMPTS.items():
+        for prompt in prompts:
+            wish = read_words(prompt)
+            unknown |= set(wish.unknown)
+            try:
+                found = wish.choose()[0].kind
+            except InputError:
+                found = "none"
+            if found != kind:
+                wrong.append({"words": prompt, "is": kind, "found": found})
+    count = sum(map(len, PROMPTS.values()))
+    return {
+        "asked": count,
+        "right": count - len(wrong),
+        "wrong": wrong,
+        "unknown_words": sorted(unknown),
+    }
+
+
+def comparatives() -> list[dict[str, Any]]:
+    """Change of each comparative's measure, as a ratio, and whether it is the right way."""
+    rows = []
+    for plain, steered, name, sign in COMPARATIVES:
+        before, after = (_measured(words, name) for words in (plain, steered))
+        rows.append(
+            {
+                "plain": plain,
+                "steered": steered,
+                "measure": name,
+                "ratio": after / before,
+                "is_right": bool(sign * (after - before) > 0.0),
+            }
+        )
+    return rows
+
+
+def _measured(words: str, name: str) -> float:
+    """RSm or Ra in metres (the mean along both axes), or the map's mean intensity."""
+    made = library_search.generate(words, texels=_TEXELS)
+    if name == "level":
+        return float(made.map.intensity.mean())
+    found = []
+    for direction in (0.0, np.pi / 2.0):
+        measured = roughness_of_surface(
+            made.height, made.height.size_m[0] / 10.0, direction_rad=direction
+        )
+        found.append(measured.ra_m if name == "ra" else measured.rsm_m or 0.0)
+    return float(np.mean(found))
+
+
+def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, Any]:
+    """Confusion of strokes over generated surfaces, by the judge of the library's own maps."""
+    asked = prompts or {kind: (kind,) for kind in _JUDGED}
+    known = classify.NearestNeighbour.of(texture.library_strokes(train, _TEXELS))
+    truth, signals = [], []
+    for kind, wishes in asked.items():
+        for number, words in enumerate(wishes):
+            try:
+                made = library_search.generate(words, seed=100 + number, texels=_TEXELS)
+            except InputError:
+                continue  # told among the kinds
+            found = _strokes(made, number)
+            truth += [kind] * len(found)
+            signals += found
+    table = classify.confusion(truth, known.classify(signals), KINDS)
+    return {
+        "names": list(KINDS),
+        "confusion": table.tolist(),
+        "share": float(np.trace(table) / table.sum()),
+    }
+
+
+def _strokes(made: Generated, seed: int) -> list[Any]:
+    return texture.strokes_over(made.map, _DIRECTIONS, _SPEEDS_M_S, seed)
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The measurement for a terminal."""
+    found = result["kinds"]
+    lines = [f"Kind of material: {found['right']} of {found['asked']} wishes right"]
+    lines += [f"  {row['words']}: {row['is']}, found {row['found']}" for row in found["wrong"]]
+    lines.append(f"  words that are not known: {', '.join(found['unknown_words'])}")
+    rows = result["comparatives"]
+    right = sum(row["is_right"] for row in rows)
+    lines.append(f"Comparatives: {right} of {len(rows)} move their measure the right way")
+    lines += [
+        f"  {row['steered']:36} {row['measure']:6} x {row['ratio']:.2f}"
+        + ("" if row["is_right"] else "  wrong")
+        for row in rows
+    ]
+    told = result["judge"]
+    lines.append(
+        f"Strokes over what was generated, judged by the library's: {100 * told['share']:.1f} % "
+        "right; rows are, columns were found:"
+    )
+    return "\n".join(lines + texture.confusion_lines(told))
+
+
+def as_markdown() -> str:
+    """Table for ``docs/surfaces-from-words.md``."""
+    found, rows, few, many = kinds(), comparatives(), judge(1, None), judge(3, PROMPTS)
+    strokes = [int(np.sum(each["confusion"])) for each in (few, many)]
+    lines = [
+        "| what | right |",
+        "|---|---|",
+        f"| kind of material of {found['asked']} wishes | {found['right']} |",
+        f"| comparatives that move RSm, Ra or the map's level, of {len(rows)} | "
+        f"{sum(row['is_right'] for row in rows)} |",
+        f"| strokes over {', '.join(_JUDGED)}, named by the judge of the library's own strokes, of "
+        f"{strokes[0]} | {round(few['share'] * strokes[0])} |",
+        f"| {strokes[1]} strokes over all those wishes, at whatever size and depth they ask for | "
+        f"{100 * many['share']:.0f} % |",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes: speed of queries to a mesh, and exactness of the inside test of every shape.
+
+Speed is compared with ``trimesh`` and its embree rays, exactness with libigl's winding number
+and, for the shapes with a formula, with whole-number arithmetic. What is not installed is left
+out, and told.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I32, I64
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.placing_matrix import inverse_placement
+from hfx_blender.engine.volume.shape import Shape
+
+BAND: Final = 1e-9
+"""Points nearer to the boundary than this share of the shape's size are not judged."""
+
+NEAR: Final = 0.02  # of the extent: "near the surface"
+
+_UNIT: Final = 64  # matrices are whole numbers over this
+_GRID: Final = 4096  # points are
+
+_MATRICES: Final[dict[str, tuple[tuple[int, int, int], ...]]] = {
+    "turned": ((10, 15, 30), (15, -30, 10), (30, 10, -15)),
+    "mirrored": ((-30, 0, 0), (0, 20, 0), (0, 0, 25)),
+    "sheared": ((30, 20, -10), (0, 30, 25), (0, 0, 30)),
+    "40 to 1": ((1, 0, 0), (0, 40, 0), (0, 0, 1)),
+}
+_SHAPES: Final[dict[str, Shape]] = {
+    "cuboid": Cuboid(),
+    "sphere": Sphere(),
+    "cylinder": Cylinder(),
+    "capsule": Capsule(0.75),
+}
+
+
+def measure(
+    *,
+    short: bool = False,
+    rounds: int = 7,
+    progress: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:
+    """Plain data; ``short`` judges a twentieth of the million points for each shape."""
+    count = 50_000 if short else 1_000_000
+    rng = np.random.default_rng(1)
+    meshes = _meshes()
+    steps = len(meshes) + len(_SHAPES) * len(_MATRICES)
+    found: list[dict[str, Any]] = []
+    for name, (vertices, triangles) in meshes.items():
+        found.append({"shape": name, **_mesh(name, vertices, triangles, count, rounds, rng)})
+        progress(len(found) / steps)
+    exact: list[dict[str, Any]] = []
+    for shape in _SHAPES:
+        for matrix in _MATRICES:
+            exact.append({"shape": shape, "matrix": matrix, **_whole(shape, matrix, count, rng)})
+            progress((len(found) + len(exact)) / steps)
+    return {"meshes": found, "formulas": exact, "band": BAND, "near": NEAR}
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The measurement for a terminal."""
+    lines = [
+        f"Mesh volumes, 10,000 points within {result['near']:.0%} of the surface, best of several:",
+        f"  {'mesh':24} {'made':>9} {'hfx':>10} {'trimesh':>10} {'ratio':>7}   against the "
+        "exact winding number",
+    ]
+    for row in result["meshes"]:
+        theirs, ratio = row["trimesh_ms"], row["ratio"]
+        lines.append(
+            f"  {row['shape']:24} {row['build_ms']:6.0f} ms {row['hfx_ms']:7.2f} ms "
+            + (f"{theirs:7.2f} ms {ratio:6.1f}x" if theirs else f"{'-':>10} {'-':>7}")
+            + f"   {_verdict(row)}"
+        )
+    if not result["meshes"][0]["trimesh_ms"]:
+        lines.append("  (trimesh's fast rays, the package 'embreex', are not installed)")
+    asked = [row for row in result["meshes"] if "depth_ms" in row]  # not in older histories
+    if asked:
+        lines.append(
+            "The same points: how deep, a bound of the distance, when inside on a way of "
+            f"{result['near']:.0%}:"
+        )
+    lines += [
+        f"  {row['shape']:24} {row['depth_ms']:6.2f} ms {row['clearance_ms']:7.2f} ms "
+        f"{row['passage_ms']:7.2f} ms"
+        for row in asked
+    ]
+    lines.append("Shapes with a formula, against arithmetic in whole numbers:")
+    lines += [
+        f"  {row['shape']:10} {row['matrix']:10} {_verdict(row)}" for row in result["formulas"]
+    ]
+    return "\n".join(lines)
+
+
+def _verdict(row: dict[str, Any]) -> str:
+    if row["wrong"] is None:
+        return "not judged (libigl is not installed)"
+    return f"{row['wrong']} of {row['judged']} points wrong ({row['unsure']} on the boundary)"
+
+
+# Meshes
+
+
+def _meshes() -> dict[str, tuple[F64, I32]]:
+    import trimesh
+
+    torus = trimesh.creation.torus(1.0, 0.3, major_sections=150, minor_sections=90)
+    ball = trimesh.creation.icosphere(5)
+    x, y, z = ball.vertices.T
+    radius = 1.0 + 0.45 * np.sin(7 * x) * np.cos(6 * y) + 0.3 * np.sin(9 * z)
+    return {
+        f"torus, {len(torus.faces)} faces": (
+            np.array(torus.vertices, np.float64),
+            np.array(torus.faces, np.int32),
+        ),
+        f"dented, {len(ball.faces)} faces": (
+            np.array(ball.vertices * radius[:, None], np.float64),
+            np.array(ball.faces, np.int32),
+        ),
+    }
+
+
+def _mesh(
+    name: str, vertices: F64, triangles: I32, count: int, rounds: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    start = time.perf_counter()
+    volume = MeshVolume(vertices, triangles, name)
+    points = _near_surface(vertices, triangles, 10_000, rng)
+    columns = np.ascontiguousarray(points.T)
+    volume.contains(columns)  # the voxels are made at the first question
+    build_s = time.perf_counter() - start
+    theirs = _trimesh(vertices, triangles)
+    ours_s, theirs_s, differ = [], [], None
+    for k in range(rounds + 1):
+        inside, seconds = _timed(lambda: volume.contains(columns))
+        if k:
+            ours_s.append(seconds)
+        if theirs is None:
+            continue
+        other, seconds = _timed(lambda: theirs.contains(points))
+        differ = int(np.count_nonzero(inside != other))
+        if k:
+            theirs_s.append(seconds)
+    return {
+        "build_ms": 1e3 * build_s,
+        # The best of each: whatever else the machine does only ever adds.
+        "hfx_ms": 1e3 * min(ours_s),
+        "trimesh_ms": 1e3 * min(theirs_s) if theirs_s else None,
+        "ratio": min(theirs_s) / min(ours_s) if theirs_s else None,
+        "trimesh_differs": differ,
+        **_asked_more(volume, columns, rounds, rng),
+        **_against_winding(volume, vertices, triangles, count, rng),
+    }
+
+
+def _asked_more(
+    volume: MeshVolume, points: F64, rounds: int, rng: np.random.Generator
+) -> dict[str, float]:
+    """Measure the other queries of skin to a mesh, with its tree already made; the best of some
+    rounds.
+    """
+    reach = NEAR * float(np.ptp(points, axis=1).max())
+    ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
+    questions: dict[str, Callable[[], Any]] = {
+        "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
+        "clearance_ms": lambda: volume.clearance(points),
+        "passage_ms": lambda: volume.passage(points, ends),
+    }
+    found = {}
+    for name, question in questions.items():
+        question()
+        found[name] = 1e3 * min(_timed(question)[1] for _ in range(rounds))
+    return found
+
+
+def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
+    start = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - start
+
+
+def _trimesh(vertices: F64, triangles: I32) -> Any:
+    """The mesh with embree rays; None where these are not installed."""
+    import trimesh
+
+    if not trimesh.ray.has_embree:
+        return None
+    return trimesh.Trimesh(vertices, triangles, process=False)
+
+
+def _near_surface(vertices: F64, triangles: I32, count: int, rng: np.random.Generator) -> F64:
+    """Random points along the normals of random triangles, (count, 3)."""
+    corners = vertices[triangles[rng.integers(len(triangles), size=count)]]
+    shares = rng.dirichlet(np.ones(3), count)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    reach = NEAR * float(np.ptp(vertices, axis=0).max())
+    away = rng.uniform(-reach, reach, (count, 1)) * normals / np.where(lengths > 0, lengths, 1.0)
+    points: F64 = np.einsum("nk,nki->ni", shares, corners) + away
+    return points
+
+
+def _against_winding(
+    volume: MeshVolume, vertices: F64, triangles: I32, count: int, rng: np.random.Generator
+) -> dict[str, int | None]:
+    try:
+        import igl
+    except ImportError:
+        return {"wrong": None, "judged": 0, "unsure": 0}
+    faces = triangles.astype(np.int64)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    wrong = judged = unsure = 0
+    for first in range(0, count, 50_000):
+        size = min(50_000, count - first)
+        points = np.concatenate(
+            [
+                _near_surface(vertices, triangles, size // 2, rng),
+                rng.uniform(low, high, (size - size // 2, 3)),
+            ]
+        )
+        winding = igl.fast_winding_number(vertices, faces, points)
+        inside = volume.contains(np.ascontiguousarray(points.T))
+        # The fast number is an approximation: in doubt the exact one is computed.
+        plain = np.abs(np.abs(winding) - np.rint(np.abs(winding))) < 0.1
+        plain &= (np.rint(np.abs(winding)) > 0) == inside
+        doubtful = np.flatnonzero(~plain)
+        differs = np.zeros(size, np.bool_)
+        if len(doubtful):
+            exact = np.abs(igl.winding_number(vertices, faces, points[doubtful])) > 0.5
+            differs[doubtful] = exact != inside[doubtful]
+        squared = igl.point_mesh_squared_distance(points[differs], vertices, faces)[0]
+        on_boundary = int(np.count_nonzero(squared <= (BAND * np.ptp(vertices)) ** 2))
+        unsure += on_boundary
+        wrong += int(np.count_nonzero(differs)) - on_boundary
+        judged += size - on_boundary
+    return {"wrong": wrong, "judged": judged, "unsure": unsure}
+
+
+# Shapes with a formula
+
+
+def _whole(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
+    """Judge points whose places in shape space are fractions of whole numbers."""
+    whole = np.array(_MATRICES[kind], np.int64)
+    offset = np.array([17, -5, 40], np.int64)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = whole / _UNIT, offset / _UNIT
+    shape = _SHAPES[name]
+    points = _lattice_points(shape, matrix, count, rng)
+
+    adjugate = np.rint(np.linalg.inv(whole.astype(float)) * np.linalg.det(whole)).astype(np.int64)
+    bottom = round(np.linalg.det(whole)) * _UNIT
+    # points are q / 4096 and offsets b / 64: L^-1 (p - t) = adj (q - 64 b) / (64 det).
+    top = np.abs(adjugate @ (points - (_GRID // _UNIT) * offset[:, None]))
+    way, size = _whole_way(name, top, abs(bottom))
+
+    (inverse,), _ = inverse_placement(matrix[None])
+    world = points / _GRID
+    inside = shape.contains(inverse[:3, :3] @ world + inverse[:3, 3:])
+    sure = np.abs(way) > BAND * size
+    wrong = int(np.count_nonzero(inside[sure] != (way[sure] < 0)))
+    judged = int(np.count_nonzero(sure))
+    return {"wrong": wrong, "judged": judged, "unsure": count - judged}
+
+
+def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
+    """Signed distance past the boundary, negative inside, and the number that is the size."""
+    x, y, z = top
+    if name == "cuboid":
+        return np.max(top, axis=0) - bottom, float(bottom)
+    square = bottom * bottom
+    if name == "sphere":
+        return x * x + y * y + z * z - square, float(square)
+    if name == "cylinder":
+        return np.maximum(x * x + y * y, z * z) - square, float(square)
+    beyond = np.maximum(4 * z - 3 * bottom, 0)  # half a segment of 3/4
+    return 16 * (x * x + y * y) + beyond * beyond - 16 * square, 16.0 * square
+
+
+def _lattice_points(shape: Shape, matrix: F64, count: int, rng: np.random.Generator) -> I64:
+    """Points (3, count) in 1/4096 m: half of them anywhere, half at the boundary."""
+    low, high = shape.bounds
+    local = rng.uniform(1.1 * low[:, None], 1.1 * high[:, None], (3, count))
+    near = local[:, : count // 2]
+    inner, outer = np.zeros(near.shape[1]), np.full(near.shape[1], 4.0)
+    for _ in range(40):  # along the ray from the centre
+        middle = 0.5 * (inner + outer)
+        inside = shape.contains(near * middle)
+        inner, outer = np.where(inside, middle, inner), np.where(inside, outer, middle)
+    local[:, : count // 2] = near * inner * rng.uniform(0.999, 1.001, near.shape[1])
+    world = matrix[:3, :3] @ local + matrix[:3, 3:]
+    return np.rint(world * _GRID).astype(np.int64)

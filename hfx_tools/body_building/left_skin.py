@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Left half of the skin: source of the thinned meshes, and samples to measure them on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I64, U8, Bool
+from hfx_blender.engine.body.parts import CENTRE, RIGHT
+
+from .meshes import mesh_edges
+from .outer_skin import Skins
+
+SAMPLES_ACROSS: Final = 7
+"""Sample points of the skin across one cell, about."""
+
+SOURCE_SPACING_M: Final = 0.002
+"""Samples are nowhere farther apart than this (Danieau et al. 2018: under 2 mm)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points spread evenly over the skin of the left half, each for a piece of skin."""
+
+    points: F64  # (S, 3)
+    normals: F64  # (S, 3)
+    areas_m2: F64  # (S,)
+    part: U8  # (S,)
+    vertex: I64  # (S,) a vertex of the medium half beside it
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """Left half of a mesh; its border is the midline at x = 0."""
+
+    points: F64  # (V, 3)
+    triangles: I64  # (F, 3)
+    part: U8  # (V,)
+    is_midline: Bool  # (V,)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftSkin:
+    """Left half of the skin: source of the thinned meshes, reference for measuring them."""
+
+    medium: Half  # on the first vertices of the dense half
+    points: F64  # (V, 3) dense
+    normals: F64  # (V, 3)
+    quads: I64  # (F, 4) dense; the first corner of each is a vertex of the medium half
+    kept: I64  # (V,) vertex of the whole dense skin
+
+    @property
+    def triangles(self) -> I64:
+        """The dense quads, split."""
+        return _split(self.quads)
+
+
+def _split(quads: I64) -> I64:
+    return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+
+def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
+    """The left half of the skins, with the labels of the dense one."""
+    on_left = side != RIGHT
+    kept = np.flatnonzero(on_left)
+    renumber = np.full(len(side), -1, np.int64)
+    renumber[kept] = np.arange(len(kept))
+    quads, medium_quads = (
+        renumber[faces[on_left[faces].all(axis=1)]]
+        for faces in (skins.dense.faces, skins.medium_faces)
+    )
+    points = skins.dense.vertices[kept]
+    triangles = _split(quads)
+    facing = mesh_edges.triangle_normals(points, triangles)
+    normals = np.zeros_like(points)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], facing)
+    is_midline = side[kept] == CENTRE
+    normals[is_midline, 0] = 0.0
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    count = int(medium_quads.max()) + 1
+    medium = Half(points[:count], _split(medium_quads), part[kept[:count]], is_midline[:count])
+    return LeftSkin(medium, points, normals, quads, kept)
+
+
+def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
+    """Sample points in a regular grid on every quad, fine enough for the part's spacing.
+
+    Parameters
+    ----------
+    spacing_m : (parts,) float64
+    """
+    quads = skin.quads
+    vertex = quads[:, 0]
+    part = skin.medium.part[vertex]
+    corners, corner_normals = skin.points[quads], skin.normals[quads]
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1
+    )
+    sides = np.sqrt(areas)
+    divisions = np.maximum(
+        np.rint(sides * SAMPLES_ACROSS / spacing_m[part]), np.ceil(sides / SOURCE_SPACING_M)
+    ).astype(int)
+    pieces: list[tuple[F64, F64, F64, I64]] = []
+    for division in np.unique(divisions):
+        chosen = np.flatnonzero(divisions == division)
+        steps = (np.arange(division) + 0.5) / division
+        for u in steps:
+            for v in steps:
+                share = np.array([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+                pieces.append(
+                    (
+                        np.einsum("k,nkd->nd", share, corners[chosen]),
+                        np.einsum("k,nkd->nd", share, corner_normals[chosen]),
+                        areas[chosen] / division**2,
+                        vertex[chosen],
+                    )
+                )
+    points, facing, sizes, beside = (
+        np.concatenate(columns) for columns in zip(*pieces, strict=True)
+    )
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    return Samples(points, facing, sizes, skin.medium.part[beside], beside)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Making levels of detail: the same model with fewer of its vertices, for quick previews."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I64
+from hfx_blender.engine.body.levels import LEVELS_FILE, Level
+from hfx_blender.engine.body.model import PerceptualModel
+from hfx_blender.engine.body.parts import RIGHT
+from hfx_blender.files.atomic import atomic_file
+
+SHARES: Final = (4, 16)
+"""Divisors of the number of vertices at levels 1, 2 ..."""
+
+FEWEST: Final = 1000
+"""A model with fewer vertices is coarse enough by itself: it gets no levels."""
+
+
+def coarser(model: PerceptualModel, vertices: int) -> Level:
+    """Decimate a model by quadrics, keeping where each vertex went.
+
+    The left half is decimated and mirrored, so that the level is as symmetric as the model.
+    Each coarse vertex is one of the vertices that were merged into it, the nearest to the best
+    place: whatever poses, fits or binds the model does so for its levels too.
+    Source: Garland and Heckbert, SIGGRAPH 1997, in fast-simplification.
+
+    Parameters
+    ----------
+    vertices : int
+        How many to keep, about; at least 8.
+
+    Raises
+    ------
+    ValueError
+        ``vertices`` is under 8, or not fewer than the model has.
+    """
+    import fast_simplification
+
+    if not 8 <= vertices < len(model):
+        raise ValueError(f"vertices: expected 8 to {len(model) - 1}, got {vertices}")
+    half = np.flatnonzero(model.side != RIGHT)
+    inside = model.triangles[(model.side[model.triangles] != RIGHT).all(axis=1)]
+    points = np.ascontiguousarray(model.vertices[half])
+    faces = np.searchsorted(half, inside).astype(np.int32)
+    wanted = max(4, round(len(faces) * vertices / len(model)))
+    _, _, collapses = fast_simplification.simplify(
+        points, faces, target_count=wanted, return_collapses=True
+    )
+    places, triangles, coarse_of = fast_simplification.replay_simplification(
+        points, faces, collapses
+    )
+    vertex_of = half[_nearest_members(points.astype(np.float64), places, coarse_of)]
+    stands_in = np.zeros(len(model), np.int64)  # coarse vertex of each fine one
+    stands_in[half] = vertex_of[coarse_of]
+    right = np.flatnonzero(model.side == RIGHT)
+    stands_in[right] = model.mirror[stands_in[model.mirror[right]]]
+    on_left = vertex_of[triangles.astype(np.int64)]
+    every = np.concatenate((on_left, model.mirror[on_left][:, ::-1]))
+    kept = np.unique(stands_in)
+    return Level(
+        vertices=kept.astype(np.int32),
+        triangles=np.searchsorted(kept, every).astype(np.int32),
+        coarse_of=np.searchsorted(kept, stands_in).astype(np.int32),
+    )
+
+
+def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
+    """Nearest of the points that were merged into each coarse place, (C,)."""
+    distance = np.linalg.norm(points - places[coarse_of], axis=1)
+    order = np.lexsort((distance, coarse_of))
+    first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))
+    found: I64 = order[first]
+    return found
+
+
+def save(model: PerceptualModel, folder: Path) -> int:
+    """Build and write all levels of a model; returns their number, 0 for a coarse model."""
+    if len(model) < FEWEST:
+        return 0
+    arrays = {}
+    for number, share in enumerate(SHARES, start=1):
+        level = coarser(model, len(model) // share)
+        for name in ("vertices", "triangles", "coarse_of"):
+            arrays[f"{number}.{name}"] = getattr(level, name)
+    with atomic_file(folder / LEVELS_FILE.format(modality=model.modality)) as file:
+        np.savez_compressed(file, model=np.array([model.id, model.content_hash]), **arrays)
+    return len(SHARES)

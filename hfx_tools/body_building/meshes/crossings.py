@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Self-intersections of a triangle mesh."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I64
+
+from . import mesh_edges
+
+_PAIRS_AT_ONCE: Final = 1_000_000
+
+
+def crossings(points: F64, triangles: I64) -> I64:
+    """Pairs of an edge and a triangle that it runs through.
+
+    Every edge is tested against every triangle whose bounding sphere it may reach.
+
+    Parameters
+    ----------
+    points : (V, 3) float64
+    triangles : (F, 3) int64
+
+    Returns
+    -------
+    (N, 5) int64
+        The ends of the edge, then the corners of the triangle; they share no vertex.
+    """
+    from scipy.spatial import cKDTree
+
+    ends = mesh_edges.edges_of(triangles, len(points)).ends
+    middle = points[ends].mean(axis=1)
+    half = 0.5 * np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    centres = points[triangles].mean(axis=1)
+    radius = np.linalg.norm(points[triangles] - centres[:, None], axis=2).max(axis=1)
+    size = np.floor(np.log2(np.maximum(radius, 1e-12)))  # like with like: short searches
+    found = [np.zeros((0, 5), np.int64)]
+    for each in np.unique(size):
+        alike = np.flatnonzero(size == each)
+        reach = half + radius[alike].max()
+        near = cKDTree(centres[alike]).query_ball_point(middle, reach, return_sorted=True)
+        count = np.array([len(row) for row in near])
+        edge = np.repeat(np.arange(len(ends)), count)
+        triangle = alike[np.concatenate([np.array(row, np.int64) for row in near])]
+        for start in range(0, len(edge), _PAIRS_AT_ONCE):
+            block = slice(start, start + _PAIRS_AT_ONCE)
+            found.append(pierced(points, ends[edge[block]], triangles[triangle[block]]))
+    return np.concatenate(found)
+
+
+def pierced(points: F64, ends: I64, corners: I64) -> I64:
+    """Edge-triangle pairs that intersect, among pairs without a common vertex.
+
+    Parameters
+    ----------
+    ends : (N, 2) int64
+    corners : (N, 3) int64
+
+    Returns
+    -------
+    (M, 5) int64
+        As of :func:`crossings`.
+    """
+    apart = (corners[:, :, None] != ends[:, None, :]).all(axis=(1, 2))
+    ends, corners = ends[apart], corners[apart]
+    start, end = points[ends[:, 0]], points[ends[:, 1]]
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
+    sides = np.column_stack(
+        [_volume(start, end, one, other) for one, other in ((a, b), (b, c), (c, a))]
+    )
+    through &= (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
+    return np.column_stack((ends[through], corners[through]))
+
+
+def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
+    found: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    return found
+
+
+def depth_m(points: F64, crossing: I64) -> F64:
+    """Smallest movement that would end each crossing, (N,) metres.
+
+    Parameters
+    ----------
+    crossing : (N, 5) int64
+        From :func:`crossings`.
+    """
+    start, end, a, b, c = (points[crossing[:, k]] for k in range(5))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    above, below = (np.einsum("ij,ij->i", place - a, normal) for place in (start, end))
+    through = start + (above / (above - below))[:, None] * (end - start)
+    least: F64 = np.minimum(np.abs(above), np.abs(below))
+    for one, other in ((a, b), (b, c), (c, a)):
+        along = other - one
+        share = np.einsum("ij,ij->i", through - one, along) / np.einsum("ij,ij->i", along, along)
+        nearest = one + np.clip(share, 0.0, 1.0)[:, None] * along
+        least = np.minimum(least, np.linalg.norm(through - nearest, axis=1))
+    return least

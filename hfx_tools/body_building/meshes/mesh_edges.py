@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edges and normals of a triangle mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I64, Bool
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of a triangle mesh with the two triangles at each."""
+
+    ends: I64  # (E, 2) lower vertex first
+    triangle: I64  # (E, 2) -1 where the border is
+    opposite: I64  # (E, 2) the third vertex of each triangle, -1 likewise
+    keys: I64  # (E,) ascending; see key()
+    count: int  # number of vertices
+
+    @property
+    def is_border(self) -> Bool:
+        return self.triangle[:, 1] < 0
+
+    def exists(self, one: I64, other: I64) -> Bool:
+        """Test pairs of vertices for a common edge, (N,)."""
+        wanted = key(one, other, self.count)
+        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
+        found: Bool = self.keys[place] == wanted
+        return found
+
+
+def key(one: I64, other: I64, count: int) -> I64:
+    """Unique number of an unordered pair of vertices."""
+    found: I64 = np.minimum(one, other) * count + np.maximum(one, other)
+    return found
+
+
+def edges_of(triangles: I64, count: int) -> Edges:
+    """Edges of an oriented manifold triangle mesh."""
+    starts, ends = triangles, np.roll(triangles, -1, axis=1)
+    opposite = np.roll(triangles, -2, axis=1).ravel()
+    keys = key(starts, ends, count).ravel()
+    order = np.argsort(keys, kind="stable")
+    sorted_keys = keys[order]
+    first = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
+    is_paired = np.zeros(len(first), bool)
+    inner = first[first + 1 < len(keys)]
+    is_paired[: len(inner)] = sorted_keys[inner] == sorted_keys[inner + 1]
+    corner = np.column_stack((order[first], order[np.minimum(first + 1, len(keys) - 1)]))
+    triangle, across = corner // 3, opposite[corner]
+    triangle[~is_paired, 1] = across[~is_paired, 1] = -1
+    unique = sorted_keys[first]
+    return Edges(
+        np.column_stack((unique // count, unique % count)), triangle, across, unique, count
+    )
+
+
+def triangle_normals(points: F64, triangles: I64) -> F64:
+    """Normals, as long as twice the triangle's area."""
+    corners = points[triangles]
+    found: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return found

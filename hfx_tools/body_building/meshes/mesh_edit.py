@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edge collapses and flips on a triangle mesh, many at once, that never break its topology.
+
+The mesh is half a body: an open disc whose one border is the midline. Every operation keeps
+it a manifold disc; a set of operations is done together only if they cannot touch each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I64, Bool
+from hfx_blender.engine.body.mesh_edges import expand
+
+from .mesh_edges import Edges, edges_of, key, triangle_normals
+
+
+def neighbours(edges: Edges) -> tuple[I64, I64]:
+    """Neighbours of each vertex: row ``v`` is ``slice(offsets[v], offsets[v + 1])``."""
+    starts = np.concatenate((edges.ends[:, 0], edges.ends[:, 1]))
+    ends = np.concatenate((edges.ends[:, 1], edges.ends[:, 0]))
+    order = np.lexsort((ends, starts))
+    offsets = np.searchsorted(starts[order], np.arange(edges.count + 1))
+    return offsets.astype(np.int64), ends[order]
+
+
+def scatter_ranks(count: int, seed: int) -> I64:
+    """A fixed shuffle of ``count`` numbers, the same for the same seed."""
+    return np.random.default_rng(seed).permutation(count)
+
+
+def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
+    """Candidate edges with the lowest rank of all within one step around them, as a mask."""
+    worst = np.iinfo(np.int64).max
+    own = np.full(edges.count, worst)
+    np.minimum.at(own, one, rank)
+    np.minimum.at(own, other, rank)
+    around = own.copy()
+    np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
+    np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
+    found: Bool = (around[one] == rank) & (around[other] == rank)
+    return found
+
+
+def collapsible(
+    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64, fold: float
+) -> Bool:
+    """Test edges for a collapse of ``gone[i]`` into ``kept[i]`` without a fold or a pinch.
+
+    The two may share exactly the neighbours across their edge (the link condition, Dey et al.
+    1999), and no triangle may turn from the skin by more than ``arccos(fold)``.
+    """
+    offsets, around = neighbours(edges)
+    places, owner = expand(offsets, gone)
+    shared = edges.exists(around[places], kept[owner]) & (around[places] != kept[owner])
+    common = np.bincount(owner[shared], minlength=len(gone))
+    index = np.searchsorted(edges.keys, key(gone, kept, edges.count))
+    allowed = common == np.where(edges.is_border[index], 1, 2)
+
+    corner_order = np.argsort(triangles.ravel(), kind="stable")
+    corner_offsets = np.searchsorted(triangles.ravel()[corner_order], np.arange(edges.count + 1))
+    places, owner = expand(corner_offsets.astype(np.int64), gone)
+    moved = triangles[corner_order[places] // 3]
+    stays = ~(moved == kept[owner][:, None]).any(axis=1)
+    moved, owner = moved[stays], owner[stays]
+    after = np.where(moved == gone[owner][:, None], kept[owner][:, None], moved)
+    facing = triangle_normals(points, after)
+    skin = normals[after].sum(axis=1)
+    cosine = np.einsum("ij,ij->i", facing, skin) / np.maximum(
+        np.linalg.norm(facing, axis=1) * np.linalg.norm(skin, axis=1), 1e-30
+    )
+    allowed[owner[cosine < fold]] = False
+    return allowed
+
+
+def collapse(triangles: I64, gone: I64, kept: I64, count: int) -> I64:
+    """Merge each ``gone[i]`` into ``kept[i]`` and drop the triangles that vanish."""
+    target = np.arange(count)
+    target[gone] = kept
+    merged = target[triangles]
+    alive = (
+        (merged[:, 0] != merged[:, 1])
+        & (merged[:, 1] != merged[:, 2])
+        & (merged[:, 2] != merged[:, 0])
+    )
+    found: I64 = merged[alive]
+    return found
+
+
+def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
+    """Put a new vertex on edges, the first chosen first, no triangle being split twice.
+
+    Parameters
+    ----------
+    chosen : (N,) int64
+        Edges to split, the most wanted first.
+
+    Returns
+    -------
+    triangles : (F', 3) int64
+        The new vertices are numbered from ``edges.count`` on.
+    done : (M,) int64
+        The edges that were split, in the order of their new vertices.
+    """
+    rank = np.arange(len(chosen))
+    best = np.full(len(triangles) + 1, len(chosen))  # the last stands for "no triangle"
+    first, second = edges.triangle[chosen].T
+    np.minimum.at(best, first, rank)
+    np.minimum.at(best, second, rank)
+    wins = (best[first] == rank) & ((best[second] == rank) | (second < 0))
+    done = chosen[wins]
+    new = edges.count + np.arange(len(done))
+    pieces = [triangles.copy()]
+    for column in range(2):
+        has = edges.triangle[done, column] >= 0
+        triangle, vertex = edges.triangle[done[has], column], new[has]
+        apex = edges.opposite[done[has], column]
+        rows = triangles[triangle]
+        turn = np.argmax(rows == apex[:, None], axis=1)
+        start = rows[np.arange(len(rows)), (turn + 1) % 3]
+        end = rows[np.arange(len(rows)), (turn + 2) % 3]
+        pieces[0][triangle] = np.column_stack((apex, start, vertex))
+        pieces.append(np.column_stack((apex, vertex, end)))
+    return np.concatenate(pieces), done
+
+
+def flip_to_delaunay(points: F64, triangles: I64, is_midline: Bool, rounds: int = 12) -> I64:
+    """Flip edges whose opposite angles add up to more than a half turn."""
+    for turn in range(rounds):
+        edges = edges_of(triangles, len(points))
+        index = np.flatnonzero(~edges.is_border)
+        a, b = edges.ends[index].T
+        c, d = edges.opposite[index].T
+        bad = _cotangent(points, c, a, b) + _cotangent(points, d, a, b) < -1e-9
+        triangles, done = flip(points, triangles, edges, index[bad], is_midline, turn)
+        if not done:
+            break
+    return triangles
+
+
+def flip(
+    points: F64,
+    triangles: I64,
+    edges: Edges,
+    chosen: I64,
+    is_midline: Bool,
+    seed: int,
+    normals: F64 | None = None,
+) -> tuple[I64, int]:
+    """Replace inner edges by the other diagonal of their two triangles, where that is safe.
+
+    A flip must not make an edge twice, join two midline vertices by a chord or turn a triangle
+    over: away from the two old ones, or from the vertices' ``normals`` where these are given.
+
+    Returns
+    -------
+    triangles : (F, 3) int64
+    done : int
+        Number of edges flipped; of flips that touch one triangle only one is done.
+    """
+    (a, b), (c, d) = edges.ends[chosen].T, edges.opposite[chosen].T
+    allowed = ~(is_midline[c] & is_midline[d]) & (c != d) & ~edges.exists(c, d)
+    chosen, a, b, c, d = chosen[allowed], a[allowed], b[allowed], c[allowed], d[allowed]
+    # In the first triangle the edge runs from `start` to `end`, and c is opposite.
+    first, second = edges.triangle[chosen].T
+    rows = triangles[first]
+    forward = ((rows == a[:, None]) & (np.roll(rows, -1, axis=1) == b[:, None])).any(axis=1)
+    start, end = np.where(forward, a, b), np.where(forward, b, a)
+    one, other = np.column_stack((start, d, c)), np.column_stack((d, end, c))
+    if normals is None:
+        facing = triangle_normals(points, rows) + triangle_normals(points, triangles[second])
+    else:
+        facing = normals[a] + normals[b] + normals[c] + normals[d]
+    safe = np.einsum("ij,ij->i", triangle_normals(points, one), facing) > 0.0
+    safe &= np.einsum("ij,ij->i", triangle_normals(points, other), facing) > 0.0
+    rank = np.where(safe, scatter_ranks(len(chosen), seed), len(chosen))
+    best = np.full(len(triangles), len(chosen))
+    np.minimum.at(best, first, rank)
+    np.minimum.at(best, second, rank)
+    winners = np.flatnonzero(safe & (best[first] == rank) & (best[second] == rank))
+    _, unique = np.unique(key(c[winners], d[winners], len(points)), return_index=True)
+    winners = winners[unique]
+    triangles = triangles.copy()
+    triangles[first[winners]] = one[winners]
+    triangles[second[winners]] = other[winners]
+    return triangles, len(winners)
+
+
+def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:
+    u, v = points[one] - points[apex], points[other] - points[apex]
+    area = np.linalg.norm(np.cross(u, v), axis=1)
+    found: F64 = np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)
+    return found

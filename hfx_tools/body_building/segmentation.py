@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Body parts on the dense skin: from the skin weights, and from the way that the skin faces.
+
+Bones decide between the parts of a limb; in the hand and the foot the direction of the skin
+decides between back and palm, top and sole. Smoothing draws the borders as clean lines, and
+whatever is left apart from its part goes to the part around it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from hfx_blender.engine.arrays import F64, U8
+from hfx_blender.engine.body.model import Skeleton
+from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
+
+from .outer_skin import Skin
+
+_HAND, _FOOT = -1, -2  # not parts yet: split by direction
+_PART_OF_BONE: Final = {
+    "head": "head",
+    "upperarm01": "upper_arm",
+    "upperarm02": "upper_arm",
+    "lowerarm01": "forearm",
+    "lowerarm02": "forearm",
+    "upperleg01": "upper_leg",
+    "upperleg02": "upper_leg",
+    "lowerleg01": "lower_leg",
+    "lowerleg02": "lower_leg",
+}
+_RIBBON_M: Final = 0.012
+_SOLE_LIMIT: Final = 0.35  # how far the skin of the foot must face down to be sole
+_SMOOTHING_STEPS: Final = 60
+"""Averaging steps on the dense skin: clean borders about 4 mm around."""
+
+
+def _stem(bone: str) -> str:
+    return bone.removesuffix(".L").removesuffix(".R")
+
+
+def bone_parts(skeleton: Skeleton) -> list[str]:
+    """Body part that each bone moves; ``hand`` and ``foot`` where the direction decides.
+
+    A bone that is not named here belongs to the part of its parent, the trunk to the torso.
+    The neck is torso: the head is what the bone ``head`` and the face bones move.
+    """
+    parts: list[str] = []
+    for name, parent in zip(skeleton.bone_names, skeleton.parents.tolist(), strict=True):
+        stem = _stem(name)
+        if stem in _PART_OF_BONE:
+            parts.append(_PART_OF_BONE[stem])
+        elif stem.startswith("finger") and stem != "finger1-1":
+            parts.append("fingers")
+        elif stem == "wrist":
+            parts.append("hand")
+        elif stem == "foot":
+            parts.append("foot")
+        else:
+            parts.append(parts[parent] if parent >= 0 else "torso")
+    return parts
+
+
+def label(skin: Skin, skeleton: Skeleton) -> tuple[U8, U8]:
+    """Part and side of each vertex, each part of a side in one piece, left equal to right.
+
+    Returns
+    -------
+    part : (V,) uint8
+        Index into :data:`~.parts.PARTS`.
+    side : (V,) uint8
+        Index into :data:`~.parts.SIDES`.
+    """
+    groups = np.array(bone_parts(skeleton))
+    average = _averaging(skin)
+    names = [name for name in PARTS if (groups == name).any()] + ["hand", "foot"]
+    shares = np.column_stack(
+        [np.asarray(skin.weights[:, np.flatnonzero(groups == name)].sum(axis=1)) for name in names]
+    )
+    facing = _vertex_normals(skin)
+    palm_axis = _palm_axis(skeleton)
+    toward_palm = np.einsum("ij,ij->i", facing, palm_axis * _mirror_sign(skin))
+    down = -facing[:, 2]
+    fields = np.column_stack((shares, toward_palm, down - _SOLE_LIMIT))
+    for _ in range(_SMOOTHING_STEPS):
+        fields = average @ fields
+    fields = 0.5 * (fields + fields[skin.mirror])
+    chosen = np.array(names)[np.argmax(fields[:, :-2], axis=1)]
+    chosen = np.where(
+        chosen == "hand", np.where(fields[:, -2] > 0.0, "hand_palm", "hand_dorsum"), chosen
+    )
+    chosen = np.where(
+        chosen == "foot", np.where(fields[:, -1] > 0.0, "foot_sole", "foot_dorsum"), chosen
+    )
+    index = {name: number for number, name in enumerate(PARTS)}
+    part = np.array([index[name] for name in chosen], np.uint8)
+    side = _sides(skin)
+    return _in_one_piece(skin, part, side), side
+
+
+def _sides(skin: Skin) -> U8:
+    x = skin.vertices[:, 0]
+    side = np.where(x > 0.0, LEFT, RIGHT)
+    side[skin.mirror == np.arange(len(x))] = CENTRE
+    found: U8 = side.astype(np.uint8)
+    return found
+
+
+def _mirror_sign(skin: Skin) -> F64:
+    return np.where(skin.vertices[:, :1] >= 0.0, 1.0, np.array([-1.0, 1.0, 1.0]))
+
+
+def _palm_axis(skeleton: Skeleton) -> F64:
+    """Direction out of the left palm: square to the hand and to the row of knuckles."""
+    place = dict(zip(skeleton.bone_names, skeleton.rest[:, :3, 3].astype(float), strict=True))
+    along = place["finger3-1.L"] - place["wrist.L"]
+    across = place["finger2-1.L"] - place["finger5-1.L"]  # toward the thumb
+    axis = np.cross(along, across)
+    unit: F64 = axis / np.linalg.norm(axis)
+    return unit
+
+
+def _vertex_normals(skin: Skin) -> F64:
+    corners = skin.vertices[skin.faces]
+    face = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal = np.zeros_like(skin.vertices)
+    for corner in range(4):
+        np.add.at(normal, skin.faces[:, corner], face)
+    unit: F64 = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return unit
+
+
+def _adjacency(skin: Skin) -> Any:
+    from scipy.sparse import coo_array, csr_array
+
+    starts = skin.faces.ravel()
+    ends = np.roll(skin.faces, -1, axis=1).ravel()
+    count = len(skin.vertices)
+    return csr_array(coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count)))
+
+
+def _averaging(skin: Skin) -> Any:
+    """Smoothing operator: mixes each vertex half with the mean of its neighbours, sparse (V, V)."""
+    from scipy.sparse import diags_array, eye_array
+
+    adjacency = _adjacency(skin)
+    inverse = diags_array(1.0 / np.asarray(adjacency.sum(axis=1)).ravel())
+    return 0.5 * (inverse @ adjacency + eye_array(adjacency.shape[0]))
+
+
+class _HalfGraph:
+    """Edges of the left half with the midline, as a graph of pieces of equal label."""
+
+    def __init__(self, skin: Skin, side: U8) -> None:
+        adjacency = _adjacency(skin).tocoo()
+        self.members = side != RIGHT
+        inner = self.members[adjacency.row] & self.members[adjacency.col]
+        self.rows, self.columns = adjacency.row[inner], adjacency.col[inner]
+        self.lengths = np.linalg.norm(
+            skin.vertices[self.rows] - skin.vertices[self.columns], axis=1
+        )
+        self.shape = adjacency.shape
+
+    def pieces(self, part: U8) -> npt.NDArray[np.int32]:
+        """Number of the connected piece of equal part that each vertex is in."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        same = part[self.rows] == part[self.columns]
+        edges = (self.rows[same], self.columns[same])
+        graph = coo_array((np.ones(len(edges[0])), edges), self.shape)
+        found: npt.NDArray[np.int32] = connected_components(graph, directed=False)[1]
+        return found
+
+    def distances_m(self, sources: npt.NDArray[Any]) -> tuple[F64, npt.NDArray[np.int32]]:
+        """Distance along edges to the nearest source, and the vertex before on the way."""
+        from scipy.sparse import coo_array, csr_array
+        from scipy.sparse.csgraph import dijkstra
+
+        graph = csr_array(coo_array((self.lengths, (self.rows, self.columns)), self.shape))
+        distance, before, _ = dijkstra(
+            graph, indices=sources, min_only=True, return_predecessors=True
+        )
+        return distance, before
+
+
+def _join(graph: _HalfGraph, part: U8, number: int) -> U8:
+    """Join the large pieces of a part by a ribbon along the shortest path between them.
+
+    This is the thumb, which hangs on the palm by itself: the skin of the first web counts as
+    fingers, as that between the other fingers does.
+    """
+    result = part.copy()
+    while True:
+        piece = graph.pieces(result)
+        mine = graph.members & (result == number)
+        sizes = np.bincount(piece[mine], minlength=piece.max() + 1)
+        large = np.flatnonzero(sizes > 0.05 * mine.sum())
+        if len(large) == 1:
+            return result
+        main = large[np.argmax(sizes[large])]
+        distance, before = graph.distances_m(np.flatnonzero(mine & (piece == main)))
+        others = np.flatnonzero(mine & np.isin(piece, large) & (piece != main))
+        vertex = int(others[np.argmin(distance[others])])
+        way = [vertex]
+        while (vertex := int(before[way[-1]])) >= 0:
+            way.append(vertex)
+        result[graph.distances_m(np.array(way))[0] < _RIBBON_M / 2.0] = number
+
+
+def _in_one_piece(skin: Skin, part: U8, side: U8) -> U8:
+    """Give every stray piece to the part that it shares the longest border with."""
+    graph = _HalfGraph(skin, side)
+    result = _join(graph, part, PARTS.index("fingers"))
+    for _ in PARTS:
+        piece = graph.pieces(result)
+        stray = graph.members.copy()
+        for number in np.unique(result):
+            mine = graph.members & (result == number)
+            stray &= ~(mine & (piece == np.bincount(piece[mine]).argmax()))
+        if not stray.any():
+            break
+        for number in np.unique(piece[stray]):
+            border = (piece[graph.rows] == number) & (result[graph.rows] != result[graph.columns])
+            around = np.bincount(result[graph.columns[border]], minlength=len(PARTS))
+            result[graph.members & (piece == number)] = around.argmax()
+    right = side == RIGHT
+    result[right] = result[skin.mirror[right]]
+    return result

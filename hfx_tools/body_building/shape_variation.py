@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shape variation of people, from MakeHuman's macro targets: ``body_models/shapes.npz``.
+
+Many people are drawn at random, and each gets a rig whose joints are displaced at random, as
+rigs disagree on where a hip or a shoulder is. The canonical avatar is posed onto each of them as
+onto anybody's avatar; what that misses, in the avatar's rest space, is a field of displacements.
+Their principal components are what :mod:`...engine.retargeting.shape_fields` fits with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64, I32, I64
+from hfx_blender.engine.body.model import Avatar
+from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
+from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
+from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting.shape_fields import SHAPES_FILE, ShapeFields
+from hfx_blender.engine.retargeting.target import TargetAvatar
+from hfx_blender.engine.retargeting.turns import apply
+from hfx_blender.errors import InputError
+
+from . import skeleton
+from . import source as source_data
+from .shape_file import save
+from .source import Source
+from .variant import _MACRO, _ORIGINS, Variant, target_shares
+
+PEOPLE: Final = 400
+FIELDS: Final = 32
+"""Fields that are kept: with more, no part of a known person gets better by half a millimetre."""
+
+_SEED: Final = 6
+_AVERAGE_EVERY: Final = 4
+"""Period of the average adult among the samples; of this one only the joints are displaced."""
+
+_JOINTS_M: Final = {
+    "upperleg01": (0.015, 0.015, 0.025),
+    "lowerleg01": (0.005, 0.010, 0.015),
+    "foot": (0.005, 0.010, 0.010),
+    "upperarm01": (0.012, 0.012, 0.012),
+    "lowerarm01": (0.006, 0.008, 0.012),
+    "wrist": (0.004, 0.004, 0.008),
+    **{f"finger{f}-{p}": (0.0025, 0.0025, 0.0025) for f in range(1, 6) for p in range(1, 4)},
+    **{f"toe{number}-1": (0.006, 0.006, 0.006) for number in range(1, 6)},
+}
+"""Standard deviation of joints between rigs, of a body 1.7 m tall."""
+
+
+def write(average: Source, folder: Path, avatar: Avatar, destination: Path) -> None:
+    """Make the fields and write them into a folder of models; see :func:`make`."""
+    fields, mirror = make(average, folder, avatar)
+    save(fields, mirror, destination / SHAPES_FILE)
+
+
+def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I64]:
+    """The fields of the canonical avatar, and its mirror table.
+
+    Parameters
+    ----------
+    average : Source
+        The average adult.
+    folder : Path
+        Where its data lies.
+
+    Raises
+    ------
+    InputError
+        The source data is missing or cannot be read.
+    """
+    rng = np.random.default_rng(_SEED)
+    try:
+        base = source_data._read_obj(folder / source_data.BASE_MESH)[0]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read as MakeHuman data ({error}).") from error
+
+    @cache
+    def offsets(name: str) -> tuple[I32, F64]:
+        return source_data._read_target(folder / name)
+
+    ids = source_vertices(avatar)
+    mirror = _mirror(avatar.vertices.astype(np.float64))
+    mapping: BoneMapping | None = None
+    missed = []
+    for number in range(PEOPLE):
+        shares = _random_person(rng) if number % _AVERAGE_EVERY else source_data.AVERAGE_ADULT
+        vertices = base.copy()
+        for name, share in shares.items():
+            moved, by = offsets(name)
+            vertices[moved] += share * by
+        shaped = replace(average, vertices=0.1 * vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0))
+        target = _avatar_of(shaped, avatar, ids, rng)
+        mapping = mapping or map_bones(target.bones)  # type: ignore[arg-type]
+        missed.append(_missed(avatar, target, mapping, mirror))
+    return ShapeFields(_components(np.stack(missed))), mirror
+
+
+def source_vertices(avatar: Avatar) -> I64:
+    """Vertex of MakeHuman's base mesh of each of an avatar's."""
+    runs = avatar.provenance["source_vertices"]
+    return np.concatenate([np.arange(first, last + 1) for first, last in runs])
+
+
+def _random_person(rng: np.random.Generator) -> dict[str, float]:
+    """Shape targets of a person drawn at random, extremes as likely as the middle."""
+    gender, muscle, weight, stature, proportions = rng.beta(0.6, 0.6, 5).tolist()
+    age = float(rng.uniform(4.0, 90.0))
+    person = Variant(gender, age, muscle, weight, stature, proportions)
+    origin = dict(zip(_ORIGINS, rng.dirichlet((0.5, 0.5, 0.5)).tolist(), strict=True))
+    shares = {}
+    for name, share in target_shares(person).items():
+        first = name.removeprefix(f"{_MACRO}/").partition("-")[0]
+        shares[name] = share * len(origin) * origin[first] if first in origin else share
+    return {name: share for name, share in shares.items() if share > 1e-6}
+
+
+def _avatar_of(shaped: Source, avatar: Avatar, ids: I64, rng: np.random.Generator) -> TargetAvatar:
+    """A person with the canonical mesh and weights, and joints that are not quite there."""
+    bones = skeleton.make(shaped, 1.0, 0.0)
+    vertices = shaped.vertices[ids]
+    height = float(np.ptp(vertices[:, 2])) / 1.7
+    heads = dict(zip(bones.bone_names, bones.rest[:, :3, 3].astype(np.float64), strict=True))
+    for stem, spread in _JOINTS_M.items():
+        away = height * rng.normal(size=3) * spread
+        heads[f"{stem}.L"] = heads[f"{stem}.L"] + away
+        heads[f"{stem}.R"] = heads[f"{stem}.R"] + away * (-1.0, 1.0, 1.0)
+    names = bones.bone_names
+    rig = tuple(
+        RigBone(
+            name,
+            names[parent] if parent >= 0 else None,
+            _point(heads[name]),
+            _point(heads[name] + rest[:3, 1] * length),
+        )
+        for name, parent, rest, length in zip(
+            names, bones.parents.tolist(), bones.rest, bones.lengths_m, strict=True
+        )
+    )
+    return TargetAvatar(vertices, avatar_triangles(avatar), avatar.weights, names, rig)
+
+
+def _point(place: F64) -> tuple[float, float, float]:
+    x, y, z = place.tolist()
+    return x, y, z
+
+
+def avatar_triangles(avatar: Avatar) -> I64:
+    """The quads of an avatar, halved."""
+    quads = avatar.faces.astype(np.int64)
+    return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+
+def _missed(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, mirror: I64) -> F64:
+    """Error of posing the canonical avatar onto a person, (V, 3), in its rest space; symmetric."""
+    bodies = skeletons_of(avatar, target, mapping)
+    moved = matrices(avatar, bodies)
+    truth = apply(np.linalg.inv(bodies.to_target), target.vertices)
+    miss = np.linalg.solve(moved[..., :3], (truth - posed(avatar, moved))[..., None])[..., 0]
+    found: F64 = (miss + miss[mirror] * (-1.0, 1.0, 1.0)) / 2.0
+    return found
+
+
+def _mirror(vertices: F64) -> I64:
+    from scipy.spatial import cKDTree
+
+    twin = cKDTree(vertices).query(vertices * (-1.0, 1.0, 1.0))[1].astype(np.int64)
+    if not np.array_equal(twin[twin], np.arange(len(twin))):
+        raise AssertionError("the avatar is not symmetric")
+    return twin
+
+
+def _components(fields: F64) -> F64:
+    """Principal components about no displacement, each as large as one standard deviation."""
+    rows = fields.reshape(len(fields), -1)
+    _, vectors = np.linalg.eigh(rows @ rows.T)
+    largest = vectors[:, ::-1][:, :FIELDS]
+    # The sign of an eigenvector is nobody's choice.
+    largest *= np.sign(largest[np.abs(largest).argmax(axis=0), np.arange(largest.shape[1])])
+    found: F64 = (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
+    return found

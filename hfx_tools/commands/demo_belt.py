@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx demo --scene belt``: particles round a walker, felt on a belt and heard all round."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from hfx_blender.commands.console import Console
+from hfx_blender.files.staging import make_folder
+from hfx_blender.processes import blender_session
+
+STEM = "belt"
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Build, save, open again, export, sound, draw, and report."""
+    bpy = blender_session.start()
+
+    from hfx_blender.devices.configuration import load_device
+    from hfx_blender.devices.script_rendering import render_devices
+    from hfx_blender.engine.spatial_sound.layouts import LAYOUTS
+    from hfx_blender.engine.track import TrackReader
+    from hfx_blender.export.scene_export import ExportSettings, export_scene
+    from hfx_blender.export.sound import SoundSettings, write_sound
+    from hfx_blender.formats.sound.sound_wav import SUFFIX
+
+    from ..demo import belt, belt_chart
+    from ..demo.scene_file import build_and_open
+
+    folder: Path = options.output
+    make_folder(folder)
+    console.say("Building the belt's scene ...")
+    scene_file = folder / f"{STEM}.blend"
+    build_and_open(belt.build, scene_file)
+    device = load_device(belt.DEVICE)
+    scene = bpy.context.scene
+    settings = ExportSettings(("track", "csv", "wav"), (device,))
+    report = export_scene(scene, folder, STEM, settings, console.progress("Exporting"))
+    layout = LAYOUTS[belt.LOUDSPEAKERS]
+    sound_file = folder / (STEM + SUFFIX)
+    heard = write_sound(
+        scene,
+        sound_file,
+        SoundSettings(layout=layout, hearing=belt.HEARING),
+        track=folder / f"{STEM}.hfxtrack",
+        progress=console.progress("Sound"),
+    )
+    with TrackReader(folder / f"{STEM}.hfxtrack") as track:
+        ((_, raster),) = render_devices(track, (device,))
+    belt_chart.write(raster, sound_file, layout, folder / "belt.svg")
+    touched = {each["effect"] for each in report.felt}
+    console.say(
+        "\n".join(
+            (
+                f"\n{len(touched)} of {belt.PARTICLES} particles were felt, {heard} were heard.",
+                "",
+                f"In {folder}:",
+                f"  {STEM}.blend      the scene; hfx export and hfx sound make the rest again",
+                f"  {STEM}.hfxtrack   what was felt, a stream a particle",
+                f"  {STEM}.{belt.DEVICE}.wav, .csv   what the belt's eight motors play",
+                f"  {STEM}{SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
+                "  belt.svg        motors and loudspeakers over time",
+            )
+        ),
+        several_lines=True,
+    )
+    console.result(
+        {
+            **report.as_dict(),
+            "folder": str(folder),
+            "sound": sound_file.name,
+            "particles_felt": len(touched),
+            "particles_heard": heard,
+        }
+    )
+    return 0

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx texture board``: the example of haptic surfaces, as a .blend."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hfx_blender.commands.console import Console
+from hfx_blender.commands.texture import check_folder
+from hfx_blender.errors import UsageError
+from hfx_blender.processes import blender_session
+
+
+def add_parser(actions: Any) -> None:
+    parser = actions.add_parser(
+        "board", help="the example: 4 x 4 squares of four materials, as a .blend"
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("board.blend"), metavar="FILE")
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Make the example and save it."""
+    if options.output.suffix != ".blend":
+        raise UsageError(f"{options.output}: expected a name that ends in .blend")
+    check_folder(options.output)
+    blender_session.start()
+    from ..demo import board
+
+    made = board.save(options.output)
+    console.say(f"wrote {options.output}: {len(made)} squares")
+    console.result({"file": str(options.output), "squares": made})
+    return 0

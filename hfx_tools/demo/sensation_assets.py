@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Makes the asset library of the shipped sensations: a .blend of empties, and its catalogs.
+
+``python -m hfx_tools.demo.sensation_assets FOLDER`` reads the folder's sensations
+and writes ``sensations.blend`` and ``blender_assets.cats.txt`` beside them. Each asset's picture is
+the avatar, coloured by the strongest that it ever feels.
+"""
+
+from __future__ import annotations
+
+import sys
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
+from hfx_blender.authoring.effects.effect_assets import LIBRARY_FILE, SENSATION, is_worn
+from hfx_blender.authoring.effects.effect_file import SUFFIX, Sensation
+from hfx_blender.engine.arrays import F64, Bool
+from hfx_blender.engine.body.model import load_avatar, load_model
+from hfx_blender.engine.colouring import COLD, COLOURS, Spread
+from hfx_blender.files.atomic import atomic_file
+from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.playback.preview.preview_layers import spread_between
+from hfx_blender.playback.timeline.timeline_record import record
+from hfx_blender.processes import blender_session
+
+from ..felt_shares import SKIN, felt_shares
+
+CATALOGS = "blender_assets.cats.txt"
+SIZE = 128
+_MOMENTS = (0, 12, 24, 48)  # frames at which volumes are drawn
+_POINTS = 1500  # on the boundary of each
+_NEAR_M = 0.1
+_FAINT = 0.55
+_NEUTRAL_C = 28.0  # between air and skin: what is drawn as cold
+WORN, AROUND = "Haptics/On the Body", "Haptics/Around the Body"
+
+_SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # of names that are addresses
+
+
+def catalog_id(path: str) -> str:
+    """Identifier of a catalog, equal on every computer."""
+    return str(uuid.uuid5(_SPACE, f"hfx_blender/{path}"))
+
+
+def make(folder: Path) -> Path:
+    """Write the asset library of a folder of sensations.
+
+    Raises
+    ------
+    InputError
+        A sensation's file is not as it should be.
+    """
+    found = {p.stem: effect_file.load(p) for p in sorted(folder.glob("*" + SUFFIX))}
+    pictures = {stem: picture_of(sensation) for stem, sensation in found.items()}
+    bpy.ops.wm.read_homefile(use_empty=True)
+    for stem, sensation in found.items():
+        _asset(stem, sensation, pictures[stem])
+    lines = ["# Asset catalogs of Blender", "VERSION 1", ""]
+    for path in ("Haptics", WORN, AROUND):
+        lines.append(f"{catalog_id(path)}:{path}:{path.replace('/', '-')}")
+    with atomic_file(folder / CATALOGS) as file:
+        file.write(("\n".join(lines) + "\n").encode())
+    target = folder / LIBRARY_FILE
+    bpy.context.preferences.filepaths.save_version = 0
+    with temporary_folder() as neutral:  # a .blend remembers where it was saved
+        made = Path(neutral, LIBRARY_FILE)
+        bpy.ops.wm.save_as_mainfile(filepath=str(made), compress=True, check_existing=False)
+        with atomic_file(target) as file:
+            file.write(made.read_bytes())
+    return target
+
+
+def _asset(stem: str, sensation: Sensation, picture: F64) -> None:
+    empty = bpy.data.objects.new(sensation.name, None)
+    empty.empty_display_type = "SPHERE"
+    empty.empty_display_size = 0.1
+    empty[SENSATION] = stem
+    empty.use_fake_user = True
+    bpy.context.scene.collection.objects.link(empty)
+    empty.asset_mark()
+    data = empty.asset_data
+    data.catalog_id = catalog_id(WORN if is_worn(sensation) else AROUND)
+    data.description = sensation.description
+    data.license = "GPL-3.0-or-later"
+    data.author = "HFX"
+    for modality in dict.fromkeys(effect.modality for effect in sensation.effects):
+        data.tags.new(modality, skip_if_exists=True)
+    preview = empty.preview_ensure()
+    preview.image_size = picture.shape[1], picture.shape[0]
+    preview.image_pixels_float.foreach_set(picture[::-1].astype(np.float32).ravel())
+
+
+def picture_of(sensation: Sensation) -> F64:
+    """The avatar in the colours of the strongest that it feels, (SIZE, SIZE, 4) from the top."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.hfx.add_avatar()
+    scene = bpy.context.scene
+    scene.render.fps = 24
+    body = effects.bodies_of(scene)[0]
+    scene.frame_start, scene.frame_end = 0, 24 * 12
+    scene.hfx.rate = 24.0
+    effect_exchange.place(scene, sensation, body=body, frame=0.0)
+    bpy.context.view_layer.update()
+    *_, found = record(scene, may_step=True)
+    assert found is not None
+    contact = frozenset(e.id for e in found.described.effects if e.is_contact)
+    avatar = load_avatar()
+    strongest: dict[str, F64] = {}
+    spreads: dict[str, Spread] = {}
+    for frame in range(scene.frame_start, scene.frame_end + 1):
+        index = found.index(frame)
+        samples = [] if index is None else found.samples(index) or []
+        used = {sample.stream.model_id for sample in samples}
+        for model_id in used - set(spreads):
+            spreads[model_id] = spread_between(
+                avatar.vertices.astype(np.float64), load_model(model_id)
+            )
+        if not samples:
+            continue
+        shares = felt_shares(
+            samples,
+            {key: spreads[key] for key in used},
+            {key: len(load_model(key)) for key in used},
+            contact,
+        )
+        for name, share in shares.items():
+            strongest[name] = np.maximum(strongest.get(name, 0.0), share)
+    faces = avatar.faces
+    quads = faces[faces[:, 3] >= 0]
+    triangles = np.concatenate([faces[:, :3], quads[:, [0, 2, 3]]])
+    points = avatar.vertices.astype(np.float64)
+    return _drawn(points, triangles, _colours(strongest, len(points)), _volumes(scene))
+
+
+def _colours(strongest: Mapping[str, F64], count: int) -> F64:
+    """Colour of each vertex, (count, 3): the legend's of what is strongest there, never a mix."""
+    colours = np.tile(SKIN, (count, 1))
+    felt = {name: share / share.max() for name, share in strongest.items() if share.any()}
+    if felt:
+        shares = np.array(list(felt.values()))
+        legend = np.array([COLOURS[name] for name in felt])[shares.argmax(axis=0)]
+        colours += shares.max(axis=0)[:, None] * (legend - colours)
+    return colours
+
+
+def _volumes(scene: bpy.types.Scene) -> tuple[F64, F64]:
+    """Places (n, 3) on the boundaries of volumes at some moments, metres, and their colours."""
+    generator = np.random.default_rng(1)
+    places, colours = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for frame in _MOMENTS:
+        scene.frame_set(frame)
+        for obj in reversed(effects.effects_of(scene)):  # the first is seen over others
+            if obj.hfx.kind == "VOLUME":
+                inside = _boundary(obj, generator.uniform(-1.0, 1.0, (_POINTS, 3)))
+                matrix = np.array(obj.matrix_world, dtype=np.float64)
+                places.append(inside @ matrix[:3, :3].T + matrix[:3, 3])
+                is_cold = obj.hfx.modality == "temperature" and obj.hfx.temperature < _NEUTRAL_C
+                name = COLD if is_cold else obj.hfx.modality
+                colours.append(np.tile(COLOURS[name], (_POINTS, 1)))
+    return np.concatenate(places), np.concatenate(colours)
+
+
+def _boundary(obj: bpy.types.Object, found: F64) -> F64:
+    """Points in the cube from -1 to 1 pushed to the boundary of an object's shape, local space."""
+    hfx = obj.hfx
+    if hfx.shape == "CUBOID":
+        axis = np.abs(found).argmax(axis=1)
+        found[np.arange(len(found)), axis] = np.sign(found[np.arange(len(found)), axis])
+        return found * np.array(hfx.size) / 2.0
+    if hfx.shape in ("CYLINDER", "CAPSULE"):
+        found[:, :2] /= np.linalg.norm(found[:, :2], axis=1, keepdims=True)
+        return found * (hfx.radius, hfx.radius, hfx.height / 2.0)
+    return hfx.radius * found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def _drawn(
+    points: F64, triangles: npt.NDArray[np.int32], colours: F64, volumes: tuple[F64, F64]
+) -> F64:
+    """The avatar from the front and from behind, side by side, drawn point by point.
+
+    Volumes are seen beside it and, if they are wholly before it, over it.
+    """
+    picture = np.zeros((SIZE, SIZE, 4))
+    corners, shades = points[triangles], colours[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    shares = np.array([(a, b, 4 - a - b) for a in range(5) for b in range(5 - a)]) / 4.0
+    at = np.einsum("kc,fcx->fkx", shares, corners)
+    tints = np.einsum("kc,fcx->fkx", shares, shades)
+    for left, facing in ((0, -1.0), (SIZE // 2, 1.0)):  # the avatar looks along -Y
+        light = np.clip(facing * normals[:, 1], 0.0, 1.0)
+        seen = light > 0.0
+        place, tint = at[seen].reshape(-1, 3), tints[seen].reshape(-1, 3)
+        tint = np.clip(tint * np.repeat(0.45 + 0.55 * light[seen], len(shares))[:, None], 0.0, 1.0)
+        x, y, inside = _at_pixels(place, points, left, facing)
+        order = np.argsort(-facing * place[:, 1] * -1.0)  # the nearest is drawn last
+        order = order[inside[order]]
+        picture[y[order].astype(int), x[order].astype(int), :3] = tint[order]
+        picture[y[order].astype(int), x[order].astype(int), 3] = 1.0
+        place, tint = volumes
+        x, y, inside = _at_pixels(place, points, left, facing)
+        is_before = facing * place[:, 1] > (facing * points[:, 1]).max() - _NEAR_M
+        row, column = y.astype(int), x.astype(int)
+        inside[inside] &= is_before[inside] | (picture[row[inside], column[inside], 3] == 0.0)
+        picture[row[inside], column[inside], :3] = tint[inside]
+        picture[row[inside], column[inside], 3] = np.where(is_before[inside], 1.0, _FAINT)
+    picture[..., :3] **= 1 / 2.2
+    return picture
+
+
+def _at_pixels(place: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
+    """Columns and rows of places (n, 3) in one half of the picture, and whether they are in it."""
+    scale = 0.94 * SIZE / np.ptp(body[:, 2])
+    x = -facing * (place[:, 0] - body[:, 0].mean()) * scale * 0.72 + left + SIZE / 4
+    y = SIZE * 0.97 - (place[:, 2] - body[:, 2].min()) * scale
+    return x, y, (x >= left) & (x < left + SIZE // 2) & (y >= 0) & (y < SIZE)
+
+
+if __name__ == "__main__":
+    blender_session.start()
+    sys.stdout.write(f"{make(Path(sys.argv[1]))}\n")
+    sys.stdout.flush()
+    blender_session.leave(0)

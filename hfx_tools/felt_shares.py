@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Strengths of all that is felt at once, displayed at every vertex of an avatar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.colouring import COLD, Spread, colour_name, strengths
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.samples import Sample
+
+SKIN: Final = (0.62, 0.6, 0.58)
+"""Colour of bare skin, linear RGB."""
+
+
+def felt_shares(
+    samples: Iterable[Sample],
+    spreads: Mapping[str, Spread],
+    vertex_counts: Mapping[str, int],
+    contact_effects: frozenset[str] = frozenset(),
+) -> dict[str, F64]:
+    """Strength of each modality at each vertex of an avatar, (A,) in 0..1 as displayed.
+
+    Keys are those of a palette. The root makes the lower half of the strengths visible.
+    """
+    count = len(next(iter(spreads.values())).nearest)
+    felt: dict[str, F64] = {}
+    for sample in samples:
+        stream = sample.stream
+        is_contact = stream.effect_id in contact_effects
+        at_model = np.zeros(vertex_counts[stream.model_id])
+        at_model[sample.vertices] = strengths(sample, is_contact)
+        spread = spreads[stream.model_id]
+        name = colour_name(sample, is_contact)
+        here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
+        felt[name] = felt[name] + here if name in felt else here
+    nothing = np.zeros(count)
+    return {
+        name: np.sqrt(np.clip(felt[name], 0.0, 1.0)) if name in felt else nothing
+        for name in (*MODALITIES, COLD)
+    }
+
+
+SKIN: Final = (0.62, 0.6, 0.58)

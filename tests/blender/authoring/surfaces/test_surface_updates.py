@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Maps follow what they are made of: edits of a material are noticed, and baked or told."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender.authoring.surfaces import material_state, surface_updates, surfaces
+
+
+@pytest.fixture
+def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
+    """A plane of 10 cm whose material is bumpy noise, with its maps."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "user"))
+    bpy.ops.mesh.primitive_plane_add(size=0.1)
+    obj = bpy.context.object
+    material = bpy.data.materials.new("Bumpy")
+    if material.node_tree is None:
+        material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    noise, bump = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeBump")
+    ramp = nodes.new("ShaderNodeValToRGB")
+    noise.name, bump.name, ramp.name = "Noise", "Bump", "Ramp"
+    bump.inputs["Distance"].default_value = 0.001
+    links.new(noise.outputs[0], ramp.inputs[0])
+    links.new(ramp.outputs[0], bump.inputs["Height"])
+    shader = next(node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    links.new(bump.outputs[0], shader.inputs["Normal"])
+    obj.data.materials.append(material)
+    obj.hfx.surface.resolution = 32
+    bpy.ops.hfx.add_surface(source="MATERIAL")
+    assert not obj.hfx.surface.is_faulty, obj.hfx.surface.note
+    yield obj
+    for known in (surface_updates._shown, material_state.bake_s, surface_updates._painted):
+        known.clear()
+    for work in (surface_updates._make, surface_updates._check):
+        if bpy.app.timers.is_registered(work):
+            bpy.app.timers.unregister(work)
+
+
+def _nodes(obj: Any) -> Any:
+    return obj.active_material.node_tree.nodes
+
+
+def _another_value(obj: Any) -> None:
+    _nodes(obj)["Noise"].inputs["Scale"].default_value = 40.0
+
+
+def _another_ramp(obj: Any) -> None:
+    _nodes(obj)["Ramp"].color_ramp.elements[0].position = 0.4
+
+
+def _another_choice(obj: Any) -> None:
+    _nodes(obj)["Bump"].invert = True
+
+
+def _no_link(obj: Any) -> None:
+    links = obj.active_material.node_tree.links
+    links.remove(next(link for link in links if link.to_node.name == "Bump"))
+
+
+def _muted(obj: Any) -> None:
+    _nodes(obj)["Bump"].mute = True
+
+
+def _another_material(obj: Any) -> None:
+    obj.active_material = bpy.data.materials.new("Other")
+
+
+def _in_a_group(obj: Any) -> None:
+    group = bpy.data.node_groups.new("Inner", "ShaderNodeTree")
+    node = _nodes(obj).new("ShaderNodeGroup")
+    node.node_tree = group
+    surfaces.make(obj)
+    assert not surfaces.differs_from_material(obj)
+    group.nodes.new("ShaderNodeValue").outputs[0].default_value = 3.0
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        _another_value,
+        _another_ramp,
+        _another_choice,
+        _no_link,
+        _muted,
+        _another_material,
+        _in_a_group,
+    ],
+)
+def test_an_edit_of_the_material_is_told(plane: Any, edit: Callable[[Any], None]) -> None:
+    assert surface_updates.check() == [] and not plane.hfx.surface.is_outdated
+    edit(plane)
+    assert surface_updates.check() == [plane] and plane.hfx.surface.is_outdated
+    bpy.ops.hfx.bake_surface()
+    assert surface_updates.check() == [] and not plane.hfx.surface.is_outdated
+
+
+def test_where_nodes_are_drawn_and_undone_edits_are_of_no_matter(plane: Any) -> None:
+    noise = _nodes(plane)["Noise"]
+    noise.location, noise.label, noise.width = (300.0, 20.0), "Here", 222.0
+    assert surface_updates.check() == []
+    before = noise.inputs["Scale"].default_value
+    noise.inputs["Scale"].default_value = 40.0
+    assert surface_updates.check() == [plane]
+    noise.inputs["Scale"].default_value = before
+    assert surface_updates.check() == [] and not plane.hfx.surface.is_outdated
+
+
+def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: Any) -> None:
+    before = surfaces.field_of(plane).heights_m
+    material_state.bake_s[plane.name] = 0.2
+    _another_value(plane)
+    surface_updates._check()
+    assert plane.hfx.surface.is_outdated  # nobody looks
+    surface_updates.shown(plane)
+    surface_updates._check()
+    assert not plane.hfx.surface.is_outdated
+    assert np.abs(surfaces.field_of(plane).heights_m - before).max() > 1e-5
+
+
+def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> None:
+    material_state.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
+    _another_value(plane)
+    surface_updates.shown(plane)
+    surface_updates._check()
+    assert plane.hfx.surface.is_outdated
+
+
+def test_nothing_is_baked_while_it_is_edited(plane: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    material_state.bake_s[plane.name] = 0.2
+    surface_updates.shown(plane)
+    _another_value(plane)
+    monkeypatch.setattr(surface_updates, "_last_edit", [time.monotonic()])
+    again = surface_updates._check()
+    assert again is not None and 0.0 < again <= surface_updates.BAKE_DELAY_S
+    assert not plane.hfx.surface.is_outdated
+
+
+def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
+    image = bpy.data.images.new("Paint", 8, 8)
+    texture = _nodes(plane).new("ShaderNodeTexImage")
+    texture.image = image
+    surfaces.make(plane)
+    assert material_state.images_of(plane) == {image}
+    surface_updates._painted.add(image.name_full)
+    assert surface_updates.check() == [plane]
+    assert surface_updates.check() == [plane]  # until it is baked again
+    surfaces.make(plane)
+    assert surface_updates.check() == []
+
+
+def test_what_an_older_file_was_made_of_is_not_known_and_not_told(plane: Any) -> None:
+    plane.hfx.surface.material_state = ""
+    _another_value(plane)
+    assert surface_updates.check() == []
+
+
+def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
+    told: list[tuple[bool, bool]] = []
+
+    def on_update(_scene: Any, graph: Any) -> None:
+        told.append((surface_updates.is_of_matter(graph), graph.id_type_updated("IMAGE")))
+        surface_updates.note(graph)
+
+    image = bpy.data.images.new("Paint", 8, 8)
+    texture = _nodes(plane).new("ShaderNodeTexImage")
+    texture.image = image
+    bpy.context.view_layer.update()
+    bpy.app.handlers.depsgraph_update_post.append(on_update)
+    try:
+        plane.location.x += 1.0
+        bpy.context.view_layer.update()
+        assert told and not any(matters for matters, _ in told)
+        _another_value(plane)
+        bpy.context.view_layer.update()
+        assert told[-1][0]
+        image.update_tag()
+        bpy.context.view_layer.update()
+        assert told[-1] == (True, True) and image.name_full in surface_updates._painted
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(on_update)

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Duplicates, linked libraries, overrides and excluded collections: as Blender's users expect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+
+from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring.effects import effects
+from hfx_blender.engine.tolerance import PREVIEW
+from hfx_blender.reading.description import scene_description
+from hfx_blender.reading.live.live_scene import LiveScene
+
+
+def felt() -> set[str]:
+    """Names of the effects that are felt now."""
+    scene = bpy.context.scene
+    bpy.context.view_layer.update()
+    live = LiveScene(scene, bpy.context.view_layer, PREVIEW)
+    names = {each.id: each.name for each in live.description.effects}
+    return {names[run.stream.effect_id] for run in live.runs() if len(run)}
+
+
+def ball(name: str, x: float = 0.0) -> Any:
+    bpy.ops.hfx.add_volume(
+        modality="vibration", shape="SPHERE", name=name, radius=0.2, location=(x, 0.0, 1.2)
+    )
+    return bpy.context.object
+
+
+@pytest.fixture
+def body(scene: Any) -> Any:
+    bpy.ops.hfx.add_avatar()
+    return bpy.context.object
+
+
+def test_a_linked_duplicate_shares_the_mesh_until_its_size_is_changed(body: Any) -> None:
+    first = ball("Ball", 3.0)
+    bpy.ops.object.duplicate(linked=True)
+    second = bpy.context.object
+    second.location.x = 0.0
+    assert second.data == first.data
+    assert felt() == {second.name}
+    second.hfx.radius = 0.1
+    bpy.context.view_layer.update()
+    assert (first.dimensions.x, second.dimensions.x) == pytest.approx((0.4, 0.2))
+
+
+def test_an_excluded_collection_is_not_felt_and_the_eye_makes_no_difference(body: Any) -> None:
+    ball("Kept")
+    other = ball("Other")
+    collection = bpy.data.collections.new("Props")
+    bpy.context.scene.collection.children.link(collection)
+    for owner in other.users_collection:
+        owner.objects.unlink(other)
+    collection.objects.link(other)
+    layer = bpy.context.view_layer.layer_collection.children["Props"]
+    layer.exclude = True
+    assert felt() == {"Kept"}
+    layer.exclude = False
+    layer.hide_viewport = True  # the eye
+    assert felt() == {"Kept", "Other"}
+    collection.hide_viewport = True  # the monitor
+    assert felt() == {"Kept"}
+
+
+@pytest.fixture
+def library(scene: Any, tmp_path: Path) -> Path:
+    """A file with a ball that has a clip from frame 5 to 10."""
+    clips.add_clip(ball("Ball"), 5, 10)
+    path = tmp_path / "props.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.hfx.add_avatar()
+    return path
+
+
+def link(path: Path) -> Any:
+    with bpy.data.libraries.load(str(path), link=True) as (_inside, wanted):
+        wanted.collections = [effects.COLLECTION]
+    (collection,) = wanted.collections
+    bpy.context.scene.collection.children.link(collection)
+    return collection
+
+
+def test_a_linked_effect_is_felt_with_its_clips(library: Path) -> None:
+    link(library)
+    bpy.context.scene.frame_set(7)
+    assert felt() == {"Ball"}
+    bpy.context.scene.frame_set(12)
+    assert felt() == set()
+
+
+def test_an_override_has_values_and_clips_of_its_own_and_survives_saving(
+    library: Path, tmp_path: Path
+) -> None:
+    collection = link(library)
+    scene = bpy.context.scene
+    collection.override_hierarchy_create(scene, bpy.context.view_layer)
+    scene.collection.children.unlink(collection)
+    (ours,) = effects.effects_of(scene)
+    bpy.context.view_layer.objects.active = ours
+    ours.select_set(True)
+    scene.frame_set(30)
+    assert effects.is_locked(ours), "as Library Override > Make leaves it"
+    assert bpy.ops.hfx.make_editable() == {"FINISHED"}
+    assert not bpy.ops.hfx.make_editable.poll()
+    assert bpy.ops.hfx.add_clip() == {"FINISHED"}
+    ours.hfx.radius = 0.15
+    ours.hfx.amplitude = 3.0
+    ours.hfx.falloff = "linear"
+    with pytest.raises(RuntimeError, match="linked file"):
+        bpy.ops.hfx.remove_clip(name="Clip")
+    saved = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(saved))
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    (again,) = effects.effects_of(bpy.context.scene)
+    assert again.override_library is not None
+    assert (again.hfx.radius, again.hfx.amplitude) == pytest.approx((0.15, 3.0))
+    assert again.hfx.falloff == "linear"
+    assert again.dimensions.x == pytest.approx(0.3)
+    bpy.context.scene.frame_set(31)
+    assert felt() == {"Ball"}
+    bpy.context.scene.frame_set(7)
+    assert felt() == {"Ball"}, "the library's clip is still there"
+
+
+def test_an_override_can_be_muted_and_given_another_body(library: Path) -> None:
+    (linked,) = link(library).objects
+    for name in ("is_muted", "is_solo", "body", "modality", "shape", "temperature_reference"):
+        assert linked.hfx.is_property_overridable_library(name), name
+
+
+def test_a_linked_effect_without_its_body_is_left_out_with_one_warning(
+    scene: Any, tmp_path: Path
+) -> None:
+    bpy.ops.hfx.add_avatar()
+    for name in ("Touch", "Squeeze"):
+        bpy.ops.hfx.add_painted(modality="pressure", name=name)
+        bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    path = tmp_path / "touch.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.hfx.add_avatar()
+    ball("Ball")
+    link(path)
+    bpy.context.view_layer.update()
+    found = scene_description.find(bpy.context.scene, bpy.context.view_layer)
+    assert [effect.name for effect in found.effects] == ["Ball"]
+    (warning,) = found.warnings
+    assert "2 linked effects" in warning and "left out" in warning
+    assert felt() == {"Ball"}

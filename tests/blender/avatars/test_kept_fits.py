@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An avatar is fitted once for all files that have it; a fit that is cancelled changes nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from own_avatar import mark, opened
+
+from hfx_blender.avatars import bodies, retargeting
+from hfx_blender.engine.retargeting import retarget
+from hfx_blender.errors import InputError
+from hfx_blender.files import resources
+
+
+def test_an_avatar_in_another_file_is_not_fitted_anew(
+    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path))
+    rig, skin = opened()
+    steps = bodies.adding_body(rig, skin)
+    for share in steps:
+        assert 0.0 <= share <= 1.0
+        if share > 0.5:
+            break
+    steps.close()  # as Esc does
+    assert rig.hfx.role == "NONE" and retargeting.FIT not in rig
+    mark(rig, skin)
+    first = _as_stored(rig)
+
+    def warping(*_: object) -> Any:
+        raise InputError("fitted anew")
+
+    monkeypatch.setattr(retarget, "warping", warping)
+    rig, skin = opened()
+    mark(rig, skin)
+    assert _as_stored(rig) == first
+    rig, skin = opened()
+    skin.data.vertices[100].co.x += 1e-4
+    with pytest.raises(RuntimeError, match="fitted anew"):
+        mark(rig, skin)
+    rig, skin = opened()
+    (kept,) = resources.kept_fits().glob("*.npz")
+    kept.write_bytes(kept.read_bytes()[:1000])  # a damaged file is as good as none
+    with pytest.raises(RuntimeError, match="fitted anew"):
+        mark(rig, skin)
+
+
+def _as_stored(rig: Any) -> list[Any]:
+    models = [retargeting.fitted_model(rig, each) for each in retargeting.model_ids()]
+    arrays = [np.ravel(each) for model in models for each in retargeting.arrays_of(model).values()]
+    faults = [part.faults for part in retargeting.worst_first(retargeting.quality_of(rig))]
+    texts = [retargeting.texts_of(rig, kind) for kind in ("warnings", "notes")]
+    return [np.concatenate(arrays).tobytes(), faults, texts]

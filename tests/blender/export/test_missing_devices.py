@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A device that a scene names and that is none costs this device, not the scene."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from hfx_scenes import names_in, save, small_scene
+
+from hfx_blender import cli
+from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring.effects import effects
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.errors import InputError
+from hfx_blender.export.scene_export import ExportSettings, SceneExport, export_scene
+from hfx_blender.files import resources
+
+
+@pytest.fixture
+def scene(registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Names an unknown device, a damaged one and a good one."""
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    (folder / "torn.json").write_text('{"id": ')
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    made = small_scene(4)
+    for name in ("no\x1bbody", "torn", "back_pad"):
+        made.hfx.devices.add().name = name
+    yield made
+    bpy.ops.wm.read_homefile(use_empty=True)
+
+
+def test_the_command_writes_the_rest_and_ends_with_5(
+    scene: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    source, out = save(tmp_path / "x.blend"), tmp_path / "out"
+    asked = ["export", str(source), "--cores", "1"]
+    assert cli.run([*asked, "-o", str(out)]) == 5
+    told = capfd.readouterr().err
+    assert r"'no\x1bbody' plays nothing" in told and "torn.json" in told
+    assert names_in(out) == ["x.back_pad.csv", "x.hfxtrack", "x.report.json"]
+    report = json.loads((out / "x.report.json").read_text())
+    assert len(report["silent_devices"]) == 2
+    assert set(report["silent_devices"]) <= set(report["warnings"])
+    assert cli.run([*asked, "-o", str(out), "--resume"]) == 5
+    assert "exported before" not in capfd.readouterr().out
+    assert cli.run([*asked, "-o", str(tmp_path / "no"), "--strict"]) == 3
+    assert "is unknown" in capfd.readouterr().err and names_in(tmp_path / "no") == []
+
+
+def test_what_only_a_missing_device_could_play_is_refused_or_left_out(
+    scene: Any, tmp_path: Path
+) -> None:
+    scene.hfx.devices.remove(2)
+    path = tmp_path / "out" / "x.hfxtrack"
+    bpy.ops.hfx.export(filepath=str(path), formats={"track", "wav"})
+    assert names_in(path.parent) == ["x.hfxtrack", "x.report.json"]
+    with pytest.raises(RuntimeError, match=r"is unknown.*torn\.json"):
+        bpy.ops.hfx.export(filepath=str(path), formats={"wav"})
+
+
+def test_a_device_that_fits_no_body_costs_itself(scene: Any, tmp_path: Path) -> None:
+    text = (resources.device_configs() / "insoles.json").read_text()
+    far = json.loads(text.replace('"insoles"', '"far"'))
+    far["actuators"][0]["place"]["placement"]["centre_m"] = [0.0, 2.5, 0.0]
+    (tmp_path / "devices" / "far.json").write_text(json.dumps(far))
+    effects.add_volume(scene, "vibration", "SPHERE")
+    devices = tuple(map(load_device, ("far", "back_pad")))
+    report = export_scene(scene, tmp_path / "out", "x", ExportSettings(("csv",), devices))
+    (sentence,) = report.silent_devices
+    assert "device 'far' plays nothing" in sentence and "centre_m [0.0, 2.5, 0.0]" in sentence
+    assert names_in(tmp_path / "out") == ["x.back_pad.csv", "x.report.json"]
+
+
+def test_effects_without_a_clip_are_told_of_where_clips_are_written(
+    scene: Any, tmp_path: Path
+) -> None:
+    clips.add_clip(bpy.data.objects["Touch"], 1, 3)
+    asked = ExportSettings(per_clip=True, threads=1)
+    report = export_scene(scene, tmp_path / "out", "x", asked)
+    (sentence,) = [each for each in report.warnings if "--per-clip" in each]
+    assert sentence.endswith("1 (Ball)")
+    with pytest.raises(InputError, match=r"1 \(Ball\)"):
+        SceneExport(scene, ExportSettings(per_clip=True, strict=True))

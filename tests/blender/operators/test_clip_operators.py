@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips as a creator handles them: remove, copy, fades as curves; muting and solo."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import pytest
+
+from hfx_blender.authoring.clips import clips, drawn_fades
+from hfx_blender.engine.counters import Unfelt
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.reading.description import activation
+from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.ui.panels import clip_rows
+
+
+@pytest.fixture
+def effect(scene: Any) -> Any:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure", name="Touch")
+    bpy.ops.hfx.fill_part(part="hand_palm")
+    return bpy.context.object
+
+
+def level(effect: Any, frame: float) -> float:
+    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
+    return effect.evaluated_get(bpy.context.evaluated_depsgraph_get()).hfx.activation
+
+
+def second(name: str = "Other") -> Any:
+    bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", name=name)
+    return bpy.context.object
+
+
+def felt(names_only: bool = True) -> set[str]:
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    layer.update()
+    live = LiveScene(scene, layer, PAPER)
+    names = {e.id: e.name for e in live.description.effects}
+    return {names[run.stream.effect_id] for run in live.runs()}
+
+
+def test_removing_the_last_clip_leaves_the_effect_always_on(effect: Any) -> None:
+    clips.add_clip(effect, 1, 5, name="A")
+    clips.add_clip(effect, 10, 15, name="B")
+    bpy.ops.hfx.remove_clip(name="A")
+    assert [strip.name for _, strip in clips.strips_of(effect)] == ["B"]
+    with pytest.raises(RuntimeError, match="no clip 'A'; it has: 'B'"):
+        bpy.ops.hfx.remove_clip(name="A")
+    bpy.ops.hfx.remove_clip(name="B")
+    assert activation.activation_of(effect).source is activation.ActivationSource.ALWAYS_ON
+
+
+def test_copied_clips_play_alike_and_are_independent(effect: Any) -> None:
+    clips.add_clip(effect, 10, 30, fade_in=4, fade_out=10)
+    clips.add_heartbeat(effect, 50, 98, beats_per_minute=120.0)
+    other = second()
+    other.select_set(True)
+    effect.select_set(True)
+    bpy.context.view_layer.objects.active = effect
+    bpy.ops.hfx.copy_clips()
+    for frame in (5, 12, 20, 25, 29, 40, 51, 52.5, 60, 70):
+        assert level(other, frame) == pytest.approx(level(effect, frame), abs=1e-5)
+    clips.remove_clip(other, "Heartbeat")
+    assert len(clips.strips_of(effect)) == 2
+
+
+def test_fades_become_a_curve_with_the_same_ends_and_can_be_bent(effect: Any) -> None:
+    strip = clips.add_clip(effect, 10, 50, fade_in=10, fade_out=20, name="Clip")
+    bpy.ops.hfx.draw_fades(name="Clip")
+    assert level(effect, 10) == pytest.approx(0.0, abs=1e-6)
+    assert level(effect, 25) == pytest.approx(1.0)
+    assert 0.05 < level(effect, 40) < 0.95
+    curve = strip.fcurves.find("influence")
+    curve.keyframe_points.insert(40, 0.25)
+    assert level(effect, 40) == pytest.approx(0.25, abs=1e-4)
+    assert level(effect, 60) == 0.0
+
+
+def test_a_muted_effect_is_not_felt_and_the_export_says_so(effect: Any) -> None:
+    other = second()
+    other.location.z = 1.2
+    assert felt() == {"Touch", "Other"}
+    effect.hfx.is_muted = True
+    assert felt() == {"Other"}
+    reader = SceneReader(bpy.context.scene)
+    assert reader.unfelt == {"Touch": Unfelt("is muted", is_expected=True)}
+    assert reader.description.warnings == ()
+
+
+def test_solo_silences_all_others(effect: Any) -> None:
+    second().location.z = 1.2
+    effect.hfx.is_solo = True
+    assert felt() == {"Touch"}
+    effect.hfx.is_muted = True
+    assert felt() == set()
+
+
+def test_a_heartbeat_has_whole_beats(effect: Any) -> None:
+    strip = clips.add_heartbeat(effect, 10, 100, beats_per_minute=60.0)  # 3.75 s
+    assert (strip.frame_start, strip.frame_end, strip.repeat) == (10.0, 106.0, 4.0)
+
+
+def test_an_envelope_is_what_the_effect_is_evaluated_to(effect: Any) -> None:
+    clip = clips.add_heartbeat(effect, 10, 58, beats_per_minute=60.0, fade_in=10, fade_out=20)
+    drawn = clips.add_clip(effect, 70, 90, profile=[(0, 0.2), (5, 1.0), (10, 0.4)], repeat=2.0)
+    drawn_fades.draw(effect, drawn)
+    for strip in (clip, drawn):
+        for frame, value in clips.envelope(strip, 25)[:-1]:  # the end is the next clip's
+            assert value == pytest.approx(level(effect, frame), abs=0.02), (strip.name, frame)
+
+
+def test_times_of_clips_are_in_the_unit_of_the_scene(effect: Any) -> None:
+    bpy.context.view_layer.objects.active = effect
+    clips.add_clip(effect, 12, 60, fade_in=6)
+    clip_rows.refresh()
+    (row,) = bpy.context.window_manager.hfx_clips
+    assert (row.start, row.end, row.fade_in) == (12.0, 60.0, 6.0)
+    bpy.context.scene.hfx.time_unit = "SECONDS"
+    assert (row.start, row.end, row.fade_in) == (0.5, 2.5, 0.25)
+    row.fade_out = 0.5
+    ((_, strip),) = clips.strips_of(effect)
+    assert strip.blend_out == 12.0

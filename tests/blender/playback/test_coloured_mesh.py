@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Coloured part of a mesh: with modifiers, overrides, and from a timeline record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+import test_overridden_body
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mathutils.bvhtree import BVHTree
+
+from hfx_blender.authoring.clips import clips
+from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
+from hfx_blender.engine.samples import Sample, Stream
+from hfx_blender.playback.preview import preview_frame_cache
+from hfx_blender.playback.preview.coloured_mesh import ColouredMesh, Layer
+from hfx_blender.playback.preview.displayed_skin import DisplayedSkins
+from hfx_blender.playback.preview.incidence import Incidence
+from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_blender.playback.timeline.timeline_record import TimelineRecord, record
+
+BYTE = 0.51 / 255.0  # colours are kept as bytes
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_entries_of_vertices_are_found_as_by_going_through_all(data: st.DataObject) -> None:
+    count = data.draw(st.integers(1, 12))
+    rows = data.draw(st.integers(0, 20))
+    vertex = st.integers(0, count - 1)
+    table = np.array(data.draw(st.lists(vertex, min_size=3 * rows, max_size=3 * rows)), int)
+    asked = np.array(sorted(data.draw(st.sets(vertex))), int)
+    incidence = Incidence(table.reshape(rows, 3), count)
+    entries, counts = incidence.of(asked)
+    expected = [np.flatnonzero(table == each).tolist() for each in asked]
+    assert counts.tolist() == [len(each) for each in expected]
+    assert incidence.places[entries].tolist() == [place for each in expected for place in each]
+
+
+def drawn_at(layer: Layer) -> np.ndarray:
+    """World positions of the drawn vertices."""
+    matrix = np.array(layer.matrix)
+    over = layer.positions + layer.normals * layer.above
+    found: np.ndarray = over @ matrix[:3, :3].T + matrix[:3, 3]
+    return found
+
+
+def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> None:
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=0.05)
+    ball = bpy.context.object  # edges of 6 cm, once it is scaled
+    ball.modifiers.new("Subdivision", "SUBSURF").levels = 3
+    ball.scale, ball.location = (2.0, 2.0, 2.0), (0.3, 0.0, 1.0)
+    bpy.context.view_layer.update()
+    count = len(ball.data.vertices)
+    one_by_one = Spread(np.arange(count)[:, None], np.ones((count, 1)))
+    coloured = ColouredMesh(ball, {"m": (one_by_one, count)})
+    everywhere = Sample(
+        0.0,
+        Stream("e", "b", "pressure", "m"),
+        np.arange(count, dtype=np.int32),
+        np.ones(count, np.float32),
+        1.0,
+        np.array([6.0]),
+    )
+    shown = coloured.shown([everywhere], frozenset(), PALETTES["PAPER"])
+    graph = bpy.context.evaluated_depsgraph_get()
+    skin = DisplayedSkins().of(ball, graph)
+    assert shown is not None and skin is not None
+    assert len(skin.positions) > 10 * count, "Blender has rounded it"
+    assert shown.colours / 255.0 == pytest.approx(
+        np.tile([*COLOURS["pressure"], 1.0], (count, 1)), abs=BYTE
+    )
+    layer = coloured.layer(skin, shown, 1.0)
+    surface = BVHTree.FromObject(ball, graph)  # its own space
+    to_own = np.linalg.inv(np.array(ball.matrix_world))
+    at = drawn_at(layer) @ to_own[:3, :3].T + to_own[:3, 3]
+    middles = at[shown.triangles].mean(axis=1)
+    heights = []
+    for point in (*at, *middles):
+        nearest, normal, _, _ = surface.find_nearest(point.tolist())
+        heights.append(float(np.dot(point - np.array(nearest), np.array(normal))) * 2.0)
+    assert min(heights) > 0.0, "also in the middle of a triangle that is straight"
+    assert max(heights) < 0.01
+
+
+@pytest.fixture
+def touch(scene: Any) -> Any:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure", name="Touch")
+    bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    effect = bpy.context.object
+    effect.hfx.pressure = 6.0
+    return effect
+
+
+def now(preview: Preview, *recorded: Any) -> list[Layer]:
+    bpy.context.view_layer.update()
+    preview.touch()
+    preview.describe(bpy.context)
+    return preview.layers("PAPER", *recorded)
+
+
+def test_an_avatar_with_a_subdivision_has_the_same_colours_on_its_finer_skin(touch: Any) -> None:
+    preview = Preview()
+    (before,) = now(preview)
+    mesh = touch.hfx.body.hfx.avatar
+    mesh.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    (after,) = now(preview)
+    assert np.array_equal(before.shown.vertices, after.shown.vertices)
+    assert np.array_equal(before.shown.colours, after.shown.colours)
+    skin = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert len(skin.vertices) > 3 * len(mesh.data.vertices)
+    at = [skin.vertices[k].co[:] for k in after.shown.vertices.tolist()]
+    assert after.positions == pytest.approx(np.array(at), abs=1e-6)
+    assert after.above > before.above
+
+
+def test_the_colours_of_an_overridden_body_lie_on_its_own_skin(scene: Any, tmp_path: Path) -> None:
+    path = tmp_path / "anna.blend"
+    test_overridden_body.character(path)
+    body = test_overridden_body.overridden(path)
+    body.location.x = 2.0
+    bpy.ops.hfx.add_volume(
+        modality="vibration", shape="SPHERE", name="Ball", radius=0.15, location=(2.0, 0.1, 1.2)
+    )
+    bpy.context.object.hfx.amplitude = 8.0
+    preview = Preview()
+    (layer,) = now(preview)
+    assert preview.fault == ""
+    strong = drawn_at(layer)[layer.shown.colours[:, 3] > 200]
+    assert len(strong) > 20
+    assert np.linalg.norm(strong - [2.0, 0.1, 1.2], axis=1).max() < 0.15 + 0.04
+    assert body.hfx.avatar.override_library is not None
+
+
+def recorded(scene: Any) -> TimelineRecord:
+    *_, found = record(scene, may_step=False)
+    assert found is not None
+    return found
+
+
+def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
+    touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips.add_clip(touch, 3, 6)
+    scene.frame_start, scene.frame_end = 1, 8
+    scene.render.fps, scene.hfx.rate = 24, 24.0
+    preview = Preview()
+    found, live = recorded(scene), {}
+    for frame in range(1, 9):
+        scene.frame_set(frame)
+        live[frame] = [layer.shown for layer in now(preview)]
+    assert [bool(live[k]) for k in (1, 2, 3, 4, 5, 7, 8)] == [False] * 2 + [True] * 3 + [False] * 2
+    while preview.prepare("PAPER", found, 1, 8):
+        pass
+
+    def asked_again(_self: TimelineRecord, index: int) -> None:
+        raise AssertionError(f"sample {index} is known")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TimelineRecord, "samples", asked_again)
+        for frame in (1, 2, 3, 4, 5, 7, 8):  # at 6 the clip ends
+            scene.frame_set(frame)
+            again = [layer.shown for layer in now(preview, found, frame)]
+            assert len(again) == len(live[frame])
+            for one, other in zip(again, live[frame], strict=True):
+                assert np.array_equal(one.vertices, other.vertices)
+                assert np.array_equal(one.colours, other.colours)
+    scene.frame_set(4)
+    bpy.context.view_layer.update()
+    preview.touch()
+    (other,) = preview.layers("COLOUR_BLIND", found, 4)
+    assert not np.array_equal(other.shown.colours, live[4][0].colours)
+    assert now(preview, recorded(scene), 4)[0].shown is not other.shown
+
+
+def test_colours_of_ones_own_are_taken_when_they_change(
+    touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PALETTES["OWN"], "pressure", (1.0, 1.0, 0.0))  # type: ignore[arg-type]
+    scene.hfx.devices.add().name = "pressure_vest"
+    preview, found = Preview(), recorded(scene)
+    now(preview)
+    for colour in ((1.0, 1.0, 0.0), (0.0, 1.0, 1.0)):
+        monkeypatch.setitem(PALETTES["OWN"], "pressure", colour)  # type: ignore[arg-type]
+        preview.touch()
+        (layer,) = preview.layers("OWN", found, 5)
+        assert layer.shown.colours[:, :3].max(axis=0).tolist() == [255 * each for each in colour]
+        (discs,) = preview.discs("OWN", found, 5)
+        assert discs.looks.colours[0].tolist() == list(colour)
+
+
+def test_what_does_not_fit_into_memory_is_worked_out_when_it_is_drawn(
+    touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preview_frame_cache, "MOST_BYTES", -1)
+    preview, found = Preview(), recorded(scene)
+    first = now(preview, found, 5)
+    assert not preview.prepare("PAPER", found, 1, 8)
+    second = now(preview, found, 5)
+    assert first[0].shown is not second[0].shown
+    assert np.array_equal(first[0].shown.colours, second[0].shown.colours)
+
+
+def test_an_avatar_that_was_edited_is_coloured_as_it_is_now(touch: Any) -> None:
+    preview = Preview()
+    now(preview)
+    mesh = touch.hfx.body.hfx.avatar
+    import bmesh  # which bpy brings
+
+    edited = bmesh.new()
+    edited.from_mesh(mesh.data)
+    edited.verts.ensure_lookup_table()
+    edited.verts.remove(edited.verts[5000])
+    edited.to_mesh(mesh.data)
+    edited.free()
+    (layer,) = now(preview)
+    assert preview.fault == ""
+    assert len(mesh.data.vertices) == 12439
+    at = [mesh.data.vertices[k].co[:] for k in layer.shown.vertices.tolist()]
+    assert layer.positions == pytest.approx(np.array(at), abs=1e-6)

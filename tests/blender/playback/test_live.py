@@ -1,0 +1,619 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Connected devices follow the open scene, and everything that ends it silences them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+import hfx_blender
+from hfx_blender.authoring.clips import clips
+from hfx_blender.blender import compat
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import discovery, live_settings, live_targets
+from hfx_blender.devices.live.discovery import FoundPort
+from hfx_blender.devices.script_rendering import render_devices
+from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.track import SUFFIX, TrackReader
+from hfx_blender.errors import DeviceError
+from hfx_blender.export.scene_export import ExportSettings, export_scene
+from hfx_blender.files import resources
+from hfx_blender.operators.live import live_setup
+from hfx_blender.playback.evaluation import evaluation
+from hfx_blender.playback.live import live as live_module
+from hfx_blender.playback.live import live_handlers, lookahead_scheduler
+from hfx_blender.playback.live.live import live
+from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_blender.reading.description.scene_tolerance import scene_tolerance
+from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.reading.stepped import stepping
+
+pytestmark = pytest.mark.usefixtures("patient_devices")
+
+PAD = "back_pad"
+PATIENCE_S = 120.0
+
+
+@pytest.fixture
+def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A vibrating back in the scene, and the file of a simulated pad that is connected."""
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
+    # On a busy machine what renders may take seconds to start; a scene that rests must wait for it.
+    monkeypatch.setattr(live_module, "HOLD_S", 600.0)
+    live.close()  # whatever a test before has connected, it was less patient
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
+    bpy.ops.hfx.fill_part(part="torso", side="both")
+    bpy.context.object.hfx.amplitude = 5.0
+    clips.add_clip(bpy.context.object, 10, 20)
+    bpy.ops.hfx.live_add(name=PAD)
+    path = tmp_path / "pad.jsonl"
+    bpy.ops.hfx.live_connect(name=PAD, kind="SIMULATOR", path=str(path))
+    yield path
+    live.close()
+
+
+def rows(log: Path) -> list[dict[str, Any]]:
+    lines = log.read_text().split("\n")[:-1] if log.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def is_loud(log: Path) -> bool:
+    found = rows(log)
+    return bool(found) and "values" in found[-1] and found[-1]["values"][0] > 0.0
+
+
+def until(happened: Callable[[], object]) -> None:
+    """Act as Blender's main loop: call the timers."""
+    end = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
+        live_handlers._beat()
+        if bpy.app.timers.is_registered(live_handlers._describe):
+            bpy.app.timers.unregister(live_handlers._describe)
+            live_handlers._describe()
+        time.sleep(0.005)
+
+
+def go(frame: int) -> None:
+    bpy.context.scene.frame_set(frame)
+
+
+def play(log: Path) -> None:
+    pressed = time.monotonic()
+
+    def plays() -> bool:
+        """Presses Play again if Blender was too slow while a device was opened."""
+        nonlocal pressed
+        if not live.is_armed and time.monotonic() - pressed > 0.5:
+            pressed = time.monotonic()
+            live.arm()
+        return live.is_armed
+
+    until(plays)
+    live_handlers._describe()
+    go(15)
+    until(lambda: is_loud(log))
+
+
+def test_a_device_follows_the_frame(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    go(15)
+    until(lambda: is_loud(log))
+
+
+def test_a_device_is_sent_what_an_export_renders(log: Path, tmp_path: Path) -> None:
+    play(log)
+    until(lambda: rows(log)[-1]["values"][0] == 5.0)
+    found = LiveScene(bpy.context.scene, bpy.context.view_layer, scene_tolerance(bpy.context.scene))
+    device = load_device(PAD)
+    now = MomentRenderer(found.description, device).values(found.runs())
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
+    export_scene(bpy.context.scene, tmp_path, "x", ExportSettings(full_precision=True))
+    with TrackReader(tmp_path / f"x{SUFFIX}") as track:
+        ((_, exported),) = render_devices(track, [device])
+    at = int(np.argmin(np.abs(exported.times_s - 14 / 24)))
+    assert now.any()
+    assert now.tolist() == exported.values[at].tolist()
+
+
+def test_a_blend_cannot_name_a_file(log: Path, tmp_path: Path) -> None:
+    bpy.context.scene.hfx.devices.add().name = str(tmp_path / "evil.json")
+    with pytest.raises(RuntimeError, match="never chooses files"):
+        bpy.ops.hfx.live_connect(name=str(tmp_path / "evil.json"))
+
+
+def test_dragging_is_felt_at_once(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    bpy.ops.hfx.add_volume(
+        modality="vibration", shape="SPHERE", name="Ball", radius=0.3, location=(5, 0, 1.2)
+    )
+    ball = bpy.context.object
+    bpy.context.view_layer.update()
+    until(lambda: not bpy.app.timers.is_registered(live_handlers._describe))
+    ball.location.x = 0.0
+    bpy.context.view_layer.update()
+    until(lambda: is_loud(log))
+
+
+def test_mute_and_gain_are_of_the_device(log: Path) -> None:
+    play(log)
+    item = bpy.context.scene.hfx.devices[PAD]
+    item.gain = 0.5
+    go(16)
+    until(lambda: rows(log)[-1]["values"][0] == 2.5)
+    item.is_muted = True  # and nothing else happens in Blender
+    until(lambda: not is_loud(log))
+    item.is_muted = False
+    until(lambda: is_loud(log))
+
+
+def test_what_stands_still_is_silent_after_a_while(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play(log)
+    monkeypatch.setattr(live_module, "HOLD_S", 0.0)
+    until(lambda: not is_loud(log))
+    assert live.is_armed
+    monkeypatch.setattr(live_module, "HOLD_S", 60.0)
+    go(16)
+    until(lambda: is_loud(log))
+
+
+STOPS = {
+    "the button": lambda: bpy.ops.hfx.live_stop_all(),
+    "another file": lambda: bpy.ops.wm.read_homefile(use_empty=True),
+    "an undo": lambda: live_handlers._on_undo(),  # nothing can be undone without a window
+    "a fault here": lambda: live.stop_all("fault"),
+}
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
+    play(log)
+    STOPS[name]()
+    until(lambda: "stop" in rows(log)[-1] and not live.is_armed)
+    count = len(rows(log))
+    go(16)
+    for _ in range(10):
+        live_handlers._beat()
+        time.sleep(0.01)
+    assert len(rows(log)) == count
+    bpy.ops.hfx.live_play()
+    until(lambda: live.is_armed)
+
+
+def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Path) -> None:
+    names = ("undo_pre", "redo_pre", "load_pre", "frame_change_post", "depsgraph_update_post")
+
+    def ours() -> list[bool]:
+        return [
+            any(each.__module__ == live_handlers.__name__ for each in getattr(bpy.app.handlers, n))
+            for n in names
+        ]
+
+    assert ours() == [True] * 5
+    bpy.ops.hfx.live_disconnect(name=PAD)
+    assert ours() == [False] * 5
+    assert not bpy.app.timers.is_registered(live_handlers._beat)
+
+
+def test_disabling_the_add_on_is_silence(log: Path) -> None:
+    play(log)
+    hfx_blender.unregister()
+    try:
+        assert "stop" in rows(log)[-1]
+        assert not live.states
+    finally:
+        hfx_blender.register()
+
+
+def test_an_error_of_ours_stops_and_is_told(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(log)
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr(live_module.Live, "update", broken)
+    go(16)
+    until(lambda: "stop" in rows(log)[-1])
+    assert "ZeroDivisionError" in live.fault
+
+
+def test_an_export_is_not_played(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    count = len(rows(log))
+    with stepping.own_scene(SceneReader(bpy.context.scene)._found):
+        go(15)
+        live_handlers._beat()
+        time.sleep(0.05)
+        live_handlers._beat()
+    time.sleep(0.05)
+    assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
+
+
+def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
+    play(log)
+    edition = live.lookahead.edition
+    rumble = bpy.data.objects["Rumble"]
+
+    def change() -> None:
+        rumble.update_tag()
+        bpy.context.view_layer.update()
+
+    with stepping.scratch_scene(bpy.context.scene, [rumble]):
+        change()
+    assert live.lookahead.edition == edition
+    change()
+    assert live.lookahead.edition > edition
+
+
+def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(log)
+
+    def deleted(*_: object) -> bool:
+        raise ReferenceError("StructRNA of type Object has been removed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(live_module.Live, "exchange_heartbeat", deleted)
+        assert live_handlers._beat() > 0.0  # and is called again
+    assert live.fault == "" and evaluation.scene is None
+
+
+def test_a_test_pulse_is_felt_at_its_actuator(log: Path) -> None:
+    until(lambda: live.is_armed)
+    bpy.ops.hfx.live_pulse(name=PAD, actuator=3)
+    until(lambda: any(row.get("values", [0] * 99)[6] > 0.5 for row in rows(log)))
+
+
+def test_how_a_device_is_connected_is_remembered_outside_the_file(log: Path) -> None:
+    settings = live_settings.LiveSettings("CSV", path="/somewhere", offset_ms=35.0)
+    live_settings.store(PAD, settings)
+    assert live_settings.load()[PAD] == settings
+    resources.live_settings().write_text('{"back_pad": {"kind": 3, "offset_ms": NaN}, "x": []}')
+    assert live_settings.load() == {PAD: live_settings.LiveSettings()}
+
+
+def test_a_frame_is_evaluated_once_for_devices_and_preview(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play(log)
+    preview = Preview()
+    preview.touch()
+    preview.describe(bpy.context)
+    calls: list[float] = []
+    runs = LiveScene.runs
+
+    def counted(self: LiveScene) -> list[Any]:
+        calls.append(bpy.context.scene.frame_current)
+        return runs(self)
+
+    monkeypatch.setattr(LiveScene, "runs", counted)
+    preview.touch()  # its handler comes first
+    go(16)
+    assert preview.layers("PAPER")
+    assert calls == [16]
+
+
+def test_what_moved_after_a_stop_is_felt_by_the_next_play(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    live.stop_all()
+    until(lambda: not live.is_armed)
+    go(15)
+    live.arm()
+    if bpy.app.timers.is_registered(live_handlers._describe):  # before the device has armed
+        bpy.app.timers.unregister(live_handlers._describe)
+        live_handlers._describe()
+    until(lambda: is_loud(log))
+
+
+def test_both_are_told_when_something_is_added(log: Path) -> None:
+    play(log)
+    preview = Preview()
+    preview.describe(bpy.context)
+    bpy.ops.hfx.add_painted(modality="pressure", name="Other")
+    bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    bpy.context.view_layer.update()
+    preview.describe(bpy.context)
+    go(16)  # between: renderers are of the scene before, and nothing is sent for a moment
+    live_handlers._describe()
+    until(lambda: is_loud(log))
+    assert live.fault == ""
+    assert len(evaluation.runs()) == 2
+
+
+@pytest.fixture
+def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Beside the pad, which answers after 20 ms, one that answers after four frames."""
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 0.0)
+    content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
+    content["id"] = "late"
+    for kind in content["actuator_types"].values():
+        kind["latency_ms"] = 160.0
+    (folder / "late.json").write_text(json.dumps(content))
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
+    bpy.context.scene.render.fps = 25  # each frame is a sample of the export's 100 Hz
+    path = tmp_path / "late.jsonl"
+    bpy.ops.hfx.live_add(name="late")
+    bpy.ops.hfx.live_connect(name="late", kind="SIMULATOR", path=str(path))
+    play(path)
+    return path
+
+
+def is_read() -> bool:
+    """Test that the whole lookahead has been read."""
+    return live.lookahead.is_read
+
+
+def last(path: Path) -> list[float]:
+    return rows(path)[-1].get("values", [])
+
+
+def test_late_actuators_are_given_what_an_export_has_when_they_answer(
+    log: Path, late: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = bpy.context.scene
+    rumble = bpy.data.objects["Rumble"]
+    for frame, amplitude in ((1, 1.0), (24, 24.0)):  # by a metre per second squared each frame
+        rumble.hfx.amplitude = amplitude
+        rumble.keyframe_insert("hfx.amplitude", frame=frame)
+    for curve in compat.fcurves(rumble):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    until(is_read)
+    export_scene(scene, tmp_path, "x", ExportSettings(full_precision=True))
+    with TrackReader(tmp_path / f"x{SUFFIX}") as track:
+        ((_, exported),) = render_devices(track, [replace_latency(load_device(PAD))])
+    assert live.lookahead.reason == ""
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
+    for frame in (8, 11, 14):  # the clip is from 10 to 20
+        time_s = (frame - 1) / 25.0 + 0.16
+        wanted = exported.values[int(np.argmin(np.abs(exported.times_s - time_s)))].tolist()
+        assert wanted[0] > 0.0
+
+        def is_given(frame: int = frame, wanted: list[float] = wanted) -> bool:
+            go(frame)
+            return last(late) == pytest.approx(wanted, rel=1e-5)
+
+        until(is_given)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: False)
+    go(7)  # scrubbing: the clip has not begun
+    until(lambda: not is_loud(late))
+
+
+def replace_latency(device: Any) -> Any:
+    """The device with actuators that answer at once."""
+    actuators = tuple(
+        replace(each, type=replace(each.type, latency_ms=0.0)) for each in device.actuators
+    )
+    return replace(device, actuators=actuators)
+
+
+def test_what_is_edited_while_it_plays_is_what_comes(
+    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    until(is_read)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
+
+    def is_ahead() -> bool:  # as soon as it was worked out
+        go(7)
+        return is_loud(late) and not is_loud(log)
+
+    until(is_ahead)
+    bpy.data.objects["Rumble"].hfx.is_muted = True
+    bpy.data.objects["Rumble"].update_tag()
+    bpy.context.view_layer.update()
+
+    def is_silent() -> bool:
+        go(7)
+        return not is_loud(late)
+
+    assert bpy.app.timers.is_registered(live_handlers._describe)
+    until(is_silent)
+    bpy.data.objects["Rumble"].hfx.is_muted = False
+    bpy.data.objects["Rumble"].update_tag()
+    bpy.context.view_layer.update()
+
+    def is_felt() -> bool:
+        go(7)
+        return is_loud(late)
+
+    until(is_felt)
+
+
+def test_what_cannot_be_known_ahead_says_why_and_is_known_when_it_comes_by_again(
+    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rumble = bpy.data.objects["Rumble"]
+    rumble.hfx.body.constraints.new("COPY_LOCATION")
+    rumble.constraints.new("COPY_LOCATION")
+    bpy.context.view_layer.update()
+    evaluation.forget()
+    live_handlers._describe()
+    until(lambda: "constraints" in live.lookahead.reason)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
+    go(7)
+    until(lambda: not is_loud(late) and not is_loud(log))
+
+    def is_felt_early() -> bool:
+        go(11)
+        time.sleep(0.02)  # until it is on its way
+        go(7)
+        return is_loud(late) and not is_loud(log)
+
+    until(is_felt_early)
+
+
+def test_the_offset_of_a_device_is_set_while_it_plays_and_remembered(log: Path) -> None:
+    play(log)
+    assert bpy.ops.hfx.live_offset(name=PAD, offset_ms=40.0) == {"FINISHED"}
+    assert live.offset_ms(PAD) == 40.0
+    assert live_settings.load()[PAD].offset_ms == 40.0
+    assert live_settings.load()[PAD].path == str(log)  # the rest is as it was
+    with pytest.raises(RuntimeError, match="not connected"):
+        bpy.ops.hfx.live_offset(name="other", offset_ms=40.0)
+
+
+def test_a_device_that_was_found_is_added_and_connected_there(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = "arduino_uno_pwm"
+    brand = load_device(board).brand
+    assert brand is not None
+    port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
+    monkeypatch.setattr(live_setup, "_found", [])  # no other test connects what is found here
+    monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
+    monkeypatch.setattr(discovery.found_devices, "__defaults__", (lambda host, port: False,))
+    assert live_setup._look() == [port.name]
+    names = [each.device for each in live_setup._found]
+    assert board in names
+    assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
+    assert board in bpy.context.scene.hfx.devices
+    assert live_settings.load()[board].port == port.name
+    until(lambda: live.states[board].state == "lost")  # there is no such port here
+    assert port.name in live.states[board].text
+    assert live.states[PAD].state != "lost"
+
+
+def test_a_node_map_is_imported_and_added(log: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path / "devices"))
+    node = {"node_data": {"x": 0.0, "y": 1.3, "z": 0.1}, "radius": 0.03, "target_bone": "Chest"}
+    (tmp_path / "my map.json").write_text(json.dumps({"nodes": [node]}))
+    bpy.ops.hfx.live_import(filepath=str(tmp_path / "my map.json"), name="my_vest")
+    assert "my_vest" in bpy.context.scene.hfx.devices
+    assert (tmp_path / "devices" / "my_vest.json").exists()
+    with pytest.raises(RuntimeError, match="exists already"):
+        bpy.ops.hfx.live_import(filepath=str(tmp_path / "my map.json"), name="my_vest")
+
+
+def test_a_device_that_nothing_drives_says_so(log: Path) -> None:
+    device = load_device("pressure_vest")
+    if device.output is None:
+        with pytest.raises(DeviceError, match="cannot be driven live"):
+            live_targets.target_of(device, live_settings.LiveSettings("DEVICE"))
+
+
+def test_a_script_is_asked_about_before_it_runs(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    text = (resources.device_configs() / f"{PAD}.json").read_text()
+    (folder / "mine.json").write_text(text.replace(f'"id": "{PAD}"', '"id": "mine"'))
+    mark = tmp_path / "was_run"
+    (folder / "mine.py").write_text(
+        f"open({str(mark)!r}, 'w')\ndef render(haptics):\n    return haptics.values\n"
+    )
+    path = tmp_path / "mine.jsonl"
+    bpy.ops.hfx.live_add(name="mine")
+    with pytest.raises(RuntimeError, match="read it and approve it"):
+        bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+    assert "mine" in live.unapproved and not mark.exists()
+    bpy.ops.hfx.live_approve(name="mine")
+    bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+    until(lambda: live.states["mine"].is_armed)
+    live_handlers._describe()
+
+    def is_played() -> bool:
+        go(15)
+        return is_loud(path)
+
+    until(is_played)
+    assert mark.exists()
+    bpy.ops.hfx.live_revoke(name="mine")
+    assert "mine" not in live.states and "mine" in live.unapproved
+    with pytest.raises(RuntimeError, match="read it and approve it"):
+        bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+
+
+def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
+    registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.devices.live import approval
+
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path))
+    (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
+    (tmp_path / "gone.py").write_text("render = None")
+    found = approval.script_of(tmp_path / "gone.json")
+    approval.approve(found)
+    for path in (found.path, found.configuration):
+        path.unlink()
+    assert bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint) == {"FINISHED"}
+    assert approval.approved() == {}
+    with pytest.raises(RuntimeError, match="is not approved"):
+        bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint)
+
+
+def test_quitting_is_silence(tmp_path: Path) -> None:
+    path = tmp_path / "pad.jsonl"
+    source = (
+        "import sys, time, bpy, patient_host\n"
+        "from hfx_blender.processes import blender_session\n"
+        "from hfx_blender.devices.live import live_settings\n"
+        "blender_session.start()\n"
+        "patient_host.use()\n"
+        "from hfx_blender.playback.live.live import live\n"
+        "from hfx_blender.playback.live.live_handlers import _beat\n"
+        "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
+        "values = live.device('back_pad').neutral; values[0] = 5.0\n"
+        "for _ in range(3000):\n"
+        "    _beat(); live._client.send('back_pad', values); time.sleep(0.01)\n"
+        "    if '5.0' in open(sys.argv[1]).read() if live.is_armed else False: break\n"
+        "sys.exit()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", source, str(path)],
+        env={
+            **os.environ,
+            "XDG_DATA_HOME": str(tmp_path),
+            "PYTHONPATH": str(Path(__file__).parents[2]),
+        },
+    )
+    end = time.monotonic() + PATIENCE_S
+    try:
+        while not (rows(path) and "stop" in rows(path)[-1] and '"values"' in path.read_text()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+    finally:
+        process.kill()  # bpy may hang at its end
+        process.wait()
+    assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))
+
+
+def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
+    found, told = live_module.Live(), []
+    found._client = SimpleNamespace(  # type: ignore[assignment]
+        send=lambda name, _: told.append((name, "values")),
+        send_haptics=lambda name, _: told.append((name, "haptics")),
+    )
+    for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
+        connected = live_module._Connected(load_device(PAD), has_script, (), 0.0)
+        found._devices[name] = connected
+    found._muted = {"muted"}
+    found._fade()
+    assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values over time, and actuators that glow: what an export would give, kept while it holds."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring.effects import effects
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body.model import load_avatar
+from hfx_blender.engine.colouring import PALETTES
+from hfx_blender.playback.evaluation import evaluation
+from hfx_blender.playback.preview.actuator_glow import Discs
+from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_blender.playback.timeline import timeline_record_updates, value_chart
+from hfx_blender.playback.timeline.timeline_record import NeedsSteppingError, TimelineRecord, record
+from hfx_blender.playback.timeline.timeline_record_updates import Updates
+
+PAPER = PALETTES["PAPER"]
+
+
+@pytest.fixture
+def squeeze(scene: Any) -> Any:
+    """A clip of pressure on the whole body from frame 10 to 20 at 6 kPa, 24 frames a second."""
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure", name="Squeeze")
+    bpy.ops.hfx.fill_part(part="all")
+    effect = bpy.context.object
+    effect.hfx.pressure = 6.0
+    clips.add_clip(effect, 10, 20)
+    scene.frame_start, scene.frame_end = 0, 47
+    scene.render.fps = 24
+    scene.hfx.rate = 24.0
+    scene.hfx.devices.add().name = "pressure_vest"
+    return effect
+
+
+def whole(scene: Any, may_step: bool = False) -> TimelineRecord:
+    *_, found = record(scene, may_step=may_step)
+    assert found is not None
+    return found
+
+
+def test_an_effects_curve_is_its_strength_while_its_clip_lasts(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    (effect,) = found.effects
+    assert (effect.name, effect.unit, len(effect.values)) == ("Squeeze", "kPa", 48)
+    on = (found.frames >= 10) & (found.frames < 20)
+    assert effect.values[on] == pytest.approx(6.0)
+    assert not effect.values[~on & (found.frames != 20)].any()
+
+
+def test_recording_leaves_the_frame_alone(squeeze: Any, scene: Any) -> None:
+    scene.frame_set(31)
+    whole(scene)
+    assert scene.frame_current == 31
+    assert [each.name for each in bpy.data.scenes] == [scene.name]
+
+
+def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
+    squeeze: Any, scene: Any
+) -> None:
+    found = whole(scene)
+    scene.frame_set(15)
+    preview = Preview()
+    preview.describe(bpy.context)
+    (sample,) = found.samples(found.index(15) or 0) or ()
+    ((live,),) = evaluation.runs()
+    assert np.array_equal(sample.vertices, live.vertices)
+    assert sample.level == pytest.approx(live.level)
+    assert found.samples(found.index(30) or 0) == []
+    assert found.index(60) is None, "the timeline has ended"
+
+
+def shares(preview: Preview, *now: Any) -> np.ndarray:
+    """Strength of the actuators' glow."""
+    preview.touch()
+    (discs,) = preview.discs("PAPER", *now)
+    return discs.rows[: len(discs.looks.radii), 0, 3]
+
+
+def test_actuators_glow_with_their_share_of_what_they_may_get(squeeze: Any, scene: Any) -> None:
+    scene.frame_set(15)
+    preview = Preview()
+    preview.describe(bpy.context)
+    live = shares(preview)
+    assert preview.fault == ""
+    assert live == pytest.approx(shares(preview, whole(scene), 15), abs=1e-6)
+    strongest = load_device("pressure_vest").actuators[0].type.strength.highest
+    assert live == pytest.approx(6.0 / strongest), "all of the skin is squeezed"
+    scene.frame_set(30)
+    assert not shares(preview).any()
+
+
+def test_where_the_record_ends_actuators_glow_with_what_is_felt(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    clips.add_clip(squeeze, 60, 70)
+    scene.frame_set(65)
+    preview = Preview()
+    preview.describe(bpy.context)
+    assert shares(preview, found, 65).all()
+
+
+def test_actuators_are_drawn_anew_only_if_something_moved(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    first = preview.discs("PAPER")
+    assert preview.discs("PAPER") is first, "what is on the graphics card is drawn again"
+    preview.touch()
+    assert preview.discs("PAPER") is not first
+
+
+def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    first = preview.discs("PAPER")
+    body = squeeze.hfx.body
+    body.location.x = 3.0
+    bpy.context.view_layer.update()
+    preview.touch()
+    (before,), (after,) = first, preview.discs("PAPER")
+    assert len(places(before)) == 32, "the vest has 32 bladders"
+    assert places(after) - places(before) == pytest.approx(np.tile([3.0, 0, 0], (32, 1)), abs=1e-4)
+    skin = load_avatar().vertices
+    nearest = [np.linalg.norm(skin - place, axis=1).min() for place in places(before)]
+    assert max(nearest) < 1e-5, "each on a vertex of the skin"
+    outward = before.rows[:32, 1, :3]
+    assert np.linalg.norm(outward, axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert before.above * before.scale == pytest.approx(0.004)
+
+
+def test_discs_of_a_scaled_body_keep_their_size_and_height(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    squeeze.hfx.body.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    preview.touch()
+    (discs,) = preview.discs("PAPER")
+    assert discs.scale == pytest.approx(2.0)
+    assert discs.above * discs.scale == pytest.approx(0.004)
+    assert discs.looks.radii.min() >= 0.006 and discs.looks.radii.max() <= 0.02
+
+
+def places(discs: Discs) -> np.ndarray:
+    """World positions of the discs."""
+    matrix = np.array(discs.matrix)
+    found: np.ndarray = (
+        discs.rows[: len(discs.looks.radii), 0, :3] @ matrix[:3, :3].T + matrix[:3, 3]
+    )
+    return found
+
+
+def test_a_device_that_is_not_known_is_told_and_the_others_glow(squeeze: Any, scene: Any) -> None:
+    scene.hfx.devices.add().name = "no_such_device"
+    preview = Preview()
+    preview.describe(bpy.context)
+    assert len(preview.discs("PAPER")) == 1
+    assert "no_such_device" in preview.fault
+    assert any("no_such_device" in fault for fault in whole(scene).faults)
+
+
+def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    wide = value_chart.chart(found, PAPER, 600.0, 400.0)
+    assert wide.labels[0].text == "Squeeze"
+    assert wide.hidden == 0 and wide.height <= 400.0
+    assert wide.positions[:, 0].max() <= 600.0 and wide.positions[:, 1].min() >= 0.0
+    assert wide.x_of(0) == wide.left and wide.x_of(48) == wide.width
+    squeeze.hfx.group = "Hug"
+    second = effects.duplicate(squeeze)
+    second.hfx.group, second.hfx.pressure = "Hug", 2.0 * squeeze.hfx.pressure
+    hug, *rest = whole(scene).rows()
+    assert (hug.name, rest) == ("Hug", [])
+    assert hug.values.max() == 2.0 * squeeze.hfx.pressure, "the stronger of both"
+    small = value_chart.chart(found, PAPER, 600.0, 60.0)
+    assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
+    # The curve's box: from frame 10 to frame 20, as high as its share of full scale.
+    green = np.isclose(wide.colours[:, 1], PAPER["pressure"][1], atol=0.01)
+    curve = wide.positions[green & (wide.positions[:, 1] > wide.height - 30)]
+    assert curve[:, 0].min() == pytest.approx(wide.x_of(10), abs=wide.width / 48)
+    assert curve[:, 0].max() == pytest.approx(wide.x_of(21), abs=wide.width / 48)
+
+
+def test_what_follows_from_no_curve_is_stepped_only_when_asked_for(
+    squeeze: Any, scene: Any
+) -> None:
+    driver = squeeze.driver_add("hfx.intensity").driver
+    driver.expression = "0.5 + 0.0 * frame"
+    bpy.context.view_layer.update()
+    with pytest.raises(NeedsSteppingError):
+        whole(scene)
+    assert whole(scene, may_step=True).effects[0].values.max() == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timeline_record_updates, "QUIET_S", 0.0)
+
+
+def until_done(updates: Updates, scene: Any) -> None:
+    end = time.monotonic() + 30.0
+    while updates.wants_time and time.monotonic() < end:
+        updates.work(scene)
+
+
+def test_values_are_recorded_once_and_anew_after_a_change(
+    squeeze: Any, scene: Any, soon: None
+) -> None:
+    updates = Updates()
+    updates.look(scene)
+    until_done(updates, scene)
+    assert updates.is_fresh and updates.count == 1
+    updates.look(scene)
+    until_done(updates, scene)
+    assert updates.count == 1, "nothing has changed"
+    scene.frame_end = 60
+    updates.look(scene)
+    assert not updates.is_fresh and updates.result is not None, "the old one is shown meanwhile"
+    until_done(updates, scene)
+    assert updates.count == 2 and len(updates.result.frames) == 61
+
+
+def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
+    squeeze: Any, scene: Any, soon: None
+) -> None:
+    squeeze.driver_add("hfx.intensity").driver.expression = "0.5 + 0.0 * frame"
+    updates = Updates()
+    updates.changed()
+    until_done(updates, scene)
+    assert updates.must_step and not updates.is_fresh
+    updates.update_now(scene)
+    assert updates.is_fresh and not updates.must_step
+
+
+def test_deleting_what_is_being_recorded_is_no_error(squeeze: Any, scene: Any, soon: None) -> None:
+    scene.frame_end = 400
+    updates = Updates()
+    updates.changed()
+    updates.work(scene)
+    bpy.data.objects.remove(squeeze)
+    for _ in range(100):
+        updates.work(scene)
+        if not updates.wants_time:
+            break
+    updates.changed()
+    until_done(updates, scene)
+    assert updates.result is None and not updates.is_fresh

@@ -1,0 +1,493 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An export says of each effect when it is felt, or why not; what nobody expects is a warning."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import hfx_scenes
+import pytest
+
+from hfx_blender import cli
+from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring.effects import effects
+from hfx_blender.blender import compat
+from hfx_blender.export.report import ExportReport
+from hfx_blender.export.summary import felt_lines, unfelt_lines
+from hfx_blender.text import MOST_LINES
+
+bpy = pytest.importorskip("bpy")
+
+FPS, LAST = 25, 49
+"""Frames 0 to 49: two seconds. The rate is that of the frames."""
+
+
+@pytest.fixture
+def touch(registered: Any) -> Any:
+    """A painted effect, beside a volume 'Ball' that is felt all the time."""
+    scene = hfx_scenes.small_scene(LAST)
+    scene.hfx.rate = FPS
+    return scene.objects["Touch"]
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Callable[..., dict[str, Any]]:
+    """Exports the open scene; gives its report, with ``strict`` the exit code of ``--strict``."""
+
+    def export(*words: str) -> dict[str, Any]:
+        path, out = hfx_scenes.save(tmp_path / "scene.blend"), tmp_path / "out"
+        assert cli.run(["export", str(path), "-o", str(out), *words]) == 0
+        report: dict[str, Any] = json.loads((out / "scene.report.json").read_text())
+        report["strict"] = cli.run(
+            ["export", str(path), "-o", str(tmp_path / "strict"), "--strict", *words]
+        )
+        return report
+
+    return export
+
+
+def _line(report: dict[str, Any], effect: str = "Touch") -> dict[str, Any]:
+    (found,) = (each for each in report["effects"] if each["effect"] == effect)
+    return found
+
+
+def _clip(effect: Any, start_s: float, end_s: float, name: str = "Clip") -> Any:
+    return clips.add_clip(effect, start_s * FPS, end_s * FPS, name=name)
+
+
+# Clips: seconds of the clip, where it lies, what is felt of it
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "where", "felt"),
+    [
+        (3.0, 4.0, "lies after the last frame of the scene (2.00 s)", None),
+        (2.0, 3.0, "lies after the last frame of the scene (2.00 s)", None),
+        (-2.0, -1.0, "lies before the first frame of the scene", None),
+        (1.0, 3.0, "goes on after the last frame of the scene (2.00 s)", (1.0, 1.96)),
+        (-1.0, 1.0, "goes on before the first frame of the scene", (0.0, 1.0)),
+        (1.01, 1.02, "lies between two samples", None),
+    ],
+)
+def test_a_clip_outside_the_scene_is_a_warning(
+    touch: Any, told: Any, start: float, end: float, where: str, felt: tuple[float, float] | None
+) -> None:
+    _clip(touch, start, end, "Beat")
+    report = told()
+    (warning,) = report["warnings"]
+    assert warning.startswith(f"clip 'Beat' of 'Touch' ({start:.2f} to {end:.2f} s) {where}")
+    assert report["strict"] == 3
+    line = _line(report)
+    assert line["felt"] == (felt is not None)
+    if felt is not None:
+        assert (line["from_s"], line["to_s"]) == pytest.approx(felt)
+    else:
+        assert line["reason"] == (
+            "has no clip that reaches a sample"
+            if "between" in where
+            else "has no clip within the frames of the scene"
+        )
+    assert _line(report, "Ball")["felt"]
+
+
+def test_a_short_clip_beside_a_long_one(touch: Any, told: Any) -> None:
+    _clip(touch, 0.0, 0.5, "long")
+    _clip(touch, 1.01, 1.02, "short")
+    report = told()
+    (warning,) = report["warnings"]
+    assert "'short'" in warning and "'long'" not in warning
+    assert _line(report)["to_s"] == pytest.approx(0.48)
+
+
+def test_many_clips_are_one_warning(touch: Any, told: Any) -> None:
+    for k in range(20):
+        _clip(touch, 10.0 + k, 10.5 + k, f"Late {k}")
+    (warning,) = told()["warnings"]
+    assert warning.startswith("20 clips lie after") and "and 14 more" in warning
+
+
+@pytest.mark.parametrize("end", [2.0, 1.5])
+def test_a_clip_within_the_scene_is_none(touch: Any, told: Any, end: float) -> None:
+    """The last frame lasts until 2 s."""
+    _clip(touch, 0.0, end)
+    report = told()
+    assert report["warnings"] == [] and report["strict"] == 0
+
+
+def test_some_frames_are_no_loss(touch: Any, told: Any) -> None:
+    _clip(touch, 1.0, 1.5)
+    report = told("--frames", "0:9")
+    assert report["warnings"] == [] and report["strict"] == 0
+    expected = {"felt": False, "reason": "is not on at any exported time", "expected": True}
+    assert _line(report) == {"effect": "Touch", "modality": "pressure", **expected}
+
+
+# What the panel marks, and mends
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "where"),
+    [(3.0, 4.5, "after"), (1.0, 2.5, "beyond"), (0.0, 2.0, None), (-1.0, 0.5, "early")],
+)
+def test_extend_the_scene(
+    touch: Any, told: Any, start: float, end: float, where: str | None
+) -> None:
+    scene = bpy.context.scene
+    bpy.context.view_layer.objects.active = touch
+    strip = _clip(touch, start, end)
+    assert clips.outside_scene(scene, strip) == where
+    if where is None or start < 0.0:  # nothing to mend, or no scene begins before frame 0
+        assert clips.extend(scene, [touch]) == (where is None)
+        assert (scene.frame_start, scene.frame_end) == (0, LAST)
+        return
+    assert bpy.ops.hfx.extend_scene() == {"FINISHED"}
+    assert scene.frame_start == 0 and scene.frame_end >= end * FPS - 1
+    report = told()
+    assert report["warnings"] == [] and report["strict"] == 0
+    line = _line(report)
+    assert (line["from_s"], line["to_s"]) == pytest.approx((start, end), abs=1 / FPS)
+
+
+def test_a_scene_that_begins_later_is_extended_to_both_sides(touch: Any) -> None:
+    scene = bpy.context.scene
+    scene.frame_start = 20
+    _clip(touch, 0.4, 3.0)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    bpy.ops.hfx.extend_scene(which="ALL")
+    assert (scene.frame_start, scene.frame_end) == (10, 75)
+
+
+def test_a_muted_clip_is_not_marked(touch: Any) -> None:
+    strip = _clip(touch, 3.0, 4.0)
+    strip.mute = True
+    assert clips.outside_scene(bpy.context.scene, strip) is None
+
+
+# Effects
+
+
+def _mute(effect: Any) -> None:
+    effect.hfx.is_muted = True
+
+
+def _play_another_alone(effect: Any) -> None:
+    bpy.data.objects["Ball"].hfx.is_solo = True
+
+
+def _mute_its_clip(effect: Any) -> None:
+    _clip(effect, 0.0, 1.0).mute = True
+
+
+def _play_another_track_alone(effect: Any) -> None:
+    _clip(effect, 0.0, 1.0)
+    effect.animation_data.nla_tracks.new().is_solo = True
+
+
+def _turn_the_nla_off(effect: Any) -> None:
+    _clip(effect, 0.0, 1.0)
+    effect.animation_data.use_nla = False
+
+
+def _drain(effect: Any) -> None:
+    effect.hfx.intensity = 0.0
+
+
+def _drain_over_time(effect: Any) -> None:
+    for frame in (0, 20):
+        effect.hfx.pressure = 0.0
+        effect.keyframe_insert("hfx.pressure", frame=frame)
+
+
+def _no_pressure(effect: Any) -> None:
+    effect.hfx.pressure = 0.0
+
+
+def _hide(effect: Any) -> None:
+    effect.hide_viewport = True
+
+
+@pytest.mark.parametrize(
+    ("change", "reason", "is_expected"),
+    [
+        (_mute, "is muted", True),
+        (_play_another_alone, "is muted", True),
+        (_mute_its_clip, "has clips, all of them muted", True),
+        (
+            _play_another_track_alone,
+            "has clips, none of them on the NLA track that is solo",
+            True,
+        ),
+        (_turn_the_nla_off, "has clips, but its NLA is turned off", True),
+        (_drain, "has intensity 0", False),
+        (_no_pressure, "has pressure 0", False),
+        (_drain_over_time, "has pressure 0", False),
+        (_hide, "is disabled in viewports or excluded from the view layer", False),
+    ],
+)
+def test_an_effect_that_is_not_felt(
+    touch: Any, told: Any, change: Callable[[Any], None], reason: str, is_expected: bool
+) -> None:
+    change(touch)
+    report = told()
+    line = _line(report)
+    assert (line["felt"], line["reason"], line["expected"]) == (False, reason, is_expected)
+    assert len(report["warnings"]) == (0 if is_expected else 1)
+    assert all(reason in text and "'Touch'" in text for text in report["warnings"])
+    assert report["strict"] == (0 if is_expected else 3)
+
+
+@pytest.mark.parametrize(("reference", "neutral"), [("AMBIENT", 24.0), ("CONTACT", 33.0)])
+def test_a_neutral_temperature(touch: Any, told: Any, reference: str, neutral: float) -> None:
+    """24 °C of air and 33 °C of an object neither warm nor cool."""
+    effect = effects.add_volume(bpy.context.scene, "temperature", "SPHERE", "Warm")
+    effect.location.z, effect.hfx.radius = 1.1, 0.3
+    effect.hfx.temperature_reference, effect.hfx.temperature = reference, neutral
+    report = told()
+    assert [f"{neutral:g} °C" in text for text in report["warnings"]] == [True]
+    bpy.data.objects["Warm"].hfx.temperature = neutral + 2.0
+    assert told()["warnings"] == []
+
+
+def test_a_volume_that_touches_nobody(
+    touch: Any, told: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bpy.data.objects["Ball"].location.x = 9.0
+    report = told()
+    assert _line(report, "Ball")["reason"] == "touches no body"
+    assert report["warnings"] == ["effect 'Ball' touches no body: it is not felt"]
+    assert report["strict"] == 3
+    assert "  Ball (vibration) was not felt: it touches no body" in capsys.readouterr().out
+    assert told("--frames", "0:9")["warnings"] == []  # it may touch somebody at other frames
+
+
+def test_felt_in_one_part_only_is_felt(touch: Any, tmp_path: Path) -> None:
+    ball = bpy.data.objects["Ball"]
+    for frame, x in ((0, 9.0), (30, 9.0), (31, 0.0)):
+        ball.location.x = x
+        ball.keyframe_insert("location", frame=frame)
+    path = hfx_scenes.save(tmp_path / "parts.blend")
+    for words in (["--split", "10"], []):
+        out = tmp_path / f"out{len(words)}"
+        assert cli.run(["export", str(path), "-o", str(out), *words, "--strict"]) == 0
+    one, whole = (json.loads((tmp_path / f"out{k}/parts.report.json").read_text()) for k in (2, 0))
+    assert one["effects"] == whole["effects"] and _line(one, "Ball")["felt"]
+
+
+# What the samples show
+
+
+def _volume(modality: str) -> Any:
+    """A volume 'Still', which stands in the body all the time."""
+    effect = effects.add_volume(bpy.context.scene, modality, "SPHERE", "Still")
+    effect.location.z, effect.hfx.radius = 1.1, 0.3
+    return effect
+
+
+def _drive(effect: Any, name: str, expression: str) -> None:
+    driver = effect.driver_add(name).driver
+    driver.type, driver.expression = "SCRIPTED", expression
+
+
+@pytest.mark.parametrize(
+    ("modality", "name", "expression", "reason"),
+    [
+        ("painted", "pressure", "0*frame", "has pressure 0"),
+        ("pressure", "pressure", "0*frame", "has pressure 0"),
+        ("vibration", "amplitude", "0*frame", "has amplitude 0"),
+        ("wind", "wind_speed", "min(frame, 0)", "has wind speed 0"),
+        ("temperature", "temperature", "24", "has the neutral temperature, 24 °C"),
+    ],
+)
+def test_driven_to_nothing(
+    touch: Any,
+    told: Any,
+    modality: str,
+    name: str,
+    expression: str,
+    reason: str,
+) -> None:
+    effect = touch if modality == "painted" else _volume(modality)
+    _drive(effect, f"hfx.{name}", expression)
+    title, report = effect.name, told()
+    line = _line(report, title)
+    assert (line["felt"], line["reason"], line["expected"]) == (False, reason, False)
+    assert report["warnings"] == [f"effect '{title}' {reason}: it is not felt"]
+    assert report["strict"] == 3
+    (felt,) = (each for each in report["felt"] if each["effect"] == title)
+    assert (felt["seconds"], felt["first_s"], felt["last_s"]) == (0.0, None, None)
+
+
+def test_a_single_key_of_the_neutral_temperature(touch: Any, told: Any) -> None:
+    effect = _volume("temperature")
+    effect.hfx.temperature = 24.0
+    effect.keyframe_insert("hfx.temperature", frame=1)
+    report = told()
+    assert _line(report, "Still")["reason"] == "has the neutral temperature, 24 °C"
+    assert report["strict"] == 3
+
+
+def test_a_failing_driver_of_an_amplitude(touch: Any, told: Any) -> None:
+    _drive(_volume("vibration"), "hfx.amplitude", "sqrt(-1 - frame)")
+    report = told()
+    assert not _line(report, "Still")["felt"] and report["strict"] == 3
+
+
+@pytest.mark.parametrize("words", [(), ("--split", "10")])
+def test_felt_until_its_strength_ends(touch: Any, told: Any, words: tuple[str, ...]) -> None:
+    """5 kPa up to frame 19, 0 from frame 20 on: 20 samples of 0.04 s."""
+    for frame, pressure in ((0, 5.0), (19, 5.0), (20, 0.0)):
+        touch.hfx.pressure = pressure
+        touch.keyframe_insert("hfx.pressure", frame=frame)
+    report = told(*words)
+    line = _line(report)
+    assert (line["from_s"], line["to_s"]) == pytest.approx((0.0, 19 / FPS))
+    (felt,) = (each for each in report["felt"] if each["effect"] == "Touch")
+    assert (felt["seconds"], felt["last_s"]) == pytest.approx((20 / FPS, 19 / FPS))
+    assert report["warnings"] == [] and report["strict"] == 0
+
+
+def _fail_intensity(effect: Any) -> None:
+    _drive(effect, "hfx.intensity", "1/0")
+
+
+def _drive_intensity(effect: Any) -> None:
+    _drive(effect, "hfx.intensity", "0*frame")
+
+
+def _drive_hidden(effect: Any) -> None:
+    _drive(effect, "hide_viewport", "frame < 500")
+
+
+def _without_influence(effect: Any) -> None:
+    strip = _clip(effect, 0.2, 1.0)
+    strip.use_animated_influence = True
+    strip.influence = 0.0
+
+
+def _begin_after_the_last_sample(effect: Any) -> None:
+    _clip(effect, 1.99, 3.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _fail_intensity,
+        _drive_intensity,
+        _drive_hidden,
+        _without_influence,
+        _begin_after_the_last_sample,
+    ],
+)
+def test_a_volume_that_is_never_on(touch: Any, told: Any, change: Callable[[Any], None]) -> None:
+    change(_volume("pressure"))
+    report = told()
+    # While a volume is hidden, its level is not read.
+    is_unread = change in (_drive_hidden, _without_influence)
+    reason = "touches no body, or is never on" if is_unread else "is never on"
+    assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+
+
+def test_an_intensity_that_is_no_number(touch: Any, told: Any) -> None:
+    effect = _volume("pressure")
+    effect.keyframe_insert("hfx.intensity", frame=1)
+    (curve,) = compat.fcurves(effect)
+    curve.keyframe_points[0].co.y = float("nan")
+    report = told()
+    assert "touch" not in _line(report, "Still")["reason"] and report["strict"] == 3
+
+
+def test_a_contact_response_that_gives_nothing(touch: Any, told: Any) -> None:
+    """Nothing strikes: ball and body stand still."""
+    effect = _volume("vibration")
+    bpy.context.view_layer.objects.active = effect
+    bpy.ops.hfx.add_response_filter(kind="impact")
+    report = told()
+    reason = "touches no body, or its contact response gives nothing"
+    assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+
+
+# Bodies
+
+
+def test_a_body_shown_as_an_instance_beside_an_own_one(touch: Any, told: Any) -> None:
+    scene = bpy.context.scene
+    collection = bpy.data.collections.new("Crowd")
+    twin = bpy.data.objects["Avatar"].copy()
+    twin.name = "Twin"
+    collection.objects.link(twin)
+    instancer = bpy.data.objects.new("Instance", None)
+    instancer.instance_type, instancer.instance_collection = "COLLECTION", collection
+    scene.collection.objects.link(instancer)
+    report = told()
+    (warning,) = report["warnings"]
+    assert "body 'Twin'" in warning and "by 'Instance'" in warning and report["strict"] == 3
+    bpy.data.objects["Instance"].hide_viewport = True
+    assert told()["warnings"] == []
+
+
+# Many
+
+
+def _report(count: int, is_felt: bool) -> ExportReport:
+    names = [f"E{k}" for k in range(count)]
+    felt = {"modality": "wind", "body": "A", "seconds": 1.0, "first_s": 0.0, "last_s": 0.9}
+    return ExportReport(
+        scene="Scene",
+        folder=Path(),
+        files=(),
+        felt=tuple({"effect": name, **felt, "mean_vertices": 3.0} for name in names),
+        unrendered=(),
+        warnings=(),
+        effects=tuple(
+            {"effect": name, "modality": "wind", "felt": is_felt, "reason": "is muted"}
+            for name in names
+        ),
+    )
+
+
+def test_two_thousand_effects_stay_readable() -> None:
+    lines = felt_lines(_report(2000, True))
+    assert len(lines) == MOST_LINES + 1 and lines[-1] == f"... and {2000 - MOST_LINES} more"
+    (line,) = unfelt_lines(_report(2000, False))
+    assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
+    assert line.endswith("and 1994 more") and felt_lines(_report(2000, False)) == ()
+
+
+class _Layout:
+    """Layout that keeps what is drawn, in its order."""
+
+    def __init__(self) -> None:
+        self.drawn: list[str] = []
+
+    def label(self, text: str, icon: str) -> None:
+        self.drawn.append(f"{icon} {text}")
+
+    def operator(self, name: str, **_options: str) -> Any:
+        self.drawn.append(name)
+        return type("Settings", (), {})()
+
+    def separator(self) -> None:
+        pass
+
+
+def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
+    from hfx_blender.operators import export
+
+    _clip(touch, 3.0, 4.0, "Beat")
+    bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
+    layout = _Layout()
+    export._draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
+    lines = [line for line in layout.drawn if not line.startswith("BLANK1")]
+    assert [line[:30] for line in lines] == [
+        "ERROR Clip 'Beat' of 'Touch' (",
+        "hfx.extend_scene",
+        "DOT Touch (pressure) was not f",
+        "DOT Ball (vibration) felt by A",
+        "FILE_TICK Wrote scene.hfxtrack",
+        "wm.path_open",
+    ]
+    (written,) = export.last_written
+    assert written.warned == ", 1 warning"

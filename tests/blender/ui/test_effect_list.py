@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of effects: a row for each, and one that opens for what belongs together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring.effects import effects, response_recipes, swarms
+from hfx_blender.ui.panels import effect_list
+
+
+def rows() -> list[tuple[str, str]]:
+    effect_list.refresh()
+    return [(row.effect, row.group) for row in bpy.context.window_manager.hfx_rows]
+
+
+def volume(name: str, group: str = "") -> Any:
+    made = effects.add_volume(bpy.context.scene, "wind", "SPHERE", name)
+    made.hfx.group = group
+    return made
+
+
+def test_effects_of_a_group_follow_its_row(scene: Any) -> None:
+    for name, group in (("C", "Storm"), ("A", ""), ("B", "Storm"), ("D", "")):
+        volume(name, group)
+    assert rows() == [("A", ""), ("", "Storm"), ("B", "Storm"), ("C", "Storm"), ("D", "")]
+    bpy.data.objects.remove(bpy.data.objects["B"])
+    assert rows() == [("A", ""), ("C", ""), ("D", "")], "what is left of a group stands alone"
+
+
+def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
+    storm = [volume(name, "Storm") for name in "AB"]
+    alone = volume("C")
+    rows()
+    manager = bpy.context.window_manager
+    manager.hfx_rows[0].is_muted = True
+    assert [each.hfx.is_muted for each in (*storm, alone)] == [True, True, False]
+    storm[0].hfx.is_muted = False
+    assert not manager.hfx_rows[0].is_muted and manager.hfx_rows[2].is_muted
+    manager.hfx_row = 0
+    assert bpy.context.selected_objects == storm and bpy.context.object == storm[0]
+    assert manager.hfx_row == 0, "the active effect is in a closed group: its row"
+    manager.hfx_rows[0].is_open = True
+    assert manager.hfx_row == 1
+    manager.hfx_row = 3
+    assert bpy.context.selected_objects == [alone] == [bpy.context.object]
+    manager.hfx_rows[0].is_open = False
+
+
+def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_rain(duration=1.0, drops_per_second=8.0)
+    assert rows() == [("Rain", "")], "an effect alone"
+    bpy.ops.hfx.add_rain(duration=1.0, drops_per_second=16.0)  # at most 10 in each effect
+    assert rows() == [("", "Rain"), ("Rain 01", "Rain"), ("Rain 02", "Rain")]
+    strips = [strip for each in effects.effects_of(scene) for _, strip in clips.strips_of(each)]
+    first = min(strip.frame_start for strip in strips)
+    before = [(strip.frame_start, strip.frame_end) for strip in strips]
+    for start in (first + 30.0, first - 0.5):  # the group's clips are moved as one
+        bpy.context.window_manager.hfx_group_start = start
+        now = [(strip.frame_start, strip.frame_end) for strip in strips]
+        assert np.allclose(now, np.array(before) + start - first, atol=1e-3)
+    bpy.ops.hfx.add_from_library(name="hug")
+    bpy.ops.hfx.add_from_library(name="hug")
+    groups = {effects.group_of(each) for each in effects.effects_of(scene)} - {""}
+    assert groups in ({"Rain"}, {"Rain", "Hug", "Hug 2"})
+
+
+def test_a_swarm_is_one_row_that_selects_its_emitter(scene: Any) -> None:
+    bee = volume("Bee")
+    recipe = response_recipes.SwarmRecipe(count=40)
+    emitter = swarms.add_swarm(scene, bee, recipe, 1.0, 0.0, 24.0, (0.0, 0.0, 0.0))
+    volume("Alone")
+    assert rows() == [("Alone", ""), ("Bee", "")]
+    manager = bpy.context.window_manager
+    manager.hfx_row = 1
+    assert bpy.context.selected_objects == [emitter] == [bpy.context.object]
+    assert manager.hfx_row == 1
+    manager.hfx_rows[1].is_muted = True
+    assert bee.hfx.is_muted
+    bpy.ops.hfx.add_clip()
+    assert [strip.name for _, strip in clips.strips_of(bee)] == ["Clip"]

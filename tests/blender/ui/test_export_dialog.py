@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""File > Export > Haptics: the same formats and options as the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import hfx_scenes
+import pytest
+from hfx_scenes import names_in
+
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.formats.registry import FORMATS
+
+bpy = pytest.importorskip("bpy")
+
+
+@pytest.fixture
+def small(registered: Any) -> Any:
+    return hfx_scenes.small_scene(3)
+
+
+def test_every_format_can_be_chosen(registered: Any) -> None:
+    from hfx_blender.operators.export import FORMAT_ITEMS
+
+    assert {name for name, *_ in FORMAT_ITEMS} == set(FORMATS)
+    assert len({item[-1] for item in FORMAT_ITEMS}) == len(FORMATS)
+
+
+def test_chosen_formats_and_options_are_written(small: Any, tmp_path: Path) -> None:
+    small.hfx.devices.add().name = "back_pad"
+    bpy.ops.hfx.export(
+        filepath=str(tmp_path / "x.hfxtrack"),
+        formats={"npz", "track", "jsonl"},
+        record={"depth"},
+        full_precision=True,
+    )
+    assert names_in(tmp_path) == [
+        "x.back_pad.raster.npz",
+        "x.hfxtrack",
+        "x.report.json",
+        "x.samples.jsonl",
+    ]
+    with TrackReader(tmp_path / "x.hfxtrack") as track:
+        assert track.full_precision and track.summary()[0].channels == ("depth_m",)
+
+
+def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None:
+    path = str(tmp_path / "x.hfxtrack")
+    with pytest.raises(RuntimeError, match="no devices to export: add"):
+        bpy.ops.hfx.export(filepath=path, formats={"track", "ahap"})
+    with pytest.raises(RuntimeError, match="at least one format"):
+        bpy.ops.hfx.export(filepath=path, formats=set())
+    assert names_in(tmp_path) == []
+    bpy.ops.hfx.export(filepath=path)
+    assert names_in(tmp_path) == ["x.hfxtrack", "x.report.json"]
+
+
+def test_each_clip_by_itself(small: Any, tmp_path: Path) -> None:
+    bpy.context.view_layer.objects.active = bpy.data.objects["Touch"]
+    bpy.ops.hfx.add_clip(start=1.0, duration=0.04)
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), per_clip=True)
+    assert names_in(tmp_path) == ["x.Clip.hfxtrack", "x.report.json"]
+
+
+def test_an_export_that_is_given_up_leaves_nothing_behind(small: Any, tmp_path: Path) -> None:
+    """Esc leaves no file and no scratch scene, and restores the current frame."""
+    from hfx_blender.export.scene_export import ExportSettings, SceneExport
+
+    body = next(obj for obj in small.objects if obj.hfx.role == "BODY")
+    body.pose.bones["head"].constraints.new("LIMIT_ROTATION")  # has to be stepped
+    small.frame_end = 60
+    small.frame_set(2)
+    steps = SceneExport(small, ExportSettings(("track",))).steps(tmp_path / "new", "x")
+    share = next(steps)
+    assert 0.0 < share < 1.0 and len(bpy.data.scenes) == 2 and len(names_in(tmp_path)) == 1
+    steps.close()
+    assert names_in(tmp_path) == []
+    assert list(bpy.data.scenes) == [small] and small.frame_current == 2
+
+
+def test_steps_give_what_an_export_at_once_gives(small: Any, tmp_path: Path) -> None:
+    from hfx_blender.export.scene_export import ExportSettings, SceneExport, export_scene
+
+    small.frame_end = 40
+    at_once = export_scene(small, tmp_path / "a", "x", ExportSettings(("track",)))
+    steps = SceneExport(small, ExportSettings(("track",))).steps(tmp_path / "b", "x")
+    shares = []
+    while True:
+        try:
+            shares.append(next(steps))
+        except StopIteration as end:
+            report = end.value
+            break
+    assert len(shares) > 2 and shares == sorted(shares) and shares[-1] == 1.0
+    assert report.as_dict()["files"] == at_once.as_dict()["files"]
+
+
+def test_every_format_has_a_check_box(registered: Any) -> None:
+    from hfx_blender.operators.export import FORMAT_ITEMS, HFX_OT_export
+
+    boxes = {f"formats_{name.replace('-', '_')}" for name, *_ in FORMAT_ITEMS}
+    assert boxes | {"record_depth"} <= set(HFX_OT_export.__annotations__)
+
+
+def test_what_is_greyed_out_has_a_reason() -> None:
+    from hfx_blender.devices.configuration import load_device
+    from hfx_blender.formats.registry import why_nothing
+
+    vest, insoles, fan = map(load_device, ("pressure_vest", "insoles", "fan_heater"))
+    assert why_nothing("hjif", []) == why_nothing("csv", [vest]) == ""
+    assert why_nothing("csv", []) == "Formats of devices need a device"
+    assert why_nothing("wav", [vest, fan]) == "No device has vibration actuators"
+    assert why_nothing("wav", [vest, insoles]) == ""
+
+
+def test_devices_that_are_not_ticked_write_nothing(small: Any, tmp_path: Path) -> None:
+    for name in ("back_pad", "insoles"):
+        small.hfx.devices.add().name = name
+    small.hfx.devices["insoles"].is_exported = False
+    small.hfx.devices["back_pad"].scheme = "nearest"
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), formats={"csv"})
+    assert names_in(tmp_path) == ["x.back_pad.csv", "x.report.json"]
+
+
+def test_the_schemes_of_a_scene_are_those_of_devices() -> None:
+    from typing import get_args
+
+    from hfx_blender.engine.rendering.device import SchemeName
+    from hfx_blender.properties.scenes import SCHEMES
+
+    assert [name for name, *_ in SCHEMES[1:]] == list(get_args(SchemeName))

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The add-on comes and goes without a trace, and every panel and menu can be drawn."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import bpy
+import hfx_scenes
+import pytest
+
+import hfx_blender
+from hfx_blender.processes import start
+from hfx_blender.ui import blender_command, menus, next_step
+from hfx_blender.ui.panels import clip_rows, effect_panel, effects_panel, paint_panel
+
+
+@pytest.fixture
+def unregistered(scene: Any) -> Iterator[None]:
+    """The add-on is off at first, and on again afterwards."""
+    hfx_blender.unregister()
+    try:
+        yield
+    finally:
+        if not hasattr(bpy.types.Object, "hfx"):
+            hfx_blender.register()
+
+
+def _traces() -> dict[str, list[str]]:
+    draws = {
+        menu.__name__: [each.__name__ for each in getattr(menu.draw, "_draw_funcs", ())]
+        for menu in (
+            bpy.types.NLA_MT_add,
+            bpy.types.OUTLINER_MT_object,
+            bpy.types.TOPBAR_MT_file_export,
+            bpy.types.TOPBAR_MT_window,
+            bpy.types.VIEW3D_MT_add,
+            bpy.types.VIEW3D_MT_object_context_menu,
+        )
+    }
+    return {
+        "types": sorted(name for name in dir(bpy.types) if "hfx" in name.lower()),
+        "operators": sorted(name for name in dir(bpy.ops.hfx)),
+        "object": [name for name in bpy.types.Object.bl_rna.properties.keys() if "hfx" in name],
+        "scene": [name for name in bpy.types.Scene.bl_rna.properties.keys() if "hfx" in name],
+        "handlers": sorted(
+            each.__module__
+            for name in dir(bpy.app.handlers)
+            if isinstance(handlers := getattr(bpy.app.handlers, name), list)
+            for each in handlers
+            if each.__module__.startswith("hfx_blender")
+        ),
+        **{
+            name: [each for each in found if "hfx" in each or each.startswith("_")]
+            for name, found in draws.items()
+        },
+    }
+
+
+def test_off_is_as_if_it_had_never_been_there(unregistered: None) -> None:
+    assert not hasattr(bpy.types.Object, "hfx") and not hasattr(bpy.types.Scene, "hfx")
+    traces = _traces()
+    assert not any(traces.values()), traces
+
+
+def test_on_again_is_as_before(scene: Any) -> None:
+    before = _traces()
+    assert before["types"] and before["operators"]
+    for _ in range(2):
+        hfx_blender.unregister()
+        hfx_blender.register()
+    assert _traces() == before
+    assert hfx_scenes.small_scene().objects["Ball"].hfx.role == "EFFECT"
+
+
+def test_scenes_keep_what_is_stored_while_it_is_off(scene: Any) -> None:
+    hfx_scenes.small_scene()
+    bpy.data.objects["Ball"].hfx.radius = 0.125
+    hfx_blender.unregister()
+    hfx_blender.register()
+    assert bpy.data.objects["Ball"].hfx.radius == 0.125
+
+
+def test_what_is_not_used_yet_is_not_imported() -> None:
+    """Blender waits for all that is imported when it starts."""
+    heavy = (
+        "hfx_blender.formats",
+        "hfx_blender.engine.body.model",
+        "hfx_blender.engine.evaluate",
+        "hfx_blender.engine.rendering",
+        "hfx_blender.engine.texture.height_field",
+        "hfx_blender.engine.track",
+        "hfx_blender.avatars.retargeting",
+        "hfx_blender.devices.live.client",
+        "numpy",
+        "scipy",
+        "trimesh",
+    )
+    code = (
+        "import bpy, os, sys; from hfx_blender.processes import blender_session; "
+        "sys.modules.pop('numpy', None); "  # the wheel imports it, Blender does not
+        "blender_session.start(); "
+        f"print('found:', *[name for name in {heavy} if name in sys.modules], flush=True); "
+        "os._exit(0)"
+    )
+    fresh = subprocess.run(
+        [sys.executable, "-c", code],
+        env=start.environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert "found:" in fresh.stdout, fresh.stderr
+    found = next(line for line in fresh.stdout.splitlines() if line.startswith("found:"))
+    assert found.split()[1:] == []
+
+
+# Drawing, with a layout that checks what it is given
+
+
+class Layout:
+    """Stands in for Blender's layout, which exists in a window only."""
+
+    ICONS = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
+
+    def __init__(self) -> None:
+        self.shown: list[str] = []
+
+    def label(self, *, text: str, icon: str = "NONE") -> None:
+        self._show(text, icon)
+
+    def prop(self, owner: Any, name: str, **options: str) -> None:
+        assert name in owner.bl_rna.properties, name
+        self._show(name, options.get("icon", "NONE"))
+
+    def operator(self, idname: str, *, icon: str = "NONE", **_options: str) -> Any:
+        return self._operator(idname, icon)
+
+    def operator_menu_enum(
+        self, idname: str, name: str, *, icon: str = "NONE", **_options: str
+    ) -> Any:
+        properties = self._operator(idname, icon)
+        assert properties.bl_rna.properties[name].type == "ENUM"
+        return properties
+
+    def menu(self, idname: str, *, text: str = "", icon: str = "NONE") -> None:
+        assert hasattr(bpy.types, idname)
+        self._show(idname, icon)
+
+    def template_list(self, kind: str, _name: str, *places: Any, **_options: int) -> None:
+        owner, listed, active, index = places
+        assert hasattr(bpy.types, kind)
+        assert listed in owner.bl_rna.properties and index in active.bl_rna.properties
+        self.shown.append(listed)
+
+    def row(self, **_options: bool) -> Layout:
+        return self
+
+    column = box = row
+
+    def prop_decorator(self, owner: Any, name: str) -> None:
+        assert name in owner.bl_rna.properties, name
+
+    def separator(self) -> None:
+        pass
+
+    def _operator(self, idname: str, icon: str) -> Any:
+        module, _, name = idname.partition(".")
+        found = getattr(getattr(bpy.ops, module), name).get_rna_type()
+        self._show(idname, icon)
+        return Properties(found)
+
+    def _show(self, what: str, icon: str) -> None:
+        assert icon in self.ICONS, icon
+        self.shown.append(what)
+
+
+class Properties:
+    """Takes only what the operator has."""
+
+    def __init__(self, bl_rna: Any) -> None:
+        self.__dict__["bl_rna"] = bl_rna
+
+    def __setattr__(self, name: str, value: object) -> None:
+        found = self.bl_rna.properties[name]
+        if found.type == "ENUM":
+            assert value in found.enum_items.keys()
+
+
+def drawn(draw: Callable[..., None], context: Any) -> list[str]:
+    layout = Layout()
+
+    class Self:
+        _draw_volume = staticmethod(effect_panel.HFX_PT_effect._draw_volume)
+        _draw_parameter = staticmethod(effect_panel.HFX_PT_effect._draw_parameter)
+        _draw_clip = staticmethod(effects_panel.HFX_PT_clips._draw_clip)
+
+    owner = Self()
+    owner.layout = layout  # type: ignore[attr-defined]
+    draw(owner, context)
+    return layout.shown
+
+
+def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
+    assert not effect_panel.HFX_PT_effect.poll(bpy.context)
+    shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert "First choose a body" in " ".join(shown)
+    assert shown[-2:] == ["hfx.add_avatar", "HFX_MT_add"]
+    bpy.ops.hfx.add_avatar()
+    shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert "Then add an effect" in " ".join(shown)
+    assert shown[-2:] == ["hfx.add_painted", "HFX_MT_add"]
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
+    shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))
+    assert "First" not in shown and "Next" not in shown
+
+
+@pytest.mark.parametrize(
+    ("modality", "own"),
+    [
+        ("vibration", {"amplitude", "frequency"}),
+        ("pressure", {"pressure"}),
+        ("temperature", {"temperature", "temperature_reference"}),
+        ("wind", {"wind_speed"}),
+    ],
+)
+@pytest.mark.parametrize(
+    ("shape", "dimensions"),
+    [
+        ("CUBOID", {"size"}),
+        ("SPHERE", {"radius"}),
+        ("CYLINDER", {"radius", "height"}),
+        ("CAPSULE", {"radius", "height"}),
+    ],
+)
+def test_the_panel_shows_what_the_effect_has(
+    scene: Any, modality: str, own: set[str], shape: str, dimensions: set[str]
+) -> None:
+    bpy.ops.hfx.add_volume(modality=modality, shape=shape)
+    shown = drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
+    always = {"name", "modality", "intensity", "shape", "falloff"}
+    assert always | own | dimensions <= set(shown)
+    others = {"amplitude", "pressure", "temperature", "wind_speed", "size", "radius", "height"}
+    assert not (others - own - dimensions) & set(shown)
+    bpy.context.object.hfx.falloff = "linear"
+    assert "falloff_share" in drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
+
+
+def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure")
+    shown = drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
+    assert "body" in shown
+    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter"} <= set(area)
+    assert "hfx.area_copy" in drawn(paint_panel.HFX_PT_area_transfer.draw, bpy.context)
+    bpy.ops.hfx.paint_begin()
+    assert drawn(effect_panel.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
+    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
+    assert drawn(next_step._header, bpy.context) == ["hfx.paint_end"]
+
+
+def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
+    rows = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert {"hfx_preview", "palette", "hfx_rows"} <= set(rows)
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert "No clips: on for the whole timeline" in shown
+    bpy.ops.hfx.add_clip()
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert "time_unit" in shown and "repeat" not in shown
+    clip_rows.refresh()
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)
+
+
+def test_the_export_panel_and_the_menus(scene: Any) -> None:
+    bpy.context.scene.hfx.devices.add().name = "back_pad"
+    shown = drawn(effect_panel.HFX_PT_export.draw, bpy.context)
+    assert shown[:3] == ["is_exported", "hfx.live_add", "hfx.export"]
+    assert drawn(effect_panel.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
+    assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
+    assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
+    assert drawn(menus._export_menu, bpy.context) == ["hfx.export"]
+
+
+def test_the_context_menu_is_that_of_the_active_object(scene: Any) -> None:
+    assert drawn(menus._object_menu, bpy.context) == drawn(menus._nla_menu, bpy.context) == []
+    bpy.ops.hfx.add_avatar()
+    assert drawn(menus._object_menu, bpy.context) == ["HFX_MT_object"]
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert shown == ["hfx.add_painted", "hfx.paste_effects"]
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert {"hfx.add_clip", "is_muted", "is_solo", "hfx.copy_effects"} <= set(shown)
+    assert "hfx.paint_begin" not in shown
+    assert drawn(menus._nla_menu, bpy.context) == ["hfx.add_clip", "hfx.add_heartbeat"]
+    bpy.ops.hfx.add_painted(modality="wind")
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert {"hfx.paint_begin", "hfx.effect_mirrored"} <= set(shown)
+
+
+def test_the_command_line_within_blender(scene: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert blender_command._run(["--version"]) == 0
+    assert blender_command._run(["--help"]) == 0
+    assert "blender --command hfx" in capsys.readouterr().out
+    assert blender_command._run(["dance"]) == 2

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A device thread on a clock that only the test moves: no waiting, the same each time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host.device_thread import DeviceThread
+
+BAND = load_device("forearm_band_left")  # eight motors: amplitude and frequency in turn
+
+
+class FakeClock:
+    """Time that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def now(self) -> float:
+        return self.now_s
+
+    def wait(self, condition: threading.Condition, seconds: float) -> None:
+        raise AssertionError("nobody waits on this clock")
+
+
+def frame(amplitude: float = 10.0) -> np.ndarray:
+    """Values of the band: every motor plays."""
+    return np.tile([amplitude, 100.0], len(BAND.actuators))
+
+
+class Port:
+    """An output that keeps what it is given, and when."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        self._clock = clock
+        self.given: list[tuple[float, np.ndarray | str]] = []
+
+    def send(self, values: np.ndarray) -> None:
+        self.given.append((self._clock.now_s, values.copy()))
+
+    def stop(self) -> None:
+        self.given.append((self._clock.now_s, "stop"))
+
+    def close(self) -> None: ...
+
+    def strengths(self) -> list[tuple[float, float]]:
+        """The strongest motor at each time."""
+        return [(t, 0.0 if isinstance(v, str) else float(v[::2].max())) for t, v in self.given]
+
+    def is_loud(self) -> bool:
+        return bool(self.given) and self.strengths()[-1][1] > 0.0
+
+    def last_loud_s(self, since_s: float = 0.0) -> float:
+        """Time at which the last perceptible output was replaced; -1 without any."""
+        found = [*self.strengths(), (self._clock.now_s, 0.0)]
+        ends = [after for (t, v), (after, _) in pairwise(found) if v > 0.0]
+        return max((each for each in ends if each > since_s), default=-1.0)
+
+
+class Played:
+    """An armed device thread, its port and what it reports."""
+
+    def __init__(self, clock: FakeClock | None = None, device: Any = BAND, **more: Any) -> None:
+        self.clock = clock or FakeClock()
+        self.port = Port(self.clock)
+        self.reports: list[tuple[str, str]] = []
+        self.thread = DeviceThread(
+            1, device, lambda: self.port, self._told, clock=self.clock, **more
+        )
+        self.thread._output, self.thread._is_open = self.port, True  # its threads are this one
+        self.thread._silence = self.port.stop  # type: ignore[method-assign]
+        self.thread.arm()
+
+    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+        self.reports.append((event, text))
+
+    def events(self) -> list[str]:
+        return [event for event, _ in self.reports if event != "levels"]
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        run([self], seconds)
+
+
+def run(played: Iterable[Played], seconds: float) -> None:
+    """Let time pass for device threads that share a clock."""
+    threads = [each.thread for each in played]
+    clock = next(iter(played)).clock
+    end = clock.now_s + seconds
+    while True:
+        for thread in threads:
+            for _ in range(100):
+                if thread.due_in_s() > 0.0:
+                    break
+                thread.turn()
+            else:
+                raise AssertionError("it never waits")
+        due = min(thread.due_in_s() for thread in threads)
+        if clock.now_s + due > end:
+            clock.now_s = end
+            return
+        clock.now_s += due + 1e-6  # a clock is never asked exactly in time

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A device thread: what its output is given, whatever that output and its sender do."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from live_process import BAND, PATIENCE_S, playing
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host import device_thread
+from hfx_blender.devices.host.clock import SYSTEM
+from hfx_blender.devices.host.device_thread import PULSE_SHARE, DeviceThread
+from hfx_blender.devices.host.output import OutputLostError
+
+DEVICE = load_device(BAND)
+
+
+class Recorder:
+    """An output that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+        self.fault: Exception | None = None
+        self.hangs = threading.Event()
+        self.goes_on = threading.Event()
+        self.is_closed = False
+
+    def send(self, values: np.ndarray) -> None:
+        if self.fault is not None:
+            raise self.fault
+        if self.hangs.is_set():
+            self.goes_on.wait(PATIENCE_S)
+        self.given.append(values)
+
+    def stop(self) -> None:
+        self.given.append("stop")
+
+    def close(self) -> None:
+        self.is_closed = True
+
+    def ends_in_stops(self) -> bool:
+        return len(self.given) > 3 and all(isinstance(each, str) for each in self.given[-3:])
+
+    def loud(self) -> list[np.ndarray]:
+        return [each for each in self.given if not isinstance(each, str) and each[::2].any()]
+
+
+@pytest.fixture(autouse=True)
+def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make values valid for ever: deadlines are tested on a clock of their own."""
+    monkeypatch.setattr(device_thread, "FREEZE_S", 1e9)
+
+
+class Playing:
+    """A device thread with its output and its reports."""
+
+    def __init__(self) -> None:
+        self.output = Recorder()
+        self.reports: list[tuple[str, str]] = []
+        self.thread = DeviceThread(0, DEVICE, lambda: self.output, self._told)
+        self.thread.start()
+        self.thread.arm()
+        self.until(lambda: "armed" in self.events())
+
+    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+        self.reports.append((event, text))
+
+    def events(self) -> list[str]:
+        return [event for event, _ in self.reports]
+
+    def until(self, happened: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not happened():
+            assert time.monotonic() < end, f"never happened: {self.reports}"
+            time.sleep(0.002)
+
+    def play(self, values: np.ndarray | None = None) -> None:
+        self.thread.feed(playing() if values is None else values)
+        self.until(self.output.loud)
+
+    def stop(self) -> None:
+        self.thread.stop("enough")
+        self.until(lambda: self.output.ends_in_stops())
+
+
+@pytest.fixture
+def played() -> Iterator[Playing]:
+    found = Playing()
+    yield found
+    found.output.goes_on.set()
+    found.thread.close("the test is over")
+
+
+def test_values_arrive_and_stay(played: Playing) -> None:
+    played.play()
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert played.output.given[-1].tolist() == playing().tolist()
+
+
+def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None:
+    played.play()
+    played.stop()
+    count = len(played.output.given)
+    for _ in range(5):
+        played.thread.feed(playing())
+        played.thread._step(SYSTEM.now(), 0.01, playing(), played.thread._generation)
+    assert len(played.output.given) == count
+    assert ("stopped", "enough") in played.reports
+
+
+def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing) -> None:
+    played.play()
+    played.stop()
+    played.thread.feed(playing())
+    count = len(played.output.given)
+    played.thread.arm()
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert not any(each[::2].any() for each in played.output.given[count:])
+
+
+def test_an_output_is_stopped_as_soon_as_it_is_open(opening: Opening) -> None:
+    opening.opens.set()
+    opening.until("connected")
+    assert opening.output.given[:3] == ["stop"] * 3
+
+
+def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing) -> None:
+    played.play()
+    played.stop()
+    played.thread.arm()
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert not any(each[::2].any() for each in played.output.given[count:])
+    played.thread.feed(playing())
+    played.until(lambda: played.output.given[-1][::2].any())
+
+
+def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
+    played.play()
+    played.output.hangs.set()
+    played.until(lambda: played.thread.is_stuck(SYSTEM.now()))
+    played.thread.fault("does not answer")
+    played.until(lambda: played.output.ends_in_stops())
+    assert not played.output.goes_on.is_set()
+    # What hung comes after the stop; so the stop comes once more.
+    count = len(played.output.given)
+    played.output.goes_on.set()
+    played.until(lambda: len(played.output.given) > count + 3 and played.output.ends_in_stops())
+
+
+@pytest.mark.parametrize(
+    ("fault", "event"), [(OutputLostError("unplugged"), "lost"), (ZeroDivisionError(), "fault")]
+)
+def test_an_output_with_a_fault_is_stopped_and_told(
+    played: Playing, fault: Exception, event: str
+) -> None:
+    played.play()
+    played.output.fault = fault
+    played.until(lambda: event in played.events())
+    played.until(lambda: played.output.ends_in_stops())
+
+
+@pytest.mark.parametrize("nonsense", [np.full(16, np.nan), np.full(16, np.inf)])
+def test_nonsense_is_silence(played: Playing, nonsense: np.ndarray) -> None:
+    played.play()
+    played.thread.feed(nonsense)
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 5)
+    assert not played.output.given[-1][::2].any()
+    assert np.isfinite(played.output.given[-1]).all()
+
+
+def test_more_than_is_allowed_is_cut(played: Playing) -> None:
+    played.play(playing(1e9))
+    assert max(each[::2].max() for each in played.output.loud()) == 15.0
+
+
+def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
+    played.thread.pulse(2)
+    played.until(played.output.loud)
+    played.until(lambda: not played.output.given[-1][::2].any())
+    strengths = np.array([each[::2] for each in played.output.loud()])
+    assert np.flatnonzero(strengths.any(axis=0)).tolist() == [2]
+    assert 0.5 * PULSE_SHARE * 15.0 < strengths.max() <= PULSE_SHARE * 15.0
+
+
+def test_a_closed_thread_has_stopped_first(played: Playing) -> None:
+    played.play()
+    played.thread.close("bye")
+    played.until(lambda: played.output.is_closed)
+    assert played.output.given[-1] == "stop"
+
+
+def test_what_cannot_be_opened_is_told() -> None:
+    def refuse() -> Any:
+        raise OutputLostError("no such port")
+
+    reports: list[tuple[str, str]] = []
+    thread = DeviceThread(
+        0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text))
+    )
+    thread.start()
+    thread.arm()
+    thread.wait_closed()
+    assert reports == [("lost", "no such port")]
+
+
+class Opening:
+    """A device thread whose output takes its time to open."""
+
+    def __init__(self) -> None:
+        self.opens = threading.Event()
+        self.output = Recorder()
+        self.events: list[str] = []
+        self.thread = DeviceThread(0, DEVICE, self._open, self._told)
+        self.thread.start()
+
+    def _open(self) -> Recorder:
+        self.opens.wait(PATIENCE_S)
+        return self.output
+
+    def _told(self, event: str, _device: int, **_: Any) -> None:
+        if event == "connected":  # whoever arms it just now has to wait
+            other = threading.Thread(target=self.thread.arm)
+            other.start()
+            other.join(0.05)
+        self.events.append(event)
+
+    def until(self, event: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while event not in self.events:
+            assert time.monotonic() < end, f"never happened: {self.events}"
+            time.sleep(0.002)
+
+
+@pytest.fixture
+def opening() -> Iterator[Opening]:
+    found = Opening()
+    yield found
+    found.opens.set()
+    found.thread.close("the test is over")
+
+
+def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from_playing(
+    opening: Opening,
+) -> None:
+    opening.thread.arm()
+    opening.thread.freeze("Blender did not answer")
+    opening.opens.set()
+    opening.until("armed")
+    assert "frozen" not in opening.events
+
+
+def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> None:
+    opens = threading.Event()
+    events: list[str] = []
+    output = Recorder()
+
+    def wait() -> Any:
+        opens.wait(PATIENCE_S)
+        return output
+
+    thread = DeviceThread(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
+    thread.start()
+    thread.arm()
+    thread.stop("stopped by you")
+    opens.set()
+    played.until(lambda: "connected" in events)
+    thread.feed(playing())
+    thread.close("the test is over")
+    thread.wait_closed()
+    assert "armed" not in events and not output.loud()
+
+
+def test_it_is_told_to_be_connected_before_it_is_told_to_play(opening: Opening) -> None:
+    opening.opens.set()
+    opening.until("armed")
+    assert opening.events.index("connected") < opening.events.index("armed")
+
+
+def test_a_freeze_stops_what_plays(played: Playing) -> None:
+    played.play()
+    played.thread.freeze("Blender did not answer for 250 ms")
+    played.until(lambda: played.output.ends_in_stops())
+    assert ("frozen", "Blender did not answer for 250 ms") in played.reports
+
+
+def test_a_thread_that_was_closed_leaves_no_thread_behind() -> None:
+    before = threading.active_count()
+    for _ in range(5):
+        found = Playing()
+        found.play()
+        found.thread.close("bye")
+        found.thread._thread.join(PATIENCE_S)
+    end = time.monotonic() + PATIENCE_S
+    while threading.active_count() > before:
+        assert time.monotonic() < end, [each.name for each in threading.enumerate()]
+        time.sleep(0.002)
+
+
+def test_what_cannot_be_opened_leaves_no_thread_behind() -> None:
+    def refuse() -> Any:
+        raise OutputLostError("no such port")
+
+    before = threading.active_count()
+    for _ in range(5):
+        DeviceThread(0, DEVICE, refuse, lambda *_, **__: None).start()
+    end = time.monotonic() + PATIENCE_S
+    while threading.active_count() > before:
+        assert time.monotonic() < end, [each.name for each in threading.enumerate()]
+        time.sleep(0.002)

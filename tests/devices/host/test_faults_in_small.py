@@ -1,0 +1,584 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Guards against faults that whole processes hardly ever show: each alone, without any process."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import struct
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from live_process import BAND, PATIENCE_S, playing
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host import host as host_module
+from hfx_blender.devices.host.device_thread import DeviceThread, Question
+from hfx_blender.devices.host.encoders import Channels
+from hfx_blender.devices.host.host import Host
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.live.client import DeviceState, LiveClient
+from hfx_blender.devices.live.host_pipe import STOP_PATIENCE_S, HostPipe
+from hfx_blender.devices.transports import buttplug, serial_port
+from hfx_blender.devices.transports.wire_board import WireBoard
+from hfx_blender.devices.workers import script_process
+from hfx_blender.devices.workers.live_frame import LiveFrame
+from hfx_blender.devices.workers.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageKind,
+    encode_json,
+    encode_values,
+    message,
+)
+from hfx_blender.devices.workers.script_process import ScriptProcess
+from hfx_blender.errors import DeviceError
+
+DEVICE = load_device(BAND)
+
+
+class Kept:
+    """An output that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+
+    def send(self, values: Any) -> None:
+        self.given.append(values)
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
+    """A lane that is open, without its threads."""
+    output = Kept()
+    thread = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
+    thread._output, thread._is_open = output, True
+    return thread, output
+
+
+def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
+    thread, _ = lane_of(DEVICE)
+    thread.feed(playing())
+    thread.pulse(2)
+    assert not thread._waiting and thread._pulse is None
+    thread.arm()
+    thread.feed(playing())
+    thread.pulse(2)
+    assert len(thread._waiting) == 1 and thread._pulse is not None
+
+
+def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
+    thread, _ = lane_of(DEVICE)
+    thread.arm()
+    thread.feed(playing())
+    thread.stop("enough")
+    assert not thread._waiting
+    thread._waiting.add(playing(), 0.0)  # one that slipped through
+    thread.arm()
+    assert not thread._waiting
+
+
+def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
+    thread, _ = lane_of(DEVICE)
+    thread._is_open = False
+    thread.arm()
+    assert not thread._is_armed and thread._is_wanted
+
+
+def test_after_a_stop_everything_begins_from_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = {n: replace(k, slew_per_s=100.0) for n, k in DEVICE.actuator_types.items()}
+    actuators = tuple(replace(a, type=kinds[a.type.name]) for a in DEVICE.actuators)
+    thread, _ = lane_of(replace(DEVICE, actuators=actuators))
+    begun: list[str] = []
+    for name in ("_guard", "_ramp", "_pace"):
+        monkeypatch.setattr(getattr(thread, name), "reset", lambda name=name: begun.append(name))
+    thread.arm()
+
+    def ended(*_: Any) -> None:
+        thread._is_closed = True
+
+    monkeypatch.setattr(thread, "_step", ended)
+    thread.turn()
+    assert set(begun) == {"_guard", "_pace", "_ramp"}
+
+
+class Process:
+    """An output process that takes its time."""
+
+    def __init__(self) -> None:
+        self.is_killed = False
+
+    def poll(self) -> None:
+        return None
+
+    def wait(self, timeout: float | None = None) -> None:
+        if not self.is_killed:
+            raise subprocess.TimeoutExpired("host", timeout or 0.0)
+
+    def kill(self) -> None:
+        self.is_killed = True
+
+
+@pytest.fixture
+def client() -> LiveClient:
+    found = LiveClient()
+    found._pipe._process = Process()  # type: ignore[assignment]
+    found.devices["band"] = DeviceState(1, "band", "armed")
+    return found
+
+
+def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> None:
+    client.arm()
+    client.send("band", playing())
+    client.stop_all("enough")
+    assert not client._pipe._newest
+    stop = message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    waiting = list(client._pipe._urgent)
+    assert waiting[0] == stop
+    armed = max(at for at, each in enumerate(waiting) if each == message(MessageKind.ARM))
+    assert stop in waiting[armed:]  # else the device would be armed after the stop
+
+
+def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    pipe = client._pipe
+    process: Any = pipe._process
+    client.stop_all("enough")
+    now[0] += 5.0
+    pipe.watch()
+    assert not process.is_killed  # it imports numpy still, and has no port open
+    pipe._receive(b'{"event": "ready", "device": 0, "text": "1"}\n')
+    now[0] += STOP_PATIENCE_S + 0.01
+    pipe.watch()
+    assert process.is_killed
+
+
+def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Pipe(io.BytesIO):
+        def close(self) -> None: ...
+
+    pipe = client._pipe
+    process: Any = pipe._process
+    process.stdin = Pipe()
+
+    def packed(*_: Any) -> bytes:
+        client.stop_all("enough")
+        pipe._is_closing = True
+        return b"a moment"
+
+    monkeypatch.setattr(pipe, "_as_bytes", packed)
+    client.show(LiveFrame(0.0, []))
+    pipe._write(process)
+    assert process.stdin.getvalue() == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"\xff", b"nonsense", b"[]", b"3", b'{"event": "armed"}', b'{"event": 1, "device": "x"}'],
+)
+def test_a_line_that_is_no_event_is_not_heard(client: LiveClient, line: bytes) -> None:
+    client._pipe._receive(line)
+    assert client.events() == []
+
+
+def test_the_output_process_finds_packages_that_an_extension_brings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    brought = tmp_path / "site-packages"  # with pyserial
+    monkeypatch.syspath_prepend(str(brought))
+    commands: list[list[str]] = []
+
+    def popen(command: list[str], **_: Any) -> None:
+        commands.append(command)
+        raise OSError("not here")
+
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    with pytest.raises(DeviceError, match="cannot be started"):
+        HostPipe().start()
+    assert any(str(brought) in part.split(os.pathsep) for part in commands[0])
+
+
+def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> None:
+    process = client._pipe._process
+    client.close()
+    assert process.is_killed  # type: ignore[union-attr]
+    assert client._pipe._urgent[-1] == message(MessageKind.STOP)
+
+
+def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host_module, "MAX_DEVICES", 2)
+    told: list[tuple[str, int, str]] = []
+    host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
+    for number in (1, 2, 3):
+        host.receive(Message(MessageKind.CONNECT, number, wish))
+    host.silence("the test is over")
+    assert ("lost", 3, "more than 2 devices") in told
+    assert not any(event == "lost" for event, number, _ in told if number < 3)
+
+
+def test_a_port_that_leads_elsewhere_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    elsewhere = tmp_path / "file"
+    elsewhere.touch()
+    monkeypatch.setattr(serial_port.os.path, "realpath", lambda name: str(elsewhere))
+    with pytest.raises(OutputLostError, match="leads to"):
+        serial_port._reserved("/dev/ttyACM0")
+
+
+def test_what_is_no_ports_name_is_not_even_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+    monkeypatch.setattr(serial_port, "_reserved", looked.append)
+    for name in ("spy:///dev/ttyS0?file=x", "socket://1.2.3.4:5", "/tmp/x", "/dev/tty/../sda", ""):
+        with pytest.raises(OutputLostError, match="not a serial port"):
+            serial_port.SerialPort(name, 9600)
+    assert not looked
+
+
+@pytest.mark.parametrize("fault", [OSError("busy"), ValueError("baud"), RuntimeError("termios")])
+def test_a_port_that_cannot_be_opened_may_be_tried_again(
+    monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    serial = pytest.importorskip("serial")
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise fault
+
+    released: list[Any] = []
+    monkeypatch.setattr(serial, "Serial", refuse)
+    monkeypatch.setattr(serial_port, "_reserved", lambda name: frozenset({(name, 7)}))
+    monkeypatch.setattr(serial_port, "release", released.append)
+    with pytest.raises(OutputLostError, match="cannot be opened"):
+        serial_port.SerialPort("/dev/ttyACM0", 9600)
+    assert released == [frozenset({("/dev/ttyACM0", 7)})]
+
+
+def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
+    port = serial_port.SerialPort.__new__(serial_port.SerialPort)
+    port._rest, port._next, port._port = b"the rest of a frame", b"a frame", None
+    written: list[bytes] = []
+    port._written = lambda content: written.append(content) or len(content)  # type: ignore[method-assign]
+    port.write_first(b"stop")
+    assert written == [b"stop"]
+
+
+def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
+    class Worker:
+        stdout = io.BytesIO(
+            message(MessageKind.READY, 0) + message(MessageKind.ANSWER, 0, encode_values(playing()))
+        )
+
+    answers: list[Any] = []
+    faults: list[str] = []
+    script = ScriptProcess({}, faults.append, lambda text: None)
+    script._process = Worker()  # type: ignore[assignment]
+    script._answer = answers.append
+    script._deadline_s = math.inf  # it was started, so that it may say that it is ready
+    script._listen(script._process)  # type: ignore[arg-type]
+    assert not answers
+    assert faults == ["its script sent an answer without a question"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems limit it otherwise or not")
+def test_a_script_can_only_take_so_much_memory() -> None:
+    source = (
+        "import os, resource\n"
+        "from hfx_blender.devices.workers import script_worker\n"
+        "before = os.nice(0)\n"
+        "script_worker._limit_resources()\n"
+        "print(resource.getrlimit(resource.RLIMIT_AS)[0] == script_worker.MAX_MEMORY,"
+        " resource.getrlimit(resource.RLIMIT_CORE)[0], os.nice(0) > before)"
+    )
+    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert found.stdout.split() == ["True", "0", "True"], found.stderr
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes by /proc")
+def test_what_a_script_has_started_ends_with_it() -> None:
+    process = subprocess.Popen(
+        ["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        child = Path("/proc", process.stdout.readline().decode().strip(), "stat")
+    assert child.exists()
+    script_process.end_group(process)
+    process.wait(PATIENCE_S)
+    end = time.monotonic() + PATIENCE_S
+    while child.exists() and child.read_text().rsplit(")", 1)[1].split()[0] != "Z":
+        assert time.monotonic() < end, "it lives on"
+        time.sleep(0.01)
+
+
+def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
+    board = WireBoard.__new__(WireBoard)
+    board._crc, board._channels, board._is_ready = 7, Channels(DEVICE, strengths_only=True), False
+    board._name = "/dev/ttyACM0"
+    board._check_ready(struct.pack("<IB", 6, 8))
+    assert not board._is_ready
+    board._check_ready(struct.pack("<IB", 7, 8))
+    assert board._is_ready
+
+
+def test_a_board_is_not_asked_for_ever() -> None:
+    asked: list[bytes] = []
+    board = WireBoard.__new__(WireBoard)
+    board._port = SimpleNamespace(write_newest=asked.append)  # type: ignore[assignment]
+    board._channels = Channels(DEVICE, strengths_only=True)
+    board._time_limits_ms = 1000, 500
+    board._name, board._sequence = "/dev/ttyACM0", 0
+    board._begin(60.0)
+    assert len(asked) == 1
+    with pytest.raises(OutputLostError, match="does not answer"):
+        board._begin(-1.0)
+
+
+def test_a_buttplug_server_is_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(buttplug, "ANSWER_S", -1.0)
+    server = buttplug.Server.__new__(buttplug.Server)
+    server._received = threading.Condition()
+    monkeypatch.setattr(server, "check", lambda: None)
+    answers = iter([None, None, {}])  # it would come too late
+    with pytest.raises(OutputLostError, match="does not answer"):
+        server._answer(lambda: next(answers), "a server")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="descriptors")
+def test_a_port_never_blocks_whatever_the_library_opens(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+
+    class Serial:
+        def __init__(self, *_: object, **__: object) -> None:
+            os.set_blocking(slave, True)
+
+        def fileno(self) -> int:
+            return slave
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("serial.Serial", Serial)
+    port = serial_port.SerialPort(os.ttyname(slave), 115200)
+    try:
+        assert not os.get_blocking(slave)
+    finally:
+        port.close()
+        os.close(slave)
+        os.close(master)
+
+
+@pytest.mark.parametrize("actuator", [-1, 8, 10**6])
+def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None:
+    thread, _ = lane_of(DEVICE)
+    thread.arm()
+    thread.pulse(actuator)
+    assert thread._pulse is None
+
+
+def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
+    def broken() -> Any:
+        raise RuntimeError("of somebody's")
+
+    told: list[tuple[str, str]] = []
+    thread = DeviceThread(
+        0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text))
+    )
+    thread._run()
+    assert told == [("lost", "cannot be opened: of somebody's")]
+
+
+def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    thread, _ = lane_of(DEVICE)
+    told: list[tuple[str, bool]] = []
+    monkeypatch.setattr(thread, "stop", lambda reason: told.append((reason, thread._is_closed)))
+    thread.close("bye")
+    assert told == [("bye", False)] and thread._is_closed
+    thread.close("again")
+    assert len(told) == 1
+
+
+class Asked:
+    """A device's script, or a lane, that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.number, self.is_armed = 1, True
+
+    def start(self) -> None:
+        self.told.append("start")
+
+    def is_overdue(self, now_s: float) -> bool:
+        return True
+
+    def close(self, reason: str = "") -> None:
+        self.told.append("close")
+
+    def stop(self, reason: str) -> None:
+        self.told.append(f"stop: {reason}")
+
+    def pause(self) -> None:
+        self.told.append("pause")
+
+    def question(self, asked_s: float) -> Question:
+        return Question(0, asked_s, 1)
+
+    def feed(self, values: Any, question: Any = None) -> None:
+        self.told.append("feed")
+
+    def sign(self, now_s: float) -> None: ...
+
+    def pulse(self, actuator: int) -> None:
+        self.told.append("pulse")
+
+    def fault(self, text: str) -> None:
+        self.told.append(f"fault: {text}")
+
+    def freeze(self, text: str) -> None:
+        self.told.append(f"freeze: {text}")
+
+    def is_stuck(self, now_s: float) -> bool:
+        return False
+
+
+def test_a_stop_ends_the_script_and_an_arm_starts_it() -> None:
+    thread, _ = lane_of(DEVICE)
+    thread.script = script = Asked()  # type: ignore[assignment]
+    thread.arm()
+    thread.stop("enough")
+    assert script.told == ["start", "close"]
+
+
+def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> None:
+    thread, output = lane_of(DEVICE)
+    thread.script = Asked()  # type: ignore[assignment]
+    thread.arm()
+    thread.feed(playing())
+    told: list[str] = []
+
+    thread.fault = told.append  # type: ignore[method-assign]
+    thread.turn()
+    assert told == ["its script did not answer within 100 ms"] and not output.given
+
+
+def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
+    """An output process's heart, and its one lane."""
+    host, thread = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
+    host._device_threads[1] = thread  # type: ignore[assignment]
+    return host, thread
+
+
+def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, thread = host_of(monkeypatch)
+    host.read(io.BytesIO(b""))
+    assert thread.told == ["stop: Blender has gone"]
+    assert host._end == "Blender has gone"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"\xff" * 7, "Blender sent a message of"),
+        (message(MessageKind.PULSE, 1, encode_json({"actuator": "x"})), "ValueError"),
+        (message(MessageKind.CONNECT, 1, b"[]"), "Blender sent not a JSON object"),
+    ],
+)
+def test_messages_that_are_none_stop_every_lane(
+    monkeypatch: pytest.MonkeyPatch, content: bytes, told: str
+) -> None:
+    host, thread = host_of(monkeypatch)
+    host.read(io.BytesIO(content))
+    assert thread.told[-1].startswith(f"stop: {told}")
+    assert host._end.startswith(told)
+
+
+def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, _ = host_of(monkeypatch)
+    seen: list[float] = []
+    monkeypatch.setattr(host, "take", lambda *_: seen.append(host._patience_s))
+    kinds = MessageKind.PAUSE, MessageKind.HEARTBEAT, MessageKind.PAUSE
+    host.read(io.BytesIO(b"".join(map(message, kinds)) + message(MessageKind.PAUSE, 1)))
+    assert seen == [
+        host_module.PAUSE_S,
+        host_module.HEARTBEAT_S,
+        host_module.PAUSE_S,
+        host_module.HEARTBEAT_S,  # one that is muted tells nothing of Blender
+    ]
+    assert host_module.PAUSE_S <= 10.0
+
+
+def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, thread = host_of(monkeypatch)
+    monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
+    wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
+    host.receive(Message(MessageKind.CONNECT, 1, wish))
+    assert thread.told == ["close"] and host._device_threads[1] is not thread
+
+
+def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[tuple[str, int, str]] = []
+    host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    host.receive(Message(MessageKind.CONNECT, 5, encode_json({"configuration": "none_such"})))
+    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._device_threads
+
+
+def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, thread = host_of(monkeypatch)
+    asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
+    for kind in (MessageKind.ANSWER, MessageKind.FAULT):
+        host._rendered(Message(kind, 1, encode_values(playing())), asked)
+        host._rendered(Message(kind, 2, encode_values(playing())), asked)
+    assert [each.split(":")[0] for each in thread.told] == ["feed", "fault"]
+    thread.told.clear()
+    thread.is_armed = False
+    for kind in (MessageKind.ANSWER, MessageKind.FAULT):
+        host._rendered(Message(kind, 1, encode_values(playing())), asked)
+    host._cannot_render("it has ended")
+    assert not thread.told
+    thread.is_armed = True
+    host._cannot_render("it has ended")
+    assert thread.told == ["fault: it has ended"]
+
+
+def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, thread = host_of(monkeypatch)
+    done: list[str] = []
+    for name in ("describe", "forget", "show", "restart"):
+        monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
+    host.receive(Message(MessageKind.SCENE, EVERY_DEVICE, b"{}"))
+    assert thread.told == ["pause"] and done == ["forget", "describe"]
+    host.receive(Message(MessageKind.MOMENT, EVERY_DEVICE, b""))
+    host.receive(Message(MessageKind.STOP, EVERY_DEVICE, b"enough"))
+    host.receive(Message(MessageKind.PAUSE, EVERY_DEVICE, b""))
+    assert done[2:] == ["show", "forget", "forget"]
+    assert thread.told == ["pause", "stop: enough", "pause"]
+
+
+def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
+    class Stuck(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError("nobody reads")
+
+    reporter = host_module.Reporter(Stuck())
+    for _ in range(5000):
+        reporter("levels", 1)
+    assert len(reporter._events) <= 1000

@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process on a clock of the test's: signs of life, sleep, pauses and slow scripts."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_time import FakeClock, Played, frame, run
+
+from hfx_blender.devices.host.host import HEARTBEAT_S, PAUSE_S, Host
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.workers.live_frame import LiveFrame
+from hfx_blender.devices.workers.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageKind,
+    encode_values,
+    message,
+)
+from hfx_blender.devices.workers.script_process import FAULTS_WITHIN_S, ScriptProcess
+
+WATCH_S = 0.02
+
+
+class SlowScript:
+    """A device's script that answers so long after it was asked, and always at full strength."""
+
+    def __init__(self, clock: FakeClock, answers_after_s: float) -> None:
+        self._clock, self._after_s = clock, answers_after_s
+        self._next: Callable[[np.ndarray], None] | None = None
+        self.busy: tuple[float, Callable[[np.ndarray], None]] | None = None
+
+    def start(self) -> None: ...
+
+    def ask(self, haptics: bytes, answer: Callable[[np.ndarray], None]) -> None:
+        self._next = answer
+        self.work()
+
+    def work(self) -> None:
+        """Answer what is due, and begin with what waits."""
+        now = self._clock.now()
+        if self.busy is not None and self.busy[0] <= now:
+            answer, self.busy = self.busy[1], None
+            answer(frame())
+        if self.busy is None and self._next is not None:
+            self.busy, self._next = (now + self._after_s, self._next), None
+
+    def is_overdue(self, now_s: float) -> bool:
+        return False  # that it is found after 100 ms is another rule
+
+    def close(self) -> None:
+        self.busy = self._next = None
+
+
+class Session:
+    """An output process, without threads, and its one device."""
+
+    def __init__(self, script_s: float | None = None, offset_s: float = 0.0) -> None:
+        self.clock = FakeClock()
+        self.host = Host(lambda *_, **__: None, self.clock)  # type: ignore[arg-type]
+        self.played = Played(self.clock, offset_s=offset_s)
+        self.script = None if script_s is None else SlowScript(self.clock, script_s)
+        self.played.thread.script = self.script
+        self.host._device_threads[1] = self.played.thread
+        self.shown: list[Any] = []
+        self.host._rendering.show = lambda body, questions: self.shown.append(questions)  # type: ignore[method-assign]
+
+    def receive(self, kind: MessageKind, device: int = 1, body: bytes = b"") -> None:
+        self.host.receive(Message(kind, device, body))
+
+    def pass_time(self, seconds: float, beat: bool = False) -> None:
+        """Let time pass for the process."""
+        end = self.clock.now_s + seconds
+        while self.clock.now_s < end - 1e-9:
+            run([self.played], min(0.001, end - self.clock.now_s))
+            if self.script is not None:
+                self.script.work()
+            if round(self.clock.now_s * 1000) % 20 == 0:
+                self.host.check_deadlines()
+            if beat and round(self.clock.now_s * 1000) % 50 == 0:
+                self.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)
+
+    def stream(self, seconds: float) -> None:
+        """Frames at 62.5 Hz."""
+        for _ in range(round(seconds / 0.016)):
+            if self.script is None:
+                self.receive(MessageKind.VALUES, body=encode_values(frame()))
+            else:
+                self.receive(MessageKind.HAPTICS)
+            self.pass_time(0.016)
+
+
+@pytest.mark.parametrize("script_s", [0.003, 0.006, 0.03, 0.07, 0.2])
+@pytest.mark.parametrize(
+    "kind", [MessageKind.PAUSE, MessageKind.SCENE, MessageKind.STOP, MessageKind.DISCONNECT]
+)
+@pytest.mark.parametrize("device", [1, EVERY_DEVICE])
+def test_no_late_answer_of_a_script_is_played_after(
+    script_s: float, kind: MessageKind, device: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = Session(script_s)
+    monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
+    session.stream(0.5)
+    assert session.played.port.last_loud_s() > 0.0
+    for extra_s in (0.0, 0.001, 0.005, 0.013):
+        session.pass_time(extra_s)
+        session.receive(kind, device)
+        asked_s = session.clock.now_s
+        session.pass_time(0.4, beat=True)
+        assert session.played.port.last_loud_s() <= asked_s + 0.001
+        if kind in (MessageKind.STOP, MessageKind.DISCONNECT):
+            return
+        session.stream(0.5)
+        assert session.played.port.last_loud_s() > asked_s + 0.4
+
+
+def test_many_pauses_of_a_slow_script_are_silent() -> None:
+    session = Session(0.04)
+    for k in range(48):
+        session.stream(0.08 + 0.016 * (k % 3))
+        session.pass_time(0.001 * (k % 16))
+        session.receive(MessageKind.PAUSE, EVERY_DEVICE)
+        asked_s = session.clock.now_s
+        session.pass_time(0.06)
+        assert session.played.port.last_loud_s() <= asked_s + 0.001, k
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 0.2])
+def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float) -> None:
+    """A mute is a pause of one device; values that were asked for before it come in between."""
+    session = Session(offset_s=offset_s)
+    rng = np.random.default_rng(1)
+    for _ in range(12):
+        session.stream(offset_s + 0.1)
+        assert session.played.port.is_loud()
+        for _ in range(int(rng.integers(1, 20))):  # pressed again and again
+            session.receive(MessageKind.VALUES, body=encode_values(frame()))
+            session.pass_time(float(rng.uniform(0.0, 0.003)))
+            session.receive(MessageKind.PAUSE)
+        asked_s = session.clock.now_s
+        session.pass_time(0.06 + offset_s, beat=True)
+        assert session.played.port.last_loud_s() <= asked_s + 0.001
+    assert session.played.events() == ["armed"]
+
+
+@pytest.mark.parametrize("kind", [MessageKind.ANSWER, MessageKind.HAPTICS])
+@pytest.mark.parametrize("void", [MessageKind.PAUSE, MessageKind.SCENE, MessageKind.STOP])
+def test_no_late_answer_of_what_renders_is_played_after(
+    kind: MessageKind, void: MessageKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = Session(0.0)
+    monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
+    session.receive(void, EVERY_DEVICE)
+    if void is MessageKind.STOP:
+        session.played.thread.arm()
+    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[0])
+    session.pass_time(0.2, beat=True)
+    assert session.played.port.last_loud_s() == -1.0
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
+    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[1])
+    session.pass_time(0.1, beat=True)
+    assert session.played.port.is_loud()
+
+
+def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
+    session = Session()
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE)
+    other = Played(session.clock)
+    other.thread.arm()
+    session.host._device_threads[1] = other.thread
+    session.host._rendered(Message(MessageKind.ANSWER, 1, encode_values(frame())), {})
+    other.run(0.1)
+    assert other.port.last_loud_s() == -1.0
+
+
+def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
+    session = Session()
+    session.stream(0.5)
+    asked_s = session.clock.now_s
+    session.pass_time(0.5)
+    assert session.played.port.last_loud_s() <= asked_s + HEARTBEAT_S + 2 * WATCH_S
+    assert session.played.reports[-1] == ("frozen", "Blender did not answer for 250 ms")
+    session.stream(0.2)
+    assert not session.played.port.is_loud()
+    session.receive(MessageKind.ARM)
+    session.stream(0.2)
+    assert session.played.port.is_loud()
+
+
+def test_signs_of_life_keep_what_stands_still_on() -> None:
+    session = Session()
+    session.stream(0.1)
+    session.pass_time(5.0, beat=True)
+    assert session.played.port.is_loud()
+
+
+def test_a_pause_buys_ten_seconds_of_silence_and_no_more() -> None:
+    session = Session()
+    session.stream(0.1)
+    session.receive(MessageKind.PAUSE, EVERY_DEVICE)
+    session.pass_time(PAUSE_S - 0.1)
+    assert session.played.thread.is_armed and not session.played.port.is_loud()
+    session.pass_time(0.2)
+    assert not session.played.thread.is_armed
+
+
+FIRST: dict[str, Callable[[Session], None]] = {
+    "the lane": lambda session: session.played.run(0.0),
+    "the watch": lambda session: session.host.check_deadlines(),
+    "the reader": lambda session: session.receive(MessageKind.VALUES, body=encode_values(frame())),
+    "an answer": lambda session: session.script.work(),  # type: ignore[union-attr]
+}
+
+
+@pytest.mark.parametrize("first", FIRST)
+@pytest.mark.parametrize("script_s", [None, 0.01])
+@pytest.mark.parametrize("asleep_s", [0.4, 3.0, 1e5])
+def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
+    first: str, script_s: float | None, asleep_s: float
+) -> None:
+    if first == "an answer":
+        script_s = 0.01
+    session = Session(script_s)
+    session.stream(0.5)
+    if script_s is not None:
+        session.receive(MessageKind.HAPTICS)
+    count = len(session.played.port.given)
+    session.clock.now_s += asleep_s
+    FIRST[first](session)
+    session.stream(0.1)  # what was in the pipe
+    session.pass_time(0.2)
+    assert not any(v for _, v in session.played.port.strengths()[count:])
+    text = dict(reversed(session.played.reports))["stopped"]
+    assert text.startswith("the computer slept or did not run for")
+
+
+# Scripts
+
+
+class Worker:
+    """A script's process that has said so much."""
+
+    def __init__(self, *said: bytes) -> None:
+        self.stdout, self.stdin, self.pid = io.BytesIO(b"".join(said)), io.BytesIO(), 0
+
+    def wait(self) -> None: ...
+
+
+def asked(*said: bytes) -> tuple[ScriptProcess, Worker, list[str], FakeClock]:
+    clock, faults, worker = FakeClock(), [], Worker(message(MessageKind.READY, 0), *said)
+    script = ScriptProcess({}, faults.append, lambda text: None, clock)
+    script._process = worker  # type: ignore[assignment]
+    script._deadline_s = clock.now() + 1.0
+    return script, worker, faults, clock
+
+
+def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault() -> None:
+    found: list[str] = []
+    answer = message(MessageKind.ANSWER, 1, encode_values(frame()))
+    script, worker, faults, _ = asked(answer)
+    script.ask(b"first", lambda values: found.append("first"))
+    script.ask(b"second", lambda values: found.append("second"))  # the first was not told yet
+    script._listen(worker)  # type: ignore[arg-type]
+    assert found == ["second"] and faults == ["its script has ended"]
+    script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, encode_values(frame())))
+    script.ask(b"first", lambda values: found.append("wrong"))
+    script._listen(worker)  # type: ignore[arg-type]
+    assert found == ["second"] and faults == ["its script sent an answer without a question"]
+
+
+def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once() -> None:
+    script, worker, _, clock = asked()
+    script._is_ready, script._deadline_s = True, None
+    script.ask(b"", lambda values: None)
+    clock.now_s += 0.099
+    assert not script.is_overdue(clock.now())
+    clock.now_s += 0.002
+    assert script.is_overdue(clock.now()) and not script.is_overdue(clock.now())
+    assert worker.stdin.getvalue()[4:7] == bytes([MessageKind.HAPTICS, 1, 0])
+    assert FAULTS_WITHIN_S == 60.0
+
+
+# Mute
+
+
+class ToleratedFaults(LiveClient):
+    """A client that notes what is told, in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.order: list[Any] = []
+        self._pipe.send = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
+            (kind, device)
+        )
+        self._pipe.void = lambda device=None: self.order.append(("void", device))  # type: ignore[method-assign]
+        self._pipe.replace = lambda device, newest: self.order.append("show")  # type: ignore[method-assign]
+
+
+def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
+    client = ToleratedFaults()
+    for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
+        client.show(LiveFrame(0.0, [], gains))
+    muted = [("void", EVERY_DEVICE), ("void", 2), (MessageKind.PAUSE, 2), "show"]
+    assert client.order == ["show", "show", *muted, "show", "show", *muted]
+
+
+def test_a_pause_of_one_device_leaves_the_others_and_buys_no_time() -> None:
+    session = Session()
+    other = Played(session.clock)
+    session.host._device_threads[2] = other.thread
+    session.stream(0.1)
+    other.thread.feed(frame())
+    session.receive(MessageKind.PAUSE, 1)
+    run([session.played, other], 0.1)
+    assert not session.played.port.is_loud() and other.port.is_loud()
+    assert session.host._patience_s == HEARTBEAT_S

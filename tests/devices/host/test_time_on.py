@@ -1,0 +1,606 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Time on: no order of values, stops, stalls and connections is on for more than its share."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import socket
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_time import FakeClock
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from live_process import is_loud, rows_of, wait
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host import kept_accounts
+from hfx_blender.devices.host.guard import Guard
+from hfx_blender.devices.host.kept_accounts import Identity, KeptAccounts, identities
+from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.host.time_on import Account, AccountUse
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.discovery import FoundPort
+from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_output import (
+    ButtplugEncoder,
+    OutputConfig,
+    WebsocketTransport,
+)
+from hfx_blender.files import resources
+
+BAND = load_device("forearm_band_left")
+STEP_S = 0.01
+
+
+def limited(maximum_on_s: float, rest_s: float, slew_per_s: float = math.inf) -> DeviceConfig:
+    changes = {"maximum_on_s": maximum_on_s, "rest_s": rest_s, "slew_per_s": slew_per_s}
+    kinds = {name: replace(kind, **changes) for name, kind in BAND.actuator_types.items()}
+    actuators = tuple(replace(a, type=kinds[a.type.name]) for a in BAND.actuators)
+    return replace(BAND, actuator_types=kinds, actuators=actuators)
+
+
+class Tally:
+    """Time on of a guard's first actuator: its values hold until the next."""
+
+    def __init__(self, device: DeviceConfig, accounts: tuple[Account, ...] = ()) -> None:
+        self.device, self.accounts = device, accounts
+        self.names = [str(number) for number in range(len(device.actuators))]
+        self.on_s = self.off_s = self.longest_s = self._now_s = 0.0
+        self._is_on = False
+        self.guard = self.connected()
+
+    def connected(self) -> Guard:
+        guard = Guard(self.device)
+        if self.accounts:
+            guard.share([AccountUse(each, self.names) for each in self.accounts])
+        return guard
+
+    def pass_time(self, seconds: float) -> None:
+        if self._is_on:
+            self.on_s += seconds
+            self._now_s += seconds
+            self.longest_s = max(self.longest_s, self._now_s)
+        else:
+            self.off_s += seconds
+            self._now_s = 0.0
+
+    def step(self, amplitude: float, step_s: float = STEP_S) -> bool:
+        self.pass_time(step_s)
+        wanted = self.guard.neutral.copy()
+        wanted[::2] = amplitude
+        self._is_on = bool(self.guard.limited(wanted, step_s)[0])
+        return self._is_on
+
+    def stop(self, played_s: float, now_s: float) -> None:
+        """The stop bytes arrive so much later."""
+        self.pass_time(played_s)
+        self._is_on = False
+        self.guard.record_silence(played_s, now_s)
+
+
+def share_of(tally: Tally) -> float:
+    return tally.on_s / (tally.on_s + tally.off_s)
+
+
+def test_full_on_lasts_as_configured_and_the_rest_as_well():
+    tally = Tally(limited(2.0, 1.0))
+    on = [tally.step(15.0) for _ in range(600)]
+    assert on[:200] == [True] * 200 and not any(on[200:300])
+    assert on[301:501] == [True] * 200
+
+
+@pytest.mark.parametrize("every", [2, 3, 50, 199])
+def test_short_silences_empty_the_account_by_their_share_only(every):
+    tally = Tally(limited(2.0, 1.0))
+    for k in range(6000):
+        tally.step(0.0 if k % every == 0 else 15.0)
+    assert tally.longest_s <= 2.0 + 1e-9
+    assert share_of(tally) <= 2.0 / 3.0 + 0.02
+
+
+def test_who_rests_by_himself_enough_is_never_held_off():
+    tally = Tally(limited(2.0, 1.0))
+    for k in range(3000):
+        wanted = 15.0 if k % 200 < 100 else 0.0
+        assert tally.step(wanted) == bool(wanted)
+
+
+def test_weak_counts_as_strong_does():
+    tally = Tally(limited(2.0, 1.0))
+    on = [tally.step(1e-6) for _ in range(201)]
+    assert on == [True] * 200 + [False]
+
+
+def test_a_reset_forgets_nothing():
+    tally = Tally(limited(2.0, 1.0))
+    for k in range(3000):
+        if k % 150 == 149:
+            tally.guard.reset()
+        tally.step(15.0)
+    assert tally.longest_s <= 2.0 + 1e-9
+    assert share_of(tally) <= 2.0 / 3.0 + 0.02
+
+
+def test_a_stall_allows_no_more_than_a_short_step_does():
+    at = {}
+    for stall_s in (0.05, 3.0, 1e9):
+        guard = Guard(limited(math.inf, 1.0, slew_per_s=10.0))
+        wanted = np.tile([15.0, 100.0], 8)
+        guard.limited(wanted, 0.02)
+        at[stall_s] = guard.limited(wanted, stall_s)[0]
+    assert at[0.05] == at[3.0] == at[1e9] == pytest.approx(0.2 + 0.5)
+
+
+@pytest.mark.parametrize("step_s", [0.0, -1.0, math.nan, math.inf])
+def test_a_clock_that_stands_is_no_rest_and_ends_what_is_on(step_s):
+    tally = Tally(limited(2.0, 1.0))
+    for _ in range(150):
+        tally.step(15.0)
+    wanted = np.tile([15.0, 100.0], 8)
+    while tally.guard.limited(wanted, step_s)[0]:
+        pass
+    for _ in range(1000):
+        tally.guard.limited(tally.guard.neutral, step_s)  # no rest
+    assert tally.step(15.0) is False
+
+
+def test_a_stall_while_it_was_on_is_counted_as_on():
+    tally = Tally(limited(2.0, 1.0))
+    tally.step(15.0)
+    tally.step(15.0, 5.0)
+    off = 0
+    while not tally.step(15.0):
+        off += 1
+    assert off * STEP_S >= 2.5 - STEP_S  # 5 s on, emptied at 2 s a second
+
+
+ACTIONS = st.lists(
+    st.tuples(
+        st.sampled_from(["step", "step", "step", "stop", "reset", "connect", "wait"]),
+        st.sampled_from([15.0, 15.0, 0.001, 0.0, math.nan]),
+        st.floats(0.001, 0.05),
+        st.integers(1, 80),
+    ),
+    max_size=40,
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(ACTIONS, st.floats(0.1, 2.0), st.floats(0.05, 2.0))
+def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s, rest_s):
+    account = Account()
+    tally = Tally(limited(maximum_on_s, rest_s), (account,))
+    now_s = 1000.0
+    tally.guard.record_rest(now_s)
+    tally.guard.reset()
+    longest_step_s = 0.0
+    for action, amplitude, step_s, times in actions:
+        if action == "step":
+            longest_step_s = max(longest_step_s, step_s)
+            for _ in range(times):
+                now_s += step_s
+                tally.step(amplitude, step_s)
+        elif action == "reset":
+            tally.guard.reset()
+        else:
+            now_s += step_s
+            longest_step_s = max(longest_step_s, step_s)
+            tally.stop(step_s, now_s)
+            if action == "connect":
+                tally.guard = tally.connected()
+            if action == "wait":
+                now_s += step_s * times
+                tally.pass_time(step_s * times)
+            tally.guard.record_rest(now_s)
+            tally.guard.reset()
+    # Values hold until the next: the last step of each stretch may be longer than foreseen.
+    assert tally.longest_s <= maximum_on_s + longest_step_s + 1e-6
+    most_s = maximum_on_s * (1.0 + tally.off_s / rest_s)
+    assert tally.on_s <= most_s + longest_step_s + 1e-6
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 60)), max_size=30))
+def test_two_connections_of_one_device_share_one_account(pieces):
+    account = Account()
+    one, other = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
+    for each in (one, other):
+        each.guard.record_rest(1000.0)
+        each.guard.reset()
+    on_s = off_s = 0.0
+    for first, second, times in pieces:
+        for _ in range(times):
+            is_on = [one.step(15.0 * first), other.step(15.0 * second)]
+            on_s += STEP_S * any(is_on)
+            off_s += STEP_S * (not any(is_on))
+    assert on_s <= 1.0 * (1.0 + off_s / 0.5) + 3.0 * STEP_S
+
+
+# Kept beyond the process.
+
+
+def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
+    """Accounts of a device that was on for so long and was stopped then."""
+    kept, now_s = KeptAccounts(folder, clock), clock.now()
+    tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
+    tally.guard.record_rest(now_s)
+    tally.guard.reset()
+    for _ in range(round(seconds / STEP_S)):
+        tally.step(15.0)
+    tally.guard.record_silence(0.0, now_s)
+    return kept
+
+
+def left_s(folder: Path, clock: FakeClock) -> float:
+    """Time that the device may be on in a new process."""
+    tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder, clock).of("it"),))
+    tally.guard.record_rest(clock.now())
+    tally.guard.reset()
+    steps = 0
+    while steps < 1000 and tally.step(15.0):
+        steps += 1
+    return steps * STEP_S
+
+
+@pytest.fixture
+def clock() -> FakeClock:
+    """The clock of output processes."""
+    return FakeClock()
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    """The clock that users set."""
+    found = FakeClock()
+    found.now_s = 1e9
+    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": found.now}))
+    return found
+
+
+def test_an_account_outlives_its_process(tmp_path, clock, wall):
+    used(tmp_path, 1.5, clock).save()
+    assert left_s(tmp_path, clock) == pytest.approx(0.5)
+
+
+def test_time_without_a_process_is_rest(tmp_path, clock, wall):
+    used(tmp_path, 1.5, clock).save()
+    wall.now_s += 0.25
+    clock.now_s += 0.25
+    assert left_s(tmp_path, clock) == pytest.approx(1.0, abs=STEP_S)
+
+
+@pytest.mark.parametrize(
+    ("wall_s", "monotonic_s"), [(1e6, 0.0), (-1e6, 10.0), (0.0, 10.0), (1e6, -1000.0)]
+)
+def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotonic_s):
+    used(tmp_path, 1.5, clock).save()
+    wall.now_s += wall_s
+    clock.now_s += monotonic_s
+    assert left_s(tmp_path, clock) == pytest.approx(0.5)
+
+
+def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
+    kept = KeptAccounts(tmp_path, clock)
+    tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
+    tally.guard.record_rest(1000.0)
+    tally.guard.reset()
+    tally.step(15.0)
+    kept.save()  # and no more
+    assert left_s(tmp_path, clock) == 0.0
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", "1", '{"filled": "x"}', '{"filled": [NaN]}', "[" * 100_000]
+)
+def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
+    used(tmp_path, 0.1, clock).save()
+    (path,) = tmp_path.iterdir()
+    path.write_text(content)
+    assert left_s(tmp_path, clock) == 0.0
+
+
+def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
+    (tmp_path / "file").write_text("")
+    kept = used(tmp_path / "file" / "folder", 1.5, clock)
+    kept.save()
+    kept.save()
+    assert len(caplog.records) <= 2  # told once when read, once when written
+
+
+# Which device it is.
+
+
+def names_of(found: Sequence[Identity]) -> list[str]:
+    return [each.name for each in found]
+
+
+USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
+
+
+def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
+    for each in (USB, replace(USB, name="/dev/ttyACM7")):
+        monkeypatch.setattr(kept_accounts, "serial_ports", lambda each=each: [each])
+        found = identities(BAND, {"kind": "serial", "port": each.name})
+        assert names_of(found) == ["usb 2341:0043 75"]
+
+
+def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monkeypatch):
+    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
+    assert names_of(found) == ["port /dev/ttyACM0", "device forearm_band_left"]
+
+
+def test_a_simulator_is_known_by_its_configuration_whatever_its_log():
+    targets: list[dict[str, Any]] = [{"kind": "simulator"}, {"kind": "simulator", "path": "a"}]
+    assert len({identities(BAND, each) for each in targets}) == 1
+    assert identities(BAND, {}) != identities(load_device("forearm_band_right"), {})
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1", "LOCALHOST"])
+def test_a_program_on_this_computer_is_one_by_whatever_name(host):
+    device = load_device("bhaptics_tactosy_left")
+    found = identities(device, {"kind": "websocket", "host": host})
+    assert found == identities(device, {"kind": "websocket"})
+
+
+def osc(
+    folder: Path, name: str, address: str = "/{actuator}/{control}", reverse: bool = False
+) -> DeviceConfig:
+    """The band behind OSC, 1 s on and an hour of rest."""
+    content = json.loads((resources.device_configs() / "forearm_band.json").read_text())
+    for kind in content["actuator_types"].values():
+        kind["maximum_on_s"], kind["rest_s"] = 1.0, 3600.0
+    content["id"] = name
+    content["output"] = {
+        "encoder": {"kind": "osc", "address": address},
+        "transport": {"kind": "udp", "host": "127.0.0.1", "port": 9000},
+    }
+    if reverse:
+        content["actuators"].reverse()
+    folder.mkdir(exist_ok=True)
+    (folder / f"{name}.json").write_text(json.dumps(content))
+    return load_device(f"{name}_left", folder)
+
+
+SPELLINGS: list[dict[str, Any]] = [
+    {},
+    {"host": "localhost"},
+    {"host": "LocalHost."},
+    {"host": "127.0.0.1", "port": 9000},
+    {"host": "127.8.0.9"},
+    {"host": "::1"},
+    {"host": "0:0:0:0:0:0:0:1"},
+    {"host": "::ffff:127.0.0.1"},
+]
+
+
+@pytest.mark.parametrize("target", SPELLINGS)
+@pytest.mark.parametrize("address", ["/{actuator}/{control}", "/{device}/{actuator}/{control}"])
+def test_a_copy_under_another_id_drives_the_same_hardware(tmp_path, target, address):
+    one, two = (osc(tmp_path / "devices", name, address) for name in ("one", "two"))
+    first = identities(one, {"kind": "udp"})
+    assert identities(two, {"kind": "udp", **target}) == first
+    assert identities(two, {"kind": "udp", "port": 9001}) != first
+    assert identities(two, {"kind": "udp", "host": "192.168.250.250"}) != first
+
+
+def test_actuators_are_known_by_their_addresses_in_whatever_order(tmp_path):
+    one, two = osc(tmp_path / "d", "one"), osc(tmp_path / "d", "two", reverse=True)
+    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
+    assert first.name == other.name and first.slots == other.slots[::-1]
+    assert len(set(first.slots)) == len(one.actuators)
+
+
+def test_another_place_behind_the_same_port_is_other_hardware(tmp_path):
+    one = osc(tmp_path / "d", "one")
+    two = osc(tmp_path / "d", "two", "/second/{actuator}/{control}")
+    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
+    assert first.name == other.name and not set(first.slots) & set(other.slots)
+
+
+def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
+    vest = load_device("bhaptics_tactsuit_x40")
+    dots = vest.output.encoder.dots
+    half = replace(
+        vest,
+        id="front",
+        actuators=vest.actuators[:20],
+        output=replace(vest.output, encoder=replace(vest.output.encoder, dots=dots[:20])),
+    )
+    (whole,), (part,) = (identities(each, {"kind": "websocket"}) for each in (vest, half))
+    assert whole.name == part.name and part.slots == whole.slots[:20]
+
+
+def test_toys_of_one_name_are_told_apart_by_the_server():
+    how = ButtplugEncoder("", tuple((feature, "Vibrate") for feature in range(8)))
+    toy = replace(BAND, output=OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)))
+    one, two = (identities(toy, {"kind": "websocket"}, there=index)[0] for index in "07")
+    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, there="0")
+    assert one.name != two.name and copy == (one,)
+
+
+def test_a_link_to_a_port_is_the_port(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    (tmp_path / "by-id").symlink_to("/dev/null")
+    for name in (tmp_path / "by-id", "/dev/null"):
+        found = identities(BAND, {"kind": "serial", "port": str(name)})
+        assert found[0].name == "port /dev/null"
+    names = [
+        identities(BAND, {"kind": "serial", "port": f"/dev/{each}.usbmodem1"})[0].name
+        for each in ("tty", "cu")  # macOS has both for one port
+    ]
+    assert len(set(names)) == 1
+
+
+def test_channels_of_sound_cards_are_hardware():
+    targets: list[dict[str, Any]] = [
+        {"kind": "audio"},
+        {"kind": "audio", "interface": "3", "first_channel": 2},
+    ]
+    (first,), (shifted,) = (identities(BAND, each) for each in targets)
+    assert first.name == shifted.name and first.slots[1:] == shifted.slots[:-1]
+
+
+def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
+    found = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
+    one, other = KeptAccounts(tmp_path, clock), KeptAccounts(tmp_path, clock)
+    with one.used(found):
+        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+            pass
+        with one.used(found):  # another device of the same process
+            pass
+        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+            pass
+    with other.used(found):
+        pass
+
+
+def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
+    """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
+    device, found = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
+    processes = [KeptAccounts(tmp_path, clock) for _ in range(2)]
+    on_s = []
+    for process, steps in ((processes[0], 80), (processes[1], 70), (processes[0], 1000)):
+        with process.used(found) as uses:
+            guard = Guard(device)
+            guard.share(uses)
+            guard.record_rest(clock.now())
+            guard.reset()
+            wanted = np.tile([15.0, 100.0], 8)
+            done = [bool(guard.limited(wanted, STEP_S)[0]) for _ in range(steps)]
+            on_s.append(STEP_S * (done.index(False) if False in done else steps))
+            guard.record_silence(0.0, clock.now())
+    assert on_s == pytest.approx([0.8, 0.7, 0.5])
+
+
+def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
+    """Each is on for its 2 s, and rests while the other plays."""
+    kept, device = KeptAccounts(tmp_path, clock), limited(2.0, 1.0)
+    names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
+    wanted = np.tile([15.0, 100.0], 8)
+    with (
+        kept.used([Identity("udp x", names[0])]) as a,
+        kept.used([Identity("udp x", names[1])]) as b,
+    ):
+        one, other = Guard(device), Guard(device)
+        for guard, uses in ((one, a), (other, b)):
+            guard.share(uses)
+            guard.record_rest(clock.now())
+            guard.reset()
+        first = [bool(one.limited(wanted, STEP_S)[0]) for _ in range(201)]
+        second = []
+        for _ in range(200):
+            one.limited(one.neutral, STEP_S)
+            second.append(bool(other.limited(wanted, STEP_S)[0]))
+        third = []
+        for _ in range(200):
+            third.append(bool(one.limited(wanted, STEP_S)[0]))
+            other.limited(other.neutral, STEP_S)
+    assert first == [True] * 200 + [False]
+    assert all(second) and all(third)
+
+
+# Through the whole output process.
+
+
+def test_no_copy_walks_round_the_time_limit_over_the_network(tmp_path, monkeypatch):
+    """1 s on in all, as its rest takes an hour; two configurations take turns at one address."""
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
+    for name in ("one", "two"):
+        osc(tmp_path / "devices", name, reverse=name == "two")
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.bind(("127.0.0.1", 0))
+    receiver.setblocking(False)
+    loud: list[tuple[float, bool]] = []
+
+    def receive() -> None:
+        with suppress(BlockingIOError):
+            while True:
+                content, now_s = receiver.recv(65536), time.monotonic()
+                # The value of each amplitude: behind its address and ",f", padded to fours.
+                places = [m.end() for m in re.finditer(rb"amplitude_m_s2\0+,f\0\0", content)]
+                loud.append((now_s, any(content[at : at + 4] != bytes(4) for at in places)))
+
+    client = LiveClient()
+    try:
+        for turn in range(3):
+            target = {"kind": "udp", "port": receiver.getsockname()[1]}
+            target["host"] = ("127.0.0.1", "localhost", "127.0.0.1")[turn]
+            name = ("one", "two", "one")[turn]
+            client.connect("it", f"{name}_left", target, folder=tmp_path / "devices")
+            wait(client, lambda: client.devices["it"].is_armed)
+            until = time.monotonic() + 0.6
+
+            def play() -> None:
+                client.send("it", np.tile([10.0, 100.0], 8))
+                receive()
+
+            wait(client, lambda until=until: time.monotonic() > until, play)
+    finally:
+        client.close()
+        receive()
+        receiver.close()
+    on_s = sum(min(b[0] - a[0], 0.1) for a, b in pairwise(loud) if a[1])
+    assert 0.2 < on_s < 1.15  # with what a busy machine adds to it
+
+
+@pytest.mark.parametrize("between", ["stop", "connect", "process"])
+def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, between):
+    """1 s on in all, as its rest takes an hour."""
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    content = json.loads((resources.device_configs() / "forearm_band.json").read_text())
+    for kind in content["actuator_types"].values():
+        kind["maximum_on_s"], kind["rest_s"] = 1.0, 3600.0
+    (folder / "mine.json").write_text(json.dumps({**content, "id": "mine"}))
+    logs = [tmp_path / f"{k}.jsonl" for k in range(3)]
+    wanted = np.tile([10.0, 100.0], 8)
+
+    def connect(log: Path) -> None:
+        client.connect("it", "mine_left", {"kind": "simulator", "path": str(log)}, folder=folder)
+
+    client = LiveClient()
+    try:
+        loud_s = 0.0
+        for log in logs:
+            if log is logs[0] or between != "stop":
+                connect(log)
+            wait(client, lambda client=client: client.devices["it"].is_armed)
+            until = time.monotonic() + 0.6
+            wait(
+                client,
+                lambda until=until: time.monotonic() > until,
+                lambda client=client: client.send("it", wanted),
+            )
+            if between == "stop":
+                client.stop_all()
+                client.arm()
+                continue
+            client.disconnect("it")
+            if between == "process":
+                client.close()
+                client = LiveClient()
+        client.close()
+        loud_s = sum(seconds_on(log) for log in logs)
+    finally:
+        client.close()
+    assert 0.2 < loud_s < 1.1  # with what a busy machine adds to it
+
+
+def seconds_on(log: Path) -> float:
+    """Between what was sent and what was sent next."""
+    rows = rows_of(log)
+    return sum(
+        min(after["time_s"] - row["time_s"], 0.1) for row, after in pairwise(rows) if is_loud(row)
+    )

@@ -1,0 +1,443 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Moments are rendered in a process of its own: as an export renders, and silent if it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_time import FakeClock
+from live_process import BAND, PATIENCE_S, is_loud, rows_of, wait
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host.device_thread import Question
+from hfx_blender.devices.host.tones import frame_of, of_partials
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.playhead import Playhead
+from hfx_blender.devices.workers.live_frame import (
+    LiveFrame,
+    RenderedDevice,
+    SceneMessage,
+    decode_live_frame,
+    decode_scene,
+    encode_live_frame,
+    encode_scene,
+)
+from hfx_blender.devices.workers.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageError,
+    MessageKind,
+    decode_values,
+    encode_arrays,
+    encode_json,
+)
+from hfx_blender.devices.workers.render_process import RenderProcess
+from hfx_blender.devices.workers.render_worker import Renderers, taken
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.samples import Drive, SampleRun, Stream
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from hfx_blender.files import resources
+
+MODEL = load_model("hfx-vibration-1")
+BODY = "someone"
+STREAMS = tuple(Stream(name, BODY, "vibration", MODEL.id) for name in ("low", "high"))
+HEADER = TrackHeader(
+    time=TimeBase(Fraction(1), Fraction(1), 0, 0, 0),
+    models=(TrackModel(MODEL.id, "vibration", MODEL.content_hash, len(MODEL)),),
+    bodies=(TrackBody(BODY, "Someone"),),
+    effects=tuple(
+        TrackEffect(s.effect_id, s.effect_id, "vibration", "volume", MODEL.id) for s in STREAMS
+    ),
+    streams=STREAMS,
+)
+
+
+def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleRun:
+    """A vibration of all skin."""
+    count = len(MODEL)
+    return SampleRun(
+        stream,
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.ones(1),
+        np.array([[amplitude, hz]]),
+        np.array([0, count]),
+        np.arange(count, dtype=np.int32),
+        np.ones(count, np.float32),
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def moment(low: float = 3.0, high: float = 0.0, **more: object) -> LiveFrame:
+    runs = [felt(STREAMS[0], low, 80.0)]
+    if high:
+        runs.append(felt(STREAMS[1], high, 250.0))
+    return LiveFrame(1.0, runs, **more)  # type: ignore[arg-type]
+
+
+def places() -> dict[Stream, int]:
+    return {stream: k for k, stream in enumerate(STREAMS)}
+
+
+def worn(
+    name: str, number: int = 1, *, folder: Path | None = None, script: bool = False
+) -> RenderedDevice:
+    return RenderedDevice(number, name, None if folder is None else str(folder), script)
+
+
+def test_a_scene_and_a_moment_arrive_as_they_were():
+    scene = decode_scene(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    assert scene.header.streams == STREAMS and scene.devices == (worn(BAND),)
+    drive = Drive("band", ("a", "b"), np.float32([[0.5, 0.25]]))
+    runs = [
+        felt(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
+        felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
+    ]
+    playhead = Playhead(7.5, 1, 24, 23.98, True, -1)
+    sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
+    found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
+    assert (found.time_s, found.gains) == (2.5, {7: 0.5})
+    assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
+    assert (found.edition, found.playhead) == (3, playhead)
+    for before, after in zip(runs, found.runs, strict=True):
+        assert after.stream == before.stream
+        names = "levels parameters offsets vertices weights positions focus"
+        for name in names.split():
+            one, other = getattr(before, name), getattr(after, name)
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert other.tolist() == one.tolist(), name
+    got = found.runs[1].drive
+    assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
+    assert got.values.tolist() == [[0.5, 0.25]]
+    empty = decode_live_frame(encode_live_frame(LiveFrame(0.0, []), places()), STREAMS)
+    assert list(empty.runs) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"nonsense",
+        encode_json({}),
+        encode_arrays({}, {}),
+        encode_arrays({"playhead": [1]}, {}),
+    ],
+)
+def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode_live_frame(body, STREAMS)
+    with pytest.raises(MessageError):
+        decode_scene(body)
+
+
+def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
+    """Answers of the worker, by device."""
+    renderers = Renderers(SceneMessage(HEADER, BODY, devices))
+    assert not renderers.faults
+    found = {}
+    for each in renderers.answers(encode_live_frame(shown, places())):
+        length = int.from_bytes(each[:4], "little")
+        found[int.from_bytes(each[5:7], "little")] = each[7:]
+        assert len(each) == 7 + length
+    return found
+
+
+def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_played():
+    devices = worn(BAND, 1), worn("mango_pad", 2)
+    shown = moment(3.0, 2.0)
+    found = answered(devices, shown)
+    for each in devices:
+        device = load_device(each.configuration)
+        renderer = MomentRenderer(HEADER, device)
+        expected = renderer.values(shown.runs)
+        width = sum(a.type.takes_waveform for a in device.actuators)
+        tones = of_partials(renderer.tones(), {"low": 0, "high": 1}, width)
+        assert expected.any()
+        assert len(tones.numbers) == (2 if width else 0)
+        assert decode_values(found[each.number]).tolist() == frame_of(expected, tones).tolist()
+
+
+def test_gain_and_mute_are_of_one_device():
+    devices = worn(BAND, 1), worn(BAND, 2), worn("mango_pad", 3), worn("mango_pad", 4)
+    found = answered(devices, moment(4.0, gains={2: 0.5, 4: 0.0}))
+    whole, half = decode_values(found[1])[::2], decode_values(found[2])[::2]
+    assert whole.any() and half.tolist() == (0.5 * whole).tolist()
+    columns = 2 * len(load_device("mango_pad").actuators)
+    assert decode_values(found[3])[:columns:2].any()
+    muted = decode_values(found[4])
+    assert not muted[:columns:2].any()
+    assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
+
+
+def test_late_actuators_get_what_is_felt_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
+    content["id"] = "late"
+    for kind in content["actuator_types"].values():
+        kind["latency_ms"] = 30
+    (tmp_path / "late.json").write_text(json.dumps(content))
+    later = [felt(STREAMS[1], 2.0, 250.0)]
+    device = worn("late", folder=tmp_path)
+    now = decode_values(answered((device,), moment(3.0))[1])
+    alone = decode_values(answered((device,), LiveFrame(1.0, later))[1])
+    renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
+    with monkeypatch.context() as patched:
+        patched.setattr(renderers.lookahead, "_later", lambda shown: {30.0: later})
+        (ahead,) = renderers.answers(encode_live_frame(moment(3.0), places()))
+    assert decode_values(ahead[7:]).tolist() == alone.tolist() != now.tolist()
+
+
+def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
+    devices = worn("not_there", 1, folder=tmp_path), worn(BAND, 2)
+    renderers = Renderers(SceneMessage(HEADER, BODY, devices))
+    assert len(renderers.faults) == 1 and b"not_there" in renderers.faults[0]
+    assert len(renderers.answers(encode_live_frame(moment(), places()))) == 1
+
+
+def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    renderers = Renderers(SceneMessage(HEADER, BODY, (worn(BAND, 1), worn(BAND, 2))))
+
+    def broken(*_: object) -> None:
+        raise RuntimeError("of somebody's")
+
+    monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
+    one, other = renderers.answers(encode_live_frame(moment(), places()))
+    assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
+    assert other[4] == MessageKind.ANSWER
+
+
+def test_what_renders_ends_with_the_output_process():
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "hfx_blender.devices.workers.render_worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert worker.stdin is not None and worker.stdout is not None
+    with worker.stdout:
+        worker.stdin.close()
+        assert worker.wait(PATIENCE_S) == 0
+
+
+def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = Asked().process
+    worker: Any = object()
+    monkeypatch.setattr(asked, "_start", lambda: setattr(asked, "_process", worker))
+
+    def told() -> list[tuple[MessageKind, bytes]]:
+        """All that is told until there is nothing left."""
+        found = []
+        while asked._scene or asked._moment or asked._sent_count < len(asked._lookahead):
+            asked._deadline_s = None
+            content = asked._next(worker)
+            assert content is not None
+            found.append((MessageKind(content[4]), content[7:]))
+        return found
+
+    keyed = [
+        (MessageKind.KEYED_SCENE, b"scene"),
+        (MessageKind.KEYED_BLOCK, b"1"),
+        (MessageKind.KEYED_BLOCK, b"2"),
+    ]
+    asked.describe(b"first")
+    for each in keyed[:2]:
+        asked.add_lookahead(*each)
+    assert told() == [(MessageKind.SCENE, b"first"), *keyed[:2]]
+    asked.add_lookahead(*keyed[2])
+    asked.show(b"now", {})
+    assert told() == [(MessageKind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
+    asked._process = None
+    asked.restart()
+    assert told() == [(MessageKind.SCENE, b"first"), *keyed]
+    asked.add_lookahead(MessageKind.KEYED_SCENE, b"edited")
+    asked._process = None
+    asked.restart()
+    assert told() == [(MessageKind.SCENE, b"first"), (MessageKind.KEYED_SCENE, b"edited")]
+    asked.describe(b"second")
+    assert told() == [(MessageKind.SCENE, b"second")]
+
+
+def test_another_scene_ends_the_lookahead_of_the_one_before() -> None:
+    body = encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),)))
+    first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
+    assert first is not None
+    assert taken(Message(MessageKind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
+    second, faults = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), first)
+    assert second is not first and not faults
+    assert first.lookahead._is_closed
+    assert taken(Message(MessageKind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
+
+
+def loud(log: Path) -> bool:
+    rows = rows_of(log)
+    return bool(rows) and is_loud(rows[-1])
+
+
+def follow(client: LiveClient, log: Path) -> None:
+    client.connect("band", BAND, {"kind": "simulator", "path": str(log)})
+    client.describe(HEADER, BODY)
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
+    client.events()
+
+
+def test_a_device_plays_moments_and_a_stop_is_not_followed_by_one(
+    client: LiveClient, log: Path
+) -> None:
+    follow(client, log)
+    for _ in range(20):
+        client.show(moment())
+    client.stop_all()
+    for _ in range(20):
+        client.show(moment())
+        client.heartbeat()
+        time.sleep(0.005)
+    wait(client, lambda: client.devices["band"].state == "stopped")
+    assert "stop" in rows_of(log)[-1]
+    client.arm()
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
+
+
+def _worker(client: LiveClient) -> int:
+    """The process that renders: the child of the output process."""
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                is_ours = b"render_worker" in (entry / "cmdline").read_bytes()
+            except OSError:
+                continue
+            if parent == client.pid and is_ours:
+                return int(entry.name)
+    raise AssertionError("there is none")
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds a child by /proc")
+def test_devices_stop_when_what_renders_ends_and_play_starts_it_again(
+    client: LiveClient, log: Path
+) -> None:
+    follow(client, log)
+    before = _worker(client)
+    os.kill(before, signal.SIGKILL)
+    wait(
+        client,
+        lambda: client.devices["band"].state == "fault",
+        lambda: client.show(moment()),
+    )
+    assert "has ended" in client.devices["band"].text
+    wait(client, lambda: "stop" in rows_of(log)[-1])
+    client.arm()
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
+    assert _worker(client) != before
+
+
+class Asked:
+    """A process that renders, and what it said."""
+
+    def __init__(self) -> None:
+        self.told: list[Message] = []
+        self.answered: list[Any] = []  # which questions
+        self.faults: list[str] = []
+        self.process = RenderProcess(self._receive, self.faults.append)
+
+    def _receive(self, found: Message, questions: Any) -> None:
+        self.told.append(found)
+        self.answered.append(questions)
+
+    def until(self, happened: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not happened():
+            assert time.monotonic() < end, f"never happened: {self.told} {self.faults}"
+            time.sleep(0.002)
+
+    def is_idle(self) -> bool:
+        with self.process._wake:
+            return self.process._deadline_s is None and self.process._scene is None
+
+
+@pytest.fixture
+def asked() -> Iterator[Asked]:
+    found = Asked()
+    yield found
+    found.process.close()
+
+
+def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_asked(
+    asked: Asked,
+) -> None:
+    asked.process.describe(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    for k in range(50):
+        asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
+        if k % 2:
+            asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
+        else:
+            with asked.process._wake:
+                is_waiting = asked.process._moment is not None
+                asked.process.forget()
+                count = len(asked.told)
+            asked.until(asked.is_idle)
+            assert len(asked.told) <= count + (not is_waiting)
+    generations = [each[1].generation for each in asked.answered]
+    assert generations == sorted(set(generations))
+
+
+def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
+    asked.process.describe(b"nonsense")
+    asked.until(lambda: asked.told)
+    assert asked.told[0].kind is MessageKind.FAULT and asked.told[0].device == EVERY_DEVICE
+
+
+@pytest.mark.parametrize(
+    ("kind", "after_s"), [(MessageKind.SCENE, 60.0), (MessageKind.MOMENT, 0.25)]
+)
+def test_one_that_does_not_answer_in_time_is_ended(kind: MessageKind, after_s: float) -> None:
+    class Worker:
+        is_killed = False
+
+        def kill(self) -> None:
+            self.is_killed = True
+
+        def wait(self) -> None: ...
+
+    clock, worker = FakeClock(), Worker()
+    process = RenderProcess(lambda *_: None, lambda text: None, clock)
+    process._process = worker  # type: ignore[assignment]
+    if kind is MessageKind.SCENE:
+        process.describe(b"scene")
+    else:
+        process.show(b"moment", {})
+    assert process._next(worker)[4] == kind  # type: ignore[arg-type, index]
+    clock.now_s += after_s - 0.001
+    assert not process.is_overdue(clock.now())
+    clock.now_s += 0.002
+    assert process.is_overdue(clock.now()) and worker.is_killed
+    assert not process.is_overdue(clock.now())
+
+
+def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
+    huge = replace(felt(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
+    stopped: list[str] = []
+    pipe = client._pipe
+    pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
+    assert pipe._as_bytes(LiveFrame(0.0, [huge]), places()) == b""
+    assert "cannot be handed over" in stopped[0]
+    assert pipe._as_bytes(moment(), {}) == b""  # of the scene before: no fault
+    assert len(stopped) == 1

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The folder of a farm's pieces after a merge: what others have put there stays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from hfx_blender.export.batch import pieces
+from hfx_blender.export.batch.options import ExportOptions
+from hfx_blender.export.batch.units import Unit
+from hfx_blender.files.atomic import temporary_name
+
+
+def _unit(out: Path) -> Unit:
+    return Unit("join", str(out / "a.blend"), str(out), "a", str(out), ExportOptions())
+
+
+def _piece(folder: Path, number: int, count: int, listed: str) -> None:
+    """A piece with its record, written by hand as docs/farms.md tells it."""
+    content = f"{number}".encode()
+    (folder / listed).write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()
+    record = {
+        "piece": [number, count],
+        "samples": [0, 10],
+        "recorded": {},
+        "made_from": {},
+        "files": [{"name": listed, "bytes": len(content), "sha256": digest}],
+    }
+    (folder / f"{number}-of-{count}.json").write_text(json.dumps(record))
+
+
+def test_the_pieces_of_all_divisions_go_and_the_folder_with_them(tmp_path: Path) -> None:
+    folder = tmp_path / "a.pieces"
+    folder.mkdir()
+    for number, count in ((1, 2), (2, 2), (3, 4)):
+        _piece(folder, number, count, f"{number}-of-{count}.hfxtrack")
+    pieces.remove(_unit(tmp_path))
+    killed = folder / temporary_name("hfx-export")
+    killed.mkdir()
+    (killed / "owner").write_bytes(b"locked\n")  # its process has gone, and so has the lock
+    pieces.remove_folder(folder)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_others_have_put_there_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "a.pieces"
+    folder.mkdir()
+    _piece(folder, 1, 2, "1-of-2.hfxtrack")
+    _piece(folder, 2, 2, "farm.log")  # a record that lists what is no file of its piece
+    (folder / "thesis").mkdir()
+    (folder / "thesis" / "1-of-2.hfxtrack").write_bytes(b"precious")
+    (folder / "2-of-3.json").write_text("{}")  # no record of a piece
+    (folder / "3-of-3.hfxtrack").write_bytes(b"precious")  # of no record
+    pieces.remove(_unit(tmp_path))
+    pieces.remove_folder(folder)
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "2-of-3.json",
+        "3-of-3.hfxtrack",
+        "farm.log",
+        "thesis",
+    ]
+    assert (folder / "thesis" / "1-of-2.hfxtrack").is_file()

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A JSON of another kind: every command says what it got, and what it wants."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hfx_blender.cli import run
+from hfx_blender.devices import configuration
+from hfx_blender.engine.body.rigs import mapping
+from hfx_blender.errors import InputError
+from hfx_blender.formats.pictures import texture_map
+from hfx_blender.generation import generated
+from hfx_blender.processes.blender_session import open_blend
+
+DEVICE = {"schema": "hfx-device", "version": 1}
+MAP = {"format": "hfx-texture-map", "version": 1}
+RECORD = {"format": "hfx-generated-texture", "version": 1}
+REPORT = {"scene": "Garage", "files": []}
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "found", "wanted"),
+    [
+        (configuration.load_device, MAP, "a texture map", "a device configuration"),
+        (configuration.load_device, REPORT, "the report of an export", "a device configuration"),
+        (texture_map.read, RECORD, "the record of a generated surface", "a texture map"),
+        (generated.read, MAP, "a texture map", "the record of a generated surface"),
+        (generated.read, DEVICE, "a device configuration", "the record of a generated surface"),
+    ],
+)
+def test_a_reader_names_both(
+    tmp_path: Path, read: Any, content: Any, found: str, wanted: str
+) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError) as told:
+        read(path)
+    assert f"x.json: is {found}" in str(told.value) and f"expected {wanted}" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["play", "{}", "--device", "tactal_mask"],
+        ["validate", "{}"],
+        ["convert", "{}", "y.ahap"],
+        ["info", "{}"],
+    ],
+)
+def test_a_command_names_both(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    path = tmp_path / "x.generated.json"
+    path.write_text(json.dumps(RECORD))
+    assert run([word.format(path) for word in command]) == 3
+    said = "".join(capsys.readouterr())
+    assert "is the record of a generated surface" in said
+    assert "expected a" in said or "known are .ahap" in said
+    assert said.count(str(path)) <= 2 and len(said.splitlines()) <= 2
+
+
+def test_what_is_to_be_a_blend_is_not_opened(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(DEVICE))
+    with pytest.raises(InputError, match=r"is a device configuration; expected a \.blend file"):
+        open_blend(path)
+
+
+def test_a_table_of_bones_says_what_it_got() -> None:
+    with pytest.raises(InputError, match=r"not a bone mapping .*hfx-texture-map"):
+        mapping.from_json(json.dumps(MAP))

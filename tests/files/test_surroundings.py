@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surroundings unlike the developer's: editors with byte order marks, users without a home."""
+
+from __future__ import annotations
+
+import codecs
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hfx_blender.commands import texture
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.configurations import surface_calibration
+from hfx_blender.devices.live import live_settings
+from hfx_blender.engine.body import model_library
+from hfx_blender.export import report
+from hfx_blender.files import kinds, resources
+from hfx_blender.formats.pictures import point_cloud
+from hfx_blender.processes import start
+
+
+def _device(path: Path) -> object:
+    device = load_device(str(path))
+    return device.id, [each.id for each in device.actuators]
+
+
+def _table(path: Path) -> object:
+    return texture._table(path).tolist()
+
+
+def _points(path: Path) -> object:
+    return point_cloud.read(path).tolist()
+
+
+def _manifest(path: Path) -> object:
+    return model_library.read_manifest(path.parent)
+
+
+INSOLES = (resources.device_configs() / "insoles.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "text"),
+    [
+        (_device, "insoles.json", INSOLES),
+        (report.read, "x.report.json", '{"scene": "A", "files": []}'),
+        (kinds.title_of, "x.json", '{"format": "hfx-device"}'),
+        (_table, "path.csv", "1,2\n3,4\n"),
+        (_points, "scan.xyz", "0 0 0\n1 0 0\n0 1 0\n"),
+        (_manifest, model_library.MANIFEST_FILE, '{"models": {}}'),
+    ],
+)
+def test_a_byte_order_mark_changes_nothing(
+    tmp_path: Path, read: Callable[[Path], object], name: str, text: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    plain = read(path)
+    path.write_bytes(codecs.BOM_UTF8 + text.encode())
+    assert read(path) == plain is not None
+
+
+def test_a_mark_in_the_users_own_data_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HFX_USER_DATA", str(tmp_path))
+    for file, load in (
+        (resources.surface_calibration(), surface_calibration.load),
+        (resources.live_settings(), live_settings.load),
+    ):
+        text = json.dumps({"insoles": 0.5} if load is surface_calibration.load else {})
+        file.write_text(text)
+        plain = load()
+        file.write_bytes(codecs.BOM_UTF8 + text.encode())
+        assert load() == plain
+
+
+def test_without_a_home_there_is_no_users_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", none)
+    for name in ("XDG_DATA_HOME", "APPDATA", "HFX_DEVICES", "HFX_USER_DATA"):
+        monkeypatch.delenv(name, raising=False)
+    assert not resources.user_devices().exists()
+    assert not resources.time_on().parent.exists()
+    monkeypatch.setenv("HFX_DEVICES", "~nobody-of-this-name/devices")
+    assert not resources.user_devices().exists()
+
+
+@pytest.mark.skipif(shutil.which("unshare") is None, reason="needs a user without an entry")
+def test_a_user_without_home_and_entry_can_validate(tmp_path: Path) -> None:
+    path = tmp_path / "a.ahap"
+    path.write_text(
+        '{"Version": 1.0, "Pattern": [{"Event": {"Time": 0.0, "EventType": "HapticTransient", '
+        '"EventParameters": []}}]}'
+    )
+    nobody = ["unshare", "-U", "--map-user=54321"]
+    if subprocess.run([*nobody, "true"], check=False).returncode:
+        pytest.skip("may not")
+    variables = start.environment()
+    for name in ("HOME", "XDG_DATA_HOME", "HFX_DEVICES", resources.BODY_MODELS_VARIABLE):
+        variables.pop(name, None)
+    done = subprocess.run(
+        [*nobody, sys.executable, "-P", "-m", "hfx_blender.cli", "validate", str(path)],
+        env={**variables, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr

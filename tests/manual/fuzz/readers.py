@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readers with their checks, and all conversions: the way of a stranger's file."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import tempfile
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from functools import partial
+from pathlib import Path
+
+from hfx_blender import cli
+from hfx_blender.authoring.effects import effect_file
+from hfx_blender.authoring.paths import path_file
+from hfx_blender.commands.conversion import convert
+from hfx_blender.commands.info_report import facts_of_report
+from hfx_blender.commands.played_clip import PlayedClip
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.configurations import node_map, unitouch_layout
+from hfx_blender.devices.configurations.configuration_reader import device_from
+from hfx_blender.devices.live.played_track import PlayedTrack
+from hfx_blender.engine.body import model as body_model
+from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.errors import InputError
+from hfx_blender.export.batch import journal
+from hfx_blender.export.batch.options import ExportOptions
+from hfx_blender.export.batch.units import Unit
+from hfx_blender.files import limits, strict_json
+from hfx_blender.formats import files
+from hfx_blender.formats.clip import rules as clip_rules
+from hfx_blender.formats.clip.container import with_checksum
+from hfx_blender.formats.hjif import reader, text, to_signals
+from hfx_blender.formats.pictures import png, point_cloud, texture_map
+from hfx_blender.formats.rasters import csv_raster, npz_raster
+from hfx_blender.generation.picture_prompts import prompt_of
+
+Reader = Callable[[bytes], None]
+
+PARSERS = (
+    *("ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "jsonl", "glb", "npz"),
+    *("csv", "wav", "track", "device", "effect", "path", "nodemap", "unitouch", "texture", "png"),
+    *("report", "model", "cloud", "clip"),
+)
+SUFFIXES = {
+    "ahap": ".ahap",
+    "haptic": ".haptic",
+    "he": ".he",
+    "openharmony": ".openharmony.json",
+    "openxr": ".openxr.json",
+    "tact": ".tact",
+    "hjif": ".hjif",
+    "npz": ".raster.npz",
+    "csv": ".csv",
+    "track": ".hfxtrack",
+}
+_COMMAND_SUFFIXES = {
+    **SUFFIXES,
+    "jsonl": ".jsonl",
+    "glb": ".glb",
+    "wav": ".wav",
+    "channels": ".channels.json",
+    "device": ".json",
+    "effect": ".hfxeffect",
+    "path": ".hfxpath",
+    "nodemap": ".json",
+    "unitouch": ".json",
+    "texture": ".texture.json",
+    "png": ".png",
+    "report": ".report.json",
+    "model": ".npz",
+    "cloud": ".ply",
+    "clip": ".hfxclip",
+}
+COMMANDS = tuple(f"{each}-commands" for each in _COMMAND_SUFFIXES)
+"""All commands that read a format; what one converts to is told by its bytes."""
+
+_DOCUMENTED = (0, 2, 3, 4, 5)  # exit codes that are no defect
+CONVERSIONS = tuple(f"{each}-to" for each in SUFFIXES)
+"""Conversions of a format; which other one each input goes to is told by its bytes."""
+
+DEVICE = "forearm_band_left"
+SHARE = 1.0 / 64.0
+"""Of what a file may ask for, in conversions: time and memory grow in step with it."""
+
+_ENVELOPES = ("ahap", "haptic", "he", "he1", "openharmony", "openxr", "hjif")
+_OF_A_DEVICE = (*_ENVELOPES, "tact", "wav", "csv", "npz")
+_SHM = Path("/dev/shm")  # memory, where there is such a thing
+
+
+def readers(name: str) -> Reader:
+    """The reader or the conversion of a name; raises ``InputError`` for a bad file only."""
+    folder = Path(tempfile.mkdtemp(prefix="hfx-fuzz-", dir=_SHM if _SHM.is_dir() else None))
+    if name.endswith("-commands"):
+        return _commands(name.removesuffix("-commands"), folder)
+    if name.endswith("-to"):
+        return _conversion(name.removesuffix("-to"), folder)
+    in_files: dict[str, Callable[[Path, bytes], None]] = {
+        "track": _track,
+        "texture": _texture,
+        "png": _png,
+        "report": _report,
+        "model": _model,
+        "cloud": _cloud,
+    }
+    if name in in_files:
+        return partial(in_files[name], folder)
+    of_bytes: dict[str, Reader] = {
+        "clip": lambda content: void(clip_rules.validate(with_checksum(content), "x")),
+        "npz": lambda content: void(npz_raster.decode(content, "x")),
+        "csv": lambda content: void(csv_raster.decode(content, "x")),
+        "hjif": _hjif,
+        "device": lambda content: void(device_from(strict_json.parse(content, "x"))),
+        "effect": lambda content: void(effect_file.from_text(content.decode("utf-8", "replace"))),
+        "path": lambda content: void(path_file.recipe_of(strict_json.parse(content, "x"))),
+        "nodemap": _node_map,
+        "unitouch": _node_map,
+    }
+    return of_bytes[name] if name in of_bytes else _checked(files.FILE_FORMATS[name])
+
+
+def void(found: object) -> None:
+    """Do nothing: a reading without an exception is good."""
+
+
+def _checked(kind: files.FileFormat) -> Reader:
+    def read(content: bytes) -> None:
+        findings = kind.validate(content, "x")
+        if not kind.has_signals:
+            return
+        try:
+            kind.signals(content, "x")
+        except limits.TooLargeError:
+            return
+        except InputError:
+            if not any(each.severity == "error" for each in findings):
+                raise AssertionError("valid, but not read") from None
+
+    return read
+
+
+def _hjif(content: bytes) -> None:
+    """Read, write again, read again: the same; and unfold."""
+    document = reader.decode(content, "x")
+    assert reader.decode(text.encode(document), "x") == document
+    for each in to_signals.envelopes(document):
+        assert len(each.strength) > 0
+    to_signals.decode(content, "x")
+
+
+def _node_map(content: bytes) -> None:
+    document = strict_json.parse(content, "x.json")
+    of = unitouch_layout if unitouch_layout.is_layout(document) else node_map
+    made = of.configuration_of(document, "x", load_model(node_map.MODEL))
+    device_from(strict_json.Node(made, "made"))  # what is made of it can be used
+
+
+def _track(folder: Path, content: bytes) -> None:
+    path = folder / "x.hfxtrack"
+    path.write_bytes(content)
+    with TrackReader(path) as track:
+        track.summary()
+        for _ in track.runs():
+            pass
+        track.samples_at(0.5)
+
+
+def _texture(folder: Path, content: bytes) -> None:
+    for name, part in _members(content).items():
+        (folder / Path(name).name).write_bytes(part)
+    texture_map.read(folder / "m.texture.json")
+
+
+def _members(content: bytes) -> dict[str, bytes]:
+    with suppress(Exception), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        return {each: archive.read(each)[: 1 << 20] for each in archive.namelist()[:3]}
+    return {"m.texture.json": content}
+
+
+def _png(folder: Path, content: bytes) -> None:
+    path = folder / "x.png"
+    path.write_bytes(content)
+    prompt_of(png.texts(path))
+    png.read(path)
+
+
+def _report(folder: Path, content: bytes) -> None:
+    source = folder / "x.blend"
+    source.write_bytes(b"")
+    (folder / "x.csv").write_bytes(b"")
+    path = folder / "x.report.json"
+    path.write_bytes(content)
+    options = ExportOptions()
+    journal.finished(Unit("scene", str(source), str(folder), "x", str(folder), options))
+    facts_of_report(path)
+
+
+def _model(folder: Path, content: bytes) -> None:
+    path = folder / "x.npz"
+    path.write_bytes(content)
+    body_model.load(PerceptualModel, path)
+
+
+def _cloud(folder: Path, content: bytes) -> None:
+    path = folder / ("x.ply" if content.startswith(b"ply") else "x.xyz")
+    path.write_bytes(content)
+    point_cloud.read(path)
+
+
+def _conversion(source: str, folder: Path) -> Reader:
+    path = folder / f"x{SUFFIXES[source]}"
+    asked = _targets(source)
+
+    def read(content: bytes) -> None:
+        target, device = asked[zlib.crc32(content) % len(asked)]
+        path.write_bytes(content)
+        try:
+            with limits.raised(SHARE):
+                written = convert(path, folder / "made", to=target, device=device)
+            for each in written.files:
+                each.unlink()
+        finally:
+            left = [each.name for each in folder.iterdir() if each != path]
+            for name in left:
+                (folder / name).unlink()
+            assert not left, f"left behind: {left}"
+
+    return read
+
+
+def _commands(kind: str, folder: Path) -> Reader:
+    """``hfx`` in this process: a code that is not documented is a fault, and so is a warning."""
+    suffix = _COMMAND_SUFFIXES[kind]
+    warnings.simplefilter("error", RuntimeWarning)
+    cli._defect = _raise  # type: ignore[assignment]
+    parser = cli.build_parser()  # most of the time of a small file
+    cli.build_parser = lambda prog="hfx": parser  # type: ignore[assignment]
+    path = folder / f"x{suffix}"
+
+    def read(content: bytes) -> None:
+        for name, part in (
+            _members(content) if kind == "texture" else {path.name: content}
+        ).items():
+            (folder / ("x" + suffix if name.endswith(".json") else Path(name).name)).write_bytes(
+                part
+            )
+        number = zlib.crc32(content)
+        asked = [["validate", str(path)], ["info", str(path), "--largest", str(SHARE)]]
+        asked[1] = asked[1][:2] if kind in ("device", "model") else asked[1]
+        if kind in SUFFIXES:
+            to, device = _targets(kind)[number % len(_targets(kind))]
+            made = folder / "made"
+            more = ["--device", device] if device else []
+            asked.append(["convert", str(path), str(made / "y"), "--to", to, *more])
+            asked[-1] += ["--largest", str(SHARE)]
+            made.mkdir(exist_ok=True)
+        if kind in ("device", "nodemap", "unitouch"):
+            asked.append(["device", "check", str(path)])
+        if kind in ("png", "cloud", "texture"):
+            asked.append(["texture", "info", str(path)])
+        try:
+            for arguments in asked:
+                with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                    code = cli.run(arguments)
+                assert code in _DOCUMENTED, f"{arguments[0]} ended with {code}"
+            if kind == "clip":
+                PlayedClip(path, {"a": load_device("oculus_touch")})
+            if kind == "track":
+                with PlayedTrack(path):
+                    pass
+        finally:
+            shutil.rmtree(folder / "made", ignore_errors=True)
+
+    return read
+
+
+def _raise(console: object) -> int:
+    raise  # the exception that cli.run() is handling
+
+
+def _targets(source: str) -> list[tuple[str, str | None]]:
+    """Formats that a format is converted to, and for which device."""
+    if source == "track":
+        return [("hjif", None), ("jsonl", None), *((each, DEVICE) for each in _OF_A_DEVICE)]
+    if source in ("npz", "csv"):
+        return [(each, DEVICE) for each in _OF_A_DEVICE]
+    return [(each, None) for each in _ENVELOPES] + [(each, DEVICE) for each in _OF_A_DEVICE]
+
+
+def report_of(folder: Path) -> bytes:
+    """A report that holds for an export of nothing."""
+    from hfx_blender.export.batch import inputs
+
+    source = folder / "x.blend"
+    source.write_bytes(b"")
+    unit = Unit("scene", str(source), str(folder), "x", str(folder), ExportOptions())
+    empty = inputs.sha256_of(source)
+    made_from = {
+        "files": {"x.blend": empty},
+        "devices": {"fan_heater": "0"},
+        "models": {"hfx-temperature-1": "0"},
+        "options": unit.options.as_json(),
+        "tools": inputs.tools(),
+    }
+    document = {
+        "scene": "x",
+        "made_from": made_from,
+        "files": [{"name": "x.csv", "bytes": 0, "sha256": empty}],
+        "felt": [{"effect": "e"}],
+        "warnings": ["w"],
+    }
+    return json.dumps(document).encode()

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Everyone sees it: actuators glow with what they are given, a chart shows values over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+FPS = 24
+WHOLE_BODY = 0, 0  # column and row of Fill Body Part
+DEVICES = ("pressure_vest", "waist_belt")
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h, FPS)
+    scene = bpy.context.scene
+    scene.frame_end = 96
+    for name in DEVICES:
+        scene.hfx.devices.add().name = name
+    h.undo_push()
+    yield from hands.add_avatar(h)
+    pressure, warmth = (hands.MODALITIES.index(name) for name in ("pressure", "vibration"))
+    yield from hands.add_haptic(h, hands.PAINTED_ROW, pressure)
+    yield from hands.fill_part(h, WHOLE_BODY)
+    yield from hands.go_to(h, 24)
+    yield from h.press_button("HFX_OT_add_clip")
+    yield from hands.add_haptic(h, hands.PAINTED_ROW, warmth)
+    yield from hands.fill_part(h, WHOLE_BODY)
+    yield from hands.go_to(h, 48)
+    yield from h.press_button("HFX_OT_add_heartbeat")
+    yield from hands.go_to(h, 12)
+    yield 1.5
+    calm = h.shot("1_calm.png")
+
+    bpy.context.window_manager.hfx_preview = False  # the actuators alone
+    yield from hands.go_to(h, 30)
+    yield 1.5
+    lit = h.shot("2_lit.png")
+    green = greener(h, lit) - greener(h, calm)
+    h.check(green > 60, f"actuators on the chest glow green ({green:.0f} pixels)")
+    bpy.context.window_manager.hfx_preview = True
+
+    known = hands.module("playback.preview.preview").updates()
+    yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
+    before = known.count
+    x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches above it
+    yield from h.click(x - 3, y - hands.LIST_BELOW)
+    yield 0.5
+    h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
+    yield 1.0
+    h.shot("3_chart.png")
+    h.document("editor_values.png", left=0.0, bottom=0.0)
+    h.check(known.count == before, "showing them records nothing anew")
+    yield from hands.go_to(h, 60)
+    yield 1.0
+    h.shot("4_later.png")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.8))
+    yield from h.key("space")
+    yield 3.0
+    h.shot("5_playing.png")
+    yield from h.key("space")
+    yield 0.5
+    yield from h.until(lambda: known.is_fresh, "after playing, they hold", 60)
+    h.check(known.count <= before + 1, f"nor does playing, frame by frame ({known.count - before})")
+    before = known.count
+
+    hands.clips_of(hands.effect("pressure"))[0].frame_start_ui = 40
+    yield from h.until(lambda: known.count > before, "a moved clip is recorded anew", 60)
+    yield 0.5
+    h.shot("6_moved.png")
+    yield 3.0
+    h.check(known.count == before + 1, f"once ({known.count - before})")
+
+
+def greener(h: Any, pixels: Any) -> int:
+    """Pixels of the viewport's middle that are clearly green."""
+    x, y = (round(each) for each in h.xy_of((0.0, -0.1, 1.2)))
+    part = pixels[y - 120 : y + 120, x - 120 : x + 120].astype(int)
+    red, green, blue = part[..., 0], part[..., 1], part[..., 2]
+    return int(((green > red + 40) & (green > blue + 40)).sum())

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Makes ``players/conformance``: clips, and what a player has to give of each.
+
+``python tests/manual/players/make_conformance.py`` writes the folder anew, from seeds and from the demo
+scenes, in about two minutes. What is expected is told by ``telling.py`` from rasters, not by a
+player. ``players/conformance/README.md`` tells what is in the files.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from check_spatial import moments
+from clip_cases import DEMOS, SPECS, Case, cases
+from walkers import RATE_HZ, walk
+
+FOLDER = Path(__file__).resolve().parents[3] / "players" / "conformance"
+_MOST_VALUES = 2500  # of a clip
+
+
+def script_of(case: Case) -> str:
+    """Calls and expected values of a clip, a line each; see the folder's README."""
+    telling = case.telling
+    random = np.random.default_rng(list(case.name.encode()))
+    columns = len(telling.low)
+    lines = [f"columns {columns}"]
+    frames = min(max(_MOST_VALUES // columns, 12), 160)
+    usual = random.choice([1 / 60, 1 / 72, 1 / 90, 1 / 30])
+    for frame in range(frames):
+        if frame == 0 or random.random() < 0.06:
+            lines.append(_call(case, random, frame))
+        step = usual if random.random() < 0.7 else random.uniform(0.005, 0.2)
+        step = float(f"{step:.6g}")
+        lines.append(_values(f"advance {step:.6g}", telling.advance(step), telling.slack))
+    lines.append(_values("silence", telling.silence(), telling.slack))
+    return "\n".join(lines) + "\n"
+
+
+def _call(case: Case, random: np.random.Generator, frame: int) -> str:
+    telling = case.telling
+    names = ("gain", "parameter", "seek", "loop", "pause", "stop", "play", "named")
+    name = "play" if frame == 0 else str(random.choice(names))
+    if (name == "named" and not telling.clips) or (name == "stop" and frame < 10):
+        name = "play"
+    if not telling.playing or telling.paused:
+        name = "play"  # nothing is felt otherwise
+    value: object = ""
+    if name == "gain":
+        value = float(f"{random.uniform(0.0, 2.0):.3g}")
+    elif name == "seek":
+        value = float(f"{random.uniform(0.0, telling.end_s):.4g}")
+    elif name in ("loop", "pause"):
+        value = 1
+    elif name == "named":
+        value = str(random.choice(sorted(telling.clips)))
+    elif name == "parameter":
+        factor = float(f"{random.uniform(0.2, 1.5):.3g}")
+        known = [each for each in telling.parameters if not each.startswith("direction")]
+        parameter = str(random.choice(known))
+        telling.parameter(parameter, factor)
+        return f"parameter {parameter} {factor:g}"
+    if value == "":
+        getattr(telling, name)()
+        return name
+    getattr(telling, name)(value)
+    return f"{name} {value if isinstance(value, str) else f'{value:.6g}'}"
+
+
+def _values(call: str, values: np.ndarray, slack: np.ndarray) -> str:
+    """A call with its values, of as many digits as the slack needs."""
+    digits = np.maximum(np.ceil(-np.log10(slack)) + 1, 0).astype(int)
+    texts = (f"{value:.{n}f}" for value, n in zip(values, digits, strict=True))
+    shown = " ".join(each.rstrip("0").rstrip(".") if "." in each else each for each in texts)
+    return f"{call} = {shown}"
+
+
+def write_walk(folder: Path) -> None:
+    """Write ``walk``: a body among volumes at a coarse level, and what the engine feels there."""
+    with tempfile.TemporaryDirectory() as name:
+        path, told = moments(walk(4, 0.15, volumes=8, responds=True), Path(name), 3)
+        lines = []
+        for row, moment in enumerate(told):
+            lines += [f"bone {k} {_numbers(at)}" for k, at in enumerate(moment.bones)]
+            for k, (matrix, level) in enumerate(zip(moment.volumes, moment.levels, strict=True)):
+                lines.append(f"volume {k} {level:.9g} {_numbers(matrix)}")
+            lines.append(f"evaluate {1.0 / RATE_HZ if row else 0.0:.9g}")
+            for k, felt in enumerate(moment.felt):
+                each = (f"{v}:{felt[v]:.4f}" for v in np.flatnonzero(felt))
+                lines.append(" ".join((f"felt {k}", *each)))
+        folder.mkdir(exist_ok=True)
+        shutil.copy(path, folder / "walk.hfxclip")
+    (folder / "walk.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _numbers(matrix: np.ndarray) -> str:
+    return " ".join(f"{each:.7g}" for each in matrix.ravel())
+
+
+def main() -> None:
+    for old in (*FOLDER.glob("*.hfxclip"), *FOLDER.glob("*.txt")):
+        old.unlink()
+    with tempfile.TemporaryDirectory() as name:
+        for case in cases(Path(name)):
+            shutil.copy(case.path, FOLDER / case.path.name)
+            (FOLDER / f"{case.name}.txt").write_text(script_of(case), encoding="utf-8")
+    write_walk(FOLDER / "spatial")
+    total = sum(each.stat().st_size for each in FOLDER.rglob("*"))
+    count = len(SPECS) + len(DEMOS)
+    sys.stdout.write(f"{count} clips, {total / 2**20:.2f} MiB in {FOLDER}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Processes of this package run no module of the current folder, whatever lies there."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+from strange_modules import CHILDREN, RAN, fill
+
+from hfx_blender.processes import import_path, start
+from hfx_tools import processes
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "hfx_blender"
+
+
+@pytest.fixture(scope="module")
+def strange(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("strange")
+    fill(folder)
+    fill(folder / "site-packages")
+    return folder
+
+
+PYTHONPATHS = ("", os.pathsep, os.pathsep.join(("nowhere", "site-packages", ".")))
+
+
+def test_all_kinds_of_children_are_tried() -> None:
+    runs = {
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for path in PACKAGE.rglob("*.py")
+        if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
+    }
+    of_people = {"cli", "hfx_tools.demo.sensation_assets"}
+    assert runs - of_people - {"child_process"} == set(CHILDREN)
+
+
+@pytest.mark.parametrize("module", CHILDREN)
+def test_no_child_runs_what_lies_in_the_current_folder(
+    module: str, strange: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", f"{os.pathsep}.{os.pathsep}site-packages")
+    with start.start(
+        start.command(module),
+        {"PYTHONPROFILEIMPORTTIME": "1"},
+        cwd=strange,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        _, err = process.communicate(timeout=120)
+    assert RAN not in err and process.returncode != 77
+    is_at_imports = "hfx_blender.errors" in err or "No module named 'torch'" in err  # not ours
+    assert is_at_imports, "it came to its own imports"
+
+
+def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
+    """As the measurements start them: given as source."""
+    source = "import sys, json, queue, numpy, hfx_tools.bench.safety.safety; print(sys.argv)"
+    command = processes.program(source, "x", "y")
+    done = subprocess.run(
+        command, env=start.environment(), cwd=strange, capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("['-c', 'x', 'y']\n", "")
+
+
+def test_no_process_is_started_by_one_that_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start, "_ended", [])
+    command = processes.program("import time; time.sleep(100)")
+    with start.start(command) as running:
+        start.end_all(30.0)
+        assert running.wait(30)
+        with pytest.raises(OSError, match="ending"):
+            start.start(command)
+
+
+def test_only_one_place_starts_processes() -> None:
+    starters = {"subprocess": {"Popen", "run", "call", "check_call", "check_output", "getoutput"}}
+    for path in PACKAGE.rglob("*.py"):
+        if path.name == "own_processes.py":
+            continue
+        source = path.read_text(encoding="utf-8")
+        if not re.search(r"subprocess|multiprocessing|\bos\.(exec|spawn|popen|system)", source):
+            continue
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                of, name = getattr(node.func.value, "id", ""), node.func.attr
+                assert name not in starters.get(of, ()), f"{path}: {of}.{name}"
+                is_os = of == "os" and name.startswith(("exec", "spawn", "popen", "system"))
+                assert not is_os, f"{path}: {of}.{name}"
+            elif isinstance(node, ast.Import | ast.ImportFrom):
+                names = [alias.name for alias in node.names]
+                assert "multiprocessing" not in {*names, getattr(node, "module", "")}, path
+
+
+def test_absolute_entries_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = tmp_path / "mine"
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((".", str(mine), "", "there")))
+    assert start.environment()["PYTHONPATH"] == str(mine), "and nothing of ours"
+
+
+# hfx itself
+
+
+@pytest.fixture(scope="module")
+def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """An installation as pip makes it: its scripts import ``re``, then the package."""
+    import startup_file
+
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, with_pip=False, symlinks=os.name != "nt")
+    kept = {"base": str(folder), "platbase": str(folder)}
+    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=kept))
+    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=kept))
+    present = [path for path in sys.path if Path(path).name == "site-packages"]
+    (packages / "present.pth").write_text("\n".join([str(ROOT), *present]) + "\n")
+    (packages / "distutils-precedence.pth").write_text("import _distutils_hack\n")
+    (packages / "_distutils_hack.py").write_text("")
+    (packages / startup_file.NAME).write_text(startup_file.text(), encoding="utf-8")
+    script = scripts / "hfx"
+    script.write_text("import re, sys\nfrom hfx_blender.cli import main\nsys.exit(main())\n")
+    python = scripts / ("python.exe" if os.name == "nt" else "python")
+    return [str(python), str(script)]
+
+
+@pytest.fixture(autouse=True)
+def _root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+
+
+@pytest.mark.parametrize("python_path", PYTHONPATHS)
+def test_hfx_runs_nothing_of_the_current_folder(
+    hfx: list[str], strange: Path, python_path: str
+) -> None:
+    done = subprocess.run(
+        [*hfx, "device", "list"],
+        cwd=strange,
+        env={**os.environ, "PYTHONPATH": python_path},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "back_pad" in done.stdout
+
+
+def test_hfx_finds_what_an_absolute_entry_names(hfx: list[str], tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.stderr.write('mine')\n")
+    python_path = os.pathsep.join((".", str(tmp_path)))
+    env = {**os.environ, "PYTHONPATH": python_path}
+    for cwd in (tmp_path, tmp_path.parent):
+        done = subprocess.run([*hfx, "--version"], cwd=cwd, env=env, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "mine")
+
+
+def test_other_programs_keep_their_import_path(hfx: list[str], tmp_path: Path) -> None:
+    (tmp_path / "found.py").write_text("print('found')\n")
+    env = {**os.environ, "PYTHONPATH": "."}
+    code = "import sys; before = list(sys.path); import found, hfx_blender.cli; "
+    code += "assert sys.path == before"
+    command = [hfx[0], "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.stdout == "found\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_ours"),
+    [
+        (["python", "/usr/bin/hfx", "export"], True),
+        (["python.exe", "C:\\x\\Scripts\\hfx.exe", "info"], True),
+        (["python", "-I", "/venv/bin/hfx"], True),
+        (["python", "-m", "hfx_blender.cli", "info"], True),
+        (["python", "mine.py", "hfx"], False),
+        (["python", "-c", "import hfx_blender"], False),
+        (["python"], False),
+    ],
+)
+def test_the_process_of_hfx_is_known(arguments: list[str], is_ours: bool) -> None:
+    assert import_path.is_own_command(arguments) == is_ours
