@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: ``python build_addon.py`` makes the zip for this computer.
 
-A zip holds the package without its folder ``maintenance``, the body models, the device
+A zip holds the package ``hfx_blender``, the body models, the device
 configurations, the library of engine/native compiled for the platform, and the wheels of what these
 modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
 Blender unpacks the wheels that fit. One zip for all platforms would be five times as large; but one
@@ -18,13 +18,10 @@ import zipfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import addon_wheels
-import native_build
-import native_wheel
-from addon_wheels import PLATFORMS, PYTHONS, WheelError
-from native_build import BuildError
-
 from hfx_blender.files.atomic import atomic_file
+from release import addon_wheels, native_build, native_wheel
+from release.addon_wheels import PLATFORMS, PYTHONS, WheelError
+from release.native_build import BuildError
 
 ROOT = Path(__file__).resolve().parent
 PACKAGE = ROOT / "hfx_blender"
@@ -32,9 +29,7 @@ MANIFEST = "blender_manifest.toml"
 DATA = ("body_models", "device_configs", "effect_library")
 LICENCE = ROOT / "LICENSE"
 WHEELS = ROOT / "build" / "wheels"
-MAINTENANCE = "maintenance"
-"""The folder of the package that an installed Blender never runs: not in the zip."""
-_LEFT_OUT = {"__pycache__", MANIFEST, MAINTENANCE}
+_LEFT_OUT = {"__pycache__", MANIFEST}
 _STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1", ".new", ".so", ".dll", ".dylib"}
 _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
 
@@ -121,7 +116,7 @@ def build_for(
         The library cannot be compiled.
     """
     lock = addon_wheels.read_lock()
-    wanted = addon_wheels.imported(PACKAGE, MAINTENANCE)
+    wanted = addon_wheels.imported(PACKAGE)
     chosen: dict[str, Path] = {}
     for python in pythons:
         found = addon_wheels.select(lock, wanted, name, python)

@@ -4,10 +4,10 @@
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those. ``devices``
 needs matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation
-of ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two
-with ``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
-MakeHuman's data (``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and is
-made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
+of ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
+``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
+MakeHuman's data (``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and
+is made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
 printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
 BUSY.json``.
 """

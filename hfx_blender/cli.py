@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 # isort: off
-from .processes import import_path  # noqa: F401  first: cleans sys.path in the process of hfx
+from .processes import import_path  # first: cleans sys.path in the process of hfx
 
 # isort: on
 import argparse
@@ -17,13 +17,13 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
 
-from . import __version__
 from .commands import left_out
 from .commands.console import Console, is_unread
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
 from .files import limits
 from .files.atomic import inputs_kept
 from .processes import blender_session, process_end
+from .version import __version__
 
 EPILOG = """\
 exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
@@ -176,6 +176,42 @@ def main() -> None:
         if not is_unread(error):
             code = _unprinted(Console(), error)
     blender_session.leave(code)
+
+
+# In an installed Blender: ``blender scene.blend --command hfx export ...``
+
+_blender_command: Any = None
+
+
+def run_in_blender(arguments: list[str]) -> int:
+    """Run one command in Blender's own process, and return its exit code."""
+    if blender_session.inside_blender():
+        import_path.protect()  # the process is this command's, and ends with it
+    try:
+        return run(arguments, prog="blender --command hfx")
+    except SystemExit as finished:  # --help
+        return finished.code if isinstance(finished.code, int) else 0
+
+
+def register() -> None:
+    """Register the command with Blender, if this is one."""
+    global _blender_command
+    # Blender's Python module has no command line. It would let go of the handle when the process
+    # ends, after Python has: 4.5 crashes (BPyCommandHandler's destructor asks for Python's lock).
+    if blender_session.inside_blender():
+        import bpy
+
+        _blender_command = bpy.utils.register_cli_command("hfx", run_in_blender)
+
+
+def unregister() -> None:
+    """Unregister the command."""
+    global _blender_command
+    if _blender_command is not None:
+        import bpy
+
+        bpy.utils.unregister_cli_command(_blender_command)
+        _blender_command = None
 
 
 if __name__ == "__main__":

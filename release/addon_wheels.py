@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parent
-LOCK = ROOT / "addon_wheels.sha256"
+ROOT = Path(__file__).resolve().parents[1]
+LOCK = Path(__file__).with_suffix(".sha256")
 LICENCES = ROOT / "licences"  # of distributions whose wheels forget theirs
 
 # Import name -> distribution. Bundled is what the package imports and what that requires.
@@ -44,7 +44,7 @@ IN_BLENDER = {
 }
 COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
-    "commands/left_out.py": set(),  # of 'maintenance': where it is absent, the user is told so
+    "commands/left_out.py": set(),  # of 'hfx_tools': where it is absent, the user is told so
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
     "engine/serialization.py": set(),  # of the package's own engine
 }
@@ -113,11 +113,11 @@ def default_pythons(platform: str) -> tuple[str, ...]:
     return (_LAST_INTEL_MAC,) if platform == "macos-x64" else OFFICIAL
 
 
-def imported(package: Path, left_out: str = "") -> set[str]:
+def imported(package: Path) -> set[str]:
     """Distributions that a package's source imports and Blender does not have.
 
     Every import counts: in functions, by name (``import_module``, ``find_spec``), and under
-    ``except ImportError``. What its folder ``left_out`` imports does not.
+    ``except ImportError``.
 
     Raises
     ------
@@ -128,8 +128,6 @@ def imported(package: Path, left_out: str = "") -> set[str]:
     found = set()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()
-        if name.partition("/")[0] == left_out:
-            continue
         tops = set(COMPUTED.get(name, ()))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             modules = _modules_of(node)

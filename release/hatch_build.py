@@ -15,10 +15,9 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from packaging.tags import sys_tags
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import native_build  # beside this file, not installed
-import startup_file
+from release import native_build, startup_file  # beside this file, not installed
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):

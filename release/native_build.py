@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[1]
 NATIVE = Path("hfx_blender", "engine", "native")
 SWITCH = "HFX_NATIVE"  # 0: build none, as the package then loads none
 

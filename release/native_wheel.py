@@ -15,10 +15,10 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-import native_build
-from native_build import ROOT, Target
-
 from hfx_blender.files.atomic import atomic_file
+
+from . import native_build
+from .native_build import ROOT, Target
 
 NAME = "hfx_native"
 _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content

@@ -11,7 +11,7 @@ from pathlib import Path
 
 NAME = "_hfx_import_path.pth"  # read in the order of names: before setuptools' own
 
-_SOURCE = Path(__file__).resolve().parent / "hfx_blender" / "import_path.py"
+_SOURCE = Path(__file__).resolve().parents[1] / "hfx_blender" / "processes" / "import_path.py"
 _LINE = (
     'import sys; "hfx" in "".join(sys.orig_argv[1:3]) and exec({source!r}, {{"__name__": ""}})\n'
 )

@@ -13,7 +13,7 @@ from hfx_tools.body_building import stats, thresholds
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hfx_blender"
-PLACES = (ROOT, PACKAGE, PACKAGE / "devices" / "live", ROOT / "docs")
+PLACES = (ROOT, PACKAGE, ROOT / "docs")
 
 
 def missing_names(text: str) -> list[str]:

@@ -11,27 +11,13 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from import_graph import PACKAGE, imports, module_name, modules, source
+from import_graph import ROOT, imports, module_name, modules, source
 
 PURE = ("engine", "formats", "devices", "generation")
-PURE += ("maintenance/body_building", "maintenance/diffusion")
-SHARED = {
-    "errors",
-    "resources",
-    "atomic_files",
-    "file_hash",
-    "file_limits",
-    "file_suffixes",
-    "import_path",
-    "json_kinds",
-    "own_processes",
-    "printable",
-    "sentences",
-    "stage_folders",
-    "staging",
-    "stepwise",
-    *PURE,
-}
+PURE_TOOLS = ("body_building", "diffusion")
+LOOSE = {"errors", "text", "version"}
+"""Modules beside the packages that every package may import."""
+
 BLENDER = ("bpy", "mathutils", "bmesh", "bpy_extras", "gpu", "idprop")
 HEAVY = ("scipy", "trimesh", "fast_simplification", "serial")
 EVERYDAY = (
@@ -55,12 +41,15 @@ class Blocker:
 
 sys.meta_path.insert(0, Blocker())
 for name in {names!r}:
-    importlib.import_module("hfx_blender." + name)
+    importlib.import_module(name)
 """
 
 
 def _pure_files() -> list[Path]:
-    return sorted(path for name in PURE for path in (PACKAGE / name).rglob("*.py"))
+    folders = [f"hfx_blender/{name}" for name in PURE] + [
+        f"hfx_tools/{name}" for name in PURE_TOOLS
+    ]
+    return sorted(path for name in folders for path in (ROOT / name).rglob("*.py"))
 
 
 def _import_without(blocked: tuple[str, ...], names: list[str]) -> None:
@@ -68,44 +57,9 @@ def _import_without(blocked: tuple[str, ...], names: list[str]) -> None:
         [sys.executable, "-c", BLOCKER.format(blocked=set(blocked), names=names)],
         capture_output=True,
         text=True,
-        cwd=PACKAGE.parent,
+        cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_pure_packages_import_where_blender_is_not() -> None:
-    _import_without(BLENDER, [module_name(path) for path in _pure_files()])
-
-
-def test_the_everyday_path_needs_numpy_only() -> None:
-    formats = [module_name(path) for path in (PACKAGE / "formats").glob("*.py")]
-    _import_without((*BLENDER, *HEAVY), [*EVERYDAY, *formats])
-
-
-def test_the_blocker_blocks() -> None:
-    with pytest.raises(AssertionError, match="bpy is blocked"):
-        _import_without(("bpy",), ["properties"])
-
-
-@pytest.mark.parametrize("path", _pure_files(), ids=module_name)
-def test_pure_files_look_neither_at_blender_nor_at_its_side(path: Path) -> None:
-    assert not [name for name in source(path).others if name.partition(".")[0] in BLENDER]
-    for found in imports(path):
-        package = "/".join(found.module.split(".")[:2])
-        ours = package in PURE and "maintenance" in path.parts
-        assert ours or found.module.partition(".")[0] in SHARED, f"imports {found.module}"
-
-
-def test_what_is_imported_is_there() -> None:
-    for name, path in modules().items():
-        for found in imports(path):
-            there = found.module in modules()
-            assert there and (
-                not found.name or found.name in source(modules()[found.module]).names
-            ), (name, found)
-
-
-# Order
 
 
 def _stated_order(package: str) -> list[str]:
@@ -116,54 +70,99 @@ def _stated_order(package: str) -> list[str]:
 
 def _units(package: str) -> dict[str, set[str]]:
     """Imports of each module or folder of a package from the others, anywhere in it."""
-    start = f"{package}." if package else ""
-    found: dict[str, set[str]] = {}
+    start = f"{package}."
+    units: dict[str, set[str]] = {}
     for name, path in modules().items():
-        if name != package and name.startswith(start):
+        if name.startswith(start):
             unit = name.removeprefix(start).partition(".")[0]
             others = (each.module for each in imports(path) if each.module.startswith(start))
-            units = {each.removeprefix(start).partition(".")[0] for each in others}
-            found.setdefault(unit, set()).update(units - {unit, ""})
-    return found
+            found = {each.removeprefix(start).partition(".")[0] for each in others}
+            units.setdefault(unit, set()).update(found - {unit})
+    return units
 
 
-@pytest.mark.parametrize("package", ["", "engine"])
-def test_a_package_imports_only_from_those_before_it(package: str) -> None:
-    order, units = _stated_order(package), _units(package)
-    folders = {name for name in units if (PACKAGE / package / name).is_dir()}
-    assert sorted(order) == sorted(units if package else folders)
-    place = {name: number for number, name in enumerate(order)}
-    upward = {
-        (unit, other)
-        for unit in place
-        for other in units[unit] & place.keys()
-        if place[other] > place[unit]
-    }
-    assert not upward
+def test_layers() -> None:
+    faults = []
+    for path in _pure_files():
+        name = module_name(path)
+        faults += [
+            f"{name} imports {other}" for other in source(path).others if _top(other) in BLENDER
+        ]
+        allowed = {*PURE, *LOOSE, "files", "processes"}
+        for found in imports(path):
+            package, _, rest = found.module.partition(".")
+            is_tool = package == "hfx_tools" and path.is_relative_to(ROOT / "hfx_tools")
+            if not is_tool and _top(rest) not in allowed:
+                faults.append(f"{name}:{found.line} imports {found.module}")
+    for package in ("hfx_blender", "hfx_blender.engine"):
+        order, units = _stated_order(package), _units(package)
+        folder = ROOT.joinpath(*package.split("."))
+        is_listed = (
+            units if package != "hfx_blender" else {n for n in units if (folder / n).is_dir()}
+        )
+        assert sorted(order) == sorted(is_listed)
+        number = {name: k for k, name in enumerate(order)}
+        faults += [
+            f"{package}: {unit} imports {other}, which stands above it"
+            for unit in number
+            for other in units[unit] & number.keys()
+            if number[other] > number[unit]
+        ]
+        TopologicalSorter(units).prepare()
+    assert not [name for name, path in modules().items() if _is_tools(name, path)]
+    assert not faults, "\n".join(faults)
 
 
-@pytest.mark.parametrize("package", ["", "engine"])
-def test_nothing_imports_itself_in_a_circle(package: str) -> None:
-    TopologicalSorter(_units(package)).prepare()
-    whole = {name: {each.module for each in imports(path)} for name, path in modules().items()}
-    del whole[""]  # the package itself imports all to register it, and all may know its version
-    for found in whole.values():
-        found.discard("")
-    TopologicalSorter(whole).prepare()
+def _top(name: str) -> str:
+    return name.partition(".")[0]
+
+
+def _is_tools(name: str, path: Path) -> bool:
+    """Test that a module of the product imports one of the tools."""
+    return _top(name) == "hfx_blender" and any(
+        _top(found.module) == "hfx_tools" for found in imports(path)
+    )
+
+
+def test_pure_packages_import_where_blender_is_not() -> None:
+    _import_without(BLENDER, [module_name(path) for path in _pure_files()])
+    with pytest.raises(AssertionError, match="bpy is blocked"):
+        _import_without(("bpy",), ["hfx_blender.properties.objects"])
+
+
+def test_the_everyday_path_needs_numpy_only() -> None:
+    formats = [module_name(path) for path in (ROOT / "hfx_blender/formats").rglob("*.py")]
+    everyday = [f"hfx_blender.{name}" for name in EVERYDAY]
+    _import_without((*BLENDER, *HEAVY), [*everyday, *formats])
+
+
+def test_imported_names_are_there() -> None:
+    for name, path in modules().items():
+        for found in imports(path):
+            there = found.module in modules()
+            assert there and (
+                not found.name or found.name in source(modules()[found.module]).names
+            ), (name, found)
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    TopologicalSorter(
+        {name: {found.module for found in imports(path)} for name, path in modules().items()}
+    ).prepare()
 
 
 def test_the_spine_of_the_engine_is_short() -> None:
-    assert len([path for path in (PACKAGE / "engine").glob("*.py")]) <= 16  # with __init__
+    assert len(list((ROOT / "hfx_blender/engine").glob("*.py"))) <= 16  # with __init__
 
 
 def test_programs_within_strings_import_modules_that_exist() -> None:
     # Children run short programs; a move of the module is seen nowhere else.
-    wanted = re.compile(r"^\s*(?:from|import) hfx_blender((?:\.\w+)+)", re.M)
+    wanted = re.compile(r"^\s*(?:from|import) (hfx_(?:blender|tools)(?:\.\w+)+)", re.M)
     missing = []
     for path in modules().values():
         for program in source(path).programs:
             for dotted in wanted.findall(program):
-                place = PACKAGE.joinpath(*dotted[1:].split("."))
+                place = ROOT.joinpath(*dotted.split("."))
                 if not (place.is_dir() or place.with_suffix(".py").is_file()):
-                    missing.append(f"{path.name}: hfx_blender{dotted}")
+                    missing.append(f"{path.name}: {dotted}")
     assert not missing

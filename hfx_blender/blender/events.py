@@ -11,6 +11,7 @@ import bpy
 
 _UNDO_S = 0.5
 _changed_s = 0.0
+_listeners: dict[str, Callable[..., None]] = {}  # by event
 
 Handlers = Mapping[str, Callable[..., None]]
 """Functions by the names of their lists in ``bpy.app.handlers``."""
@@ -72,6 +73,23 @@ def _push_undo() -> float | None:
     with bpy.context.temp_override(window=window):
         bpy.ops.ed.undo_push(message="Haptic Effects")
     return None
+
+
+def listen(event: str, function: Callable[..., None]) -> None:
+    """Call a function whenever :func:`announce` names the event; one function an event."""
+    _listeners[event] = function
+
+
+def stop_listening(*events: str) -> None:
+    """Remove the functions of events."""
+    for event in events:
+        _listeners.pop(event, None)
+
+
+def announce(event: str, *arguments: Any) -> None:
+    """Call the function that listens to an event, if there is one."""
+    if event in _listeners:
+        _listeners[event](*arguments)
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:

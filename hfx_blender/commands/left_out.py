@@ -1,21 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Commands that an installation by pip has and the extension's zip has not.
 
-The one place that knows the package ``maintenance``, by its name only: in an installed extension
-there is no such folder.
+The one place that knows the package ``hfx_tools``, by its name only: an installed extension has
+no such package.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Sequence
+from importlib.machinery import PathFinder
+from pathlib import Path
 from types import ModuleType
 from typing import Final
 
 from ..errors import UsageError
 
-_PACKAGE: Final = f"{__package__.rpartition('.')[0]}.maintenance"
+_PACKAGE: Final = "hfx_tools"
 _COMMANDS: Final = (
     ("demo",),
     ("body",),
@@ -27,7 +30,7 @@ _COMMANDS: Final = (
 
 
 def module(name: str) -> ModuleType | None:
-    """Import a module of ``maintenance.commands``; None in an installed extension."""
+    """Import a module of ``hfx_tools.commands``; None in an installed extension."""
     return importlib.import_module(f"{_PACKAGE}.commands.{name}") if _is_there() else None
 
 
@@ -50,4 +53,14 @@ def refuse(arguments: Sequence[str]) -> None:
 
 
 def _is_there() -> bool:
-    return importlib.util.find_spec(_PACKAGE) is not None
+    if _PACKAGE in sys.modules:
+        return True
+    # Beside this package only: elsewhere a package of that name is a stranger's. Beside an
+    # extension, whose name is longer, it is one, too.
+    beside = [str(Path(__file__).resolve().parents[2])]
+    spec = PathFinder.find_spec(_PACKAGE, beside)
+    if __package__.count(".") > 1 or spec is None or spec.loader is None:
+        return False
+    sys.modules[_PACKAGE] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules[_PACKAGE])
+    return True

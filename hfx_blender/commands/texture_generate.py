@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from .. import __version__
 from ..errors import UsageError
+from ..version import __version__
 from . import left_out, texture_folder, texture_source
 from .console import Console
 

@@ -7,6 +7,7 @@ Modules and packages, lowest first: each imports only from those above it in thi
 
 arrays            types of arrays
 counters          numbers of what the engine did
+stepwise          long work in steps, which may be shown and cancelled
 indexing          index arithmetic within groups of different sizes
 matmul            products and inverses of matrices that start no threads
 tolerance         the accepted error
@@ -20,7 +21,6 @@ response_filters  parameters and values of contact response filters
 scene             the scene description: the input
 keyed_scene       upcoming state of a keyed scene, to be evaluated elsewhere
 samples           haptic samples: the result of an evaluation
-felt_times        samples at which effects are on, and have a strength
 serialization     scenes and blocks for another process
 reference         the definition of a contact, in plain numpy: read it first
 active_rows       rows of a block that count

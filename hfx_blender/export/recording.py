@@ -12,7 +12,6 @@ from typing import Any, Self
 
 import bpy
 
-from .. import __version__
 from ..engine.areas.felt_times import FeltTimes
 from ..engine.body.model import load_model
 from ..engine.counters import Counters, ReadingCounters
@@ -27,6 +26,7 @@ from ..engine.track import TrackHeader, TrackWriter
 from ..engine.track.joining import joined
 from ..engine.track.layout import SAMPLES_PER_CHUNK
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
+from ..version import __version__
 
 Watch = Callable[[AnimationBlock], None]
 BlockSamples = tuple[AnimationBlock, list[SampleRun]]

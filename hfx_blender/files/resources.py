@@ -12,7 +12,7 @@ DEVICES_VARIABLE = "HFX_DEVICES"
 EFFECTS_VARIABLE = "HFX_EFFECTS"
 USER_DATA_VARIABLE = "HFX_USER_DATA"
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _data_folder(name: str) -> Path:

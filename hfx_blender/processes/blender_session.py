@@ -61,9 +61,7 @@ def start() -> Any:
             f"{_SYSTEM_PACKAGES}."
         ) from error
     if not hasattr(bpy.types.Object, "hfx"):
-        from .. import register
-
-        register()
+        sys.modules[__package__.rpartition(".")[0]].register()  # of the package itself
     check()  # of signals that arrived while Blender started
     return bpy
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Start of a process of this package: load the package by its path, then run one of its modules.
 
-Run by its path, as ``own_processes`` tells: ``child_process.py PACKAGES MODULE ARGUMENT...``, or
-``child_process.py PACKAGES -c PROGRAM ARGUMENT...``. The folder that holds the package may hold a
+Run by its path, as ``start.py`` tells: ``child.py PACKAGES MODULE ARGUMENT...``, or
+``child.py PACKAGES -c PROGRAM ARGUMENT...``. The folder that holds the package may hold a
 ``queue.py``, in Blender another extension of that name: it is no place to import from. Folders of
 packages that Python does not know by itself come after all others.
 """
@@ -15,16 +15,17 @@ import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from runpy import run_module
 
+_FOLDER = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 _NAME = "hfx_blender"  # also in an extension, which Blender knows by another one
+_TOOLS = "hfx_tools"  # beside the package, but not in an extension
 
 
-def _load_package() -> None:
-    folder = os.path.dirname(os.path.abspath(__file__))
+def _load_package(name: str, folder: str) -> None:
     spec = spec_from_file_location(
-        _NAME, os.path.join(folder, "__init__.py"), submodule_search_locations=[folder]
+        name, os.path.join(folder, "__init__.py"), submodule_search_locations=[folder]
     )
     assert spec is not None and spec.loader is not None
-    package = sys.modules[_NAME] = module_from_spec(spec)
+    package = sys.modules[name] = module_from_spec(spec)
     spec.loader.exec_module(package)
 
 
@@ -35,7 +36,11 @@ def main() -> None:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     packages, what, *arguments = sys.argv[1:]
     sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]
-    _load_package()
+    _load_package(_NAME, _FOLDER)
+    tools = os.path.join(os.path.dirname(_FOLDER), _TOOLS)
+    # A folder of that name beside an extension belongs to another extension.
+    if not what.startswith(f"{_NAME}.") and os.path.isdir(tools):
+        _load_package(_TOOLS, tools)
     if what == "-c":
         source, *arguments = arguments
         sys.argv[:] = [what, *arguments]

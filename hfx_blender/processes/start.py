@@ -16,15 +16,19 @@ from typing import IO, Any, Final
 from ..files import resources
 from . import import_path
 
-_START: Final = Path(__file__).resolve().with_name("child_process.py")
+_START: Final = Path(__file__).resolve().with_name("child.py")
 _started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
 _LOOK_S: Final = 0.01
 _ended: list[bool] = []  # not empty: this process ends, and starts no other
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a module, by its name within the package: ``batch.export_worker``."""
-    return [*python_command(), f"hfx_blender.{module}", *map(os.fspath, arguments)]
+    """Command line of a module, by its name within the package: ``generation.worker``.
+
+    A module of ``hfx_tools`` is given by its full name.
+    """
+    name = module if module.startswith("hfx_tools.") else f"hfx_blender.{module}"
+    return [*python_command(), name, *map(os.fspath, arguments)]
 
 
 def python_command() -> list[str]:

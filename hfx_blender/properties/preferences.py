@@ -11,6 +11,7 @@ from bpy.props import FloatVectorProperty, StringProperty
 from ..engine.modality import MODALITIES
 from ..files import resources
 
+_ADDON = (__package__ or "").rpartition(".")[0]  # this extension, as Blender names it
 _COLD = "cold"
 _VARIABLES = {
     "effects_folder": resources.EFFECTS_VARIABLE,
@@ -55,7 +56,7 @@ def _folder(label: str, tip: str) -> StringProperty:
 class HfxPreferences(bpy.types.AddonPreferences):
     """Preferences of a user, independent of the open file."""
 
-    bl_idname = __package__
+    bl_idname = _ADDON
 
     # Those of the palette "Warm and Cold", at first; its module needs numpy, which takes its time.
     vibration: _colour("Vibration", (0.9, 0.05, 0.05))
@@ -135,7 +136,7 @@ def _draw_scripts(layout: bpy.types.UILayout) -> None:
 
 def preferences() -> HfxPreferences | None:
     """Preferences of the user; None where this is no installed extension, as in a script."""
-    found = bpy.context.preferences.addons.get(__package__)
+    found = bpy.context.preferences.addons.get(_ADDON)
     return None if found is None else found.preferences
 
 

@@ -6,17 +6,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
+from ..authoring.responses.responses import KINDS
 from ..engine.response_filters.controls import CONTROLS, FilterKind
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
-KINDS = (
-    ("distance", "Distance", "Strength over the distance from the volume's centre or axis"),
-    ("speed", "Speed", "Strength by the relative speed of skin and volume"),
-    ("impact", "Impact", "Strength by the speed of the impact, then fading"),
-    ("proximity", "Proximity", "Felt before contact, stronger with less distance"),
-    ("sine", "Sine", "Strength oscillates in time or in space"),
-)
 OPERATIONS = (
     ("multiply", "Multiply", "Multiply the result of the filters above"),
     ("add", "Add", "Add to the result of the filters above"),

@@ -13,6 +13,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..blender import events
+
 TOLERANCES = (
     (
         "PREVIEW",
@@ -63,11 +65,9 @@ PALETTES = (
 
 
 def _follow_other(self: HfxSceneProperties | HfxDeviceName, context: bpy.types.Context) -> None:
-    from ..playback.live.live import live
-
     self.id_data.update_tag()  # the preview shows actuators
     if self.id_data == context.scene:
-        live.follow_other()
+        events.announce("live source")
 
 
 def _choose_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
@@ -82,10 +82,8 @@ def _remark_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None
 
 
 def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
-    from ..playback.live.live import live
-
     if self.id_data == context.scene:
-        live.apply_mutes(context.scene)
+        events.announce("live mutes", context.scene)
 
 
 class HfxDeviceName(bpy.types.PropertyGroup):

@@ -16,6 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..blender import events
 from ..engine.texture.surface_names import DRIVE_PER_M, FABRICS, MATERIAL_TITLES
 
 SOURCES = (
@@ -248,9 +249,7 @@ def _keep_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> Non
 
     surface_calibration.store(self.drive * 1000.0, self.device)
     if not self.device:
-        from ..playback.live.live import live
-
-        live.forget()  # surfaces are described anew, with it
+        events.announce("live forget")  # surfaces are described anew, with it
 
 
 def _show_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""User interface: menus, panels, and the command line inside an installed Blender."""
+"""User interface: menus, panels and gizmos."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..blender import registration
 
 def _modules() -> tuple[ModuleType, ...]:
     from ..operators.paths import path_overlay
-    from . import asset_library, blender_command, menus, next_step
+    from . import asset_library, menus, next_step
     from .gizmos import spot_gizmo, volume_gizmo
     from .panels import (
         body_panel,
@@ -47,7 +47,6 @@ def _modules() -> tuple[ModuleType, ...]:
         values_panel,
         live_panel,
         media_panel,
-        blender_command,
         asset_library,
     )
 

@@ -13,10 +13,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hfx_blender import __version__
 from hfx_blender.engine.native import library
 from hfx_blender.errors import InputError
 from hfx_blender.files.atomic import atomic_file
+from hfx_blender.version import __version__
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "embreex", "libigl")
 

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A valid configuration that uses every field of the format."""
+"""Fixtures of devices: a valid configuration, a client that is closed after each test."""
 
 import copy
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from device_documents import FULL
+
+from hfx_blender.devices.live.client import LiveClient
 
 
 @pytest.fixture
@@ -28,3 +31,19 @@ def stored(tmp_path: Path):
         return path
 
     return store
+
+
+@pytest.fixture(autouse=True)
+def _patient(patient_devices: None) -> None: ...
+
+
+@pytest.fixture
+def client() -> Iterator[LiveClient]:
+    made = LiveClient()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "device.jsonl"

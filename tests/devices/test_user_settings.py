@@ -19,7 +19,7 @@ COUNT = 30
 STORES = {
     "connections": "devices.live.live_settings import LiveSettings, store as _store\n"
     "store = lambda name: _store(name, LiveSettings(port=name))",
-    "calibration": "devices.surface_calibration import store as _store\n"
+    "calibration": "devices.configurations.surface_calibration import store as _store\n"
     "store = lambda name: _store(7.0, name)",
 }
 PROGRAM = """

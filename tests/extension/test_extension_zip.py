@@ -23,24 +23,23 @@ from import_graph import PACKAGE, imports, module_name
 from packed_wheels import BLENDERS_OWN, bare_python, pack
 from strange_modules import CHILDREN, fill
 
+import build_addon
 import hfx_blender
 from hfx_blender import cli
 from hfx_blender.commands import left_out
+from release import (
+    addon_wheels,
+    native_build,
+    native_wheel,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
 
-import addon_wheels  # noqa: E402 (beside the package, not installed)
-import native_build  # noqa: E402
-import native_wheel  # noqa: E402
-
-import build_addon  # noqa: E402
-
-SHIPPED = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "maintenance" not in path.parents]
+SHIPPED = list(PACKAGE.rglob("*.py"))
 IMPORTED = functools.cache(addon_wheels.imported)
 """Reads the whole package: once is enough for all tests that change nothing of it."""
 
-SHIPPED_CHILDREN = [name for name in CHILDREN if not name.startswith("maintenance.")]
+SHIPPED_CHILDREN = [name for name in CHILDREN if not name.startswith("hfx_tools.")]
 
 
 def manifest_of(path: Path) -> dict[str, Any]:
@@ -124,7 +123,7 @@ def zig(monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None:
     names = set(zipfile.ZipFile(small).namelist())
     expected = {path.relative_to(PACKAGE).as_posix() for path in SHIPPED}
-    assert not [name for name in names if name.startswith("maintenance/")]
+    assert not [name for name in names if "hfx_tools" in name]
     for folder in ("body_models", "device_configs"):
         expected |= {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).glob("*.json")}
     assert expected | {"LICENSE", "blender_manifest.toml"} <= names
@@ -135,9 +134,10 @@ def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
     for path in SHIPPED:
         for found in imports(path):
             assert found.module in held, f"{module_name(path)}:{found.line} imports {found.module}"
-        if path.name != "left_out.py":  # finds the commands of an installation by pip
+        # These find the commands of an installation by pip.
+        if path.name not in ("left_out.py", "child.py", "start.py"):
             code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
-            assert "maintenance" not in code, path
+            assert "hfx_tools" not in code, path
 
 
 def test_left_out_commands_say_where_they_are(
@@ -313,11 +313,11 @@ for _ in range(2):
     assert not hasattr(bpy.types.Object, "hfx")
     bpy.ops.preferences.addon_enable(module=name)
 assert bpy.context.object.hfx.role == "EFFECT"
-from bl_ext.user_default.hfx_blender import own_processes
+from bl_ext.user_default.hfx_blender.processes import start as own_processes
 
 # Beside other extensions, of which some are named as modules of Python; so are wheels of theirs.
 strange, *kinds = sys.argv[2:]
-beside = Path(own_processes.__file__).parents[1]
+beside = Path(own_processes.__file__).parents[2]
 wheels = Path(strange).parent / "site-packages"
 fill(beside)
 fill(wheels, only_known=True)
@@ -398,9 +398,9 @@ DEVICES = '''
 import os
 from PACKAGE.devices.configuration import load_device
 from PACKAGE.devices.live.discovery import serial_ports
-from PACKAGE.devices.live.output import OutputLostError
-from PACKAGE.devices.live.transports.serial_port import SerialPort
-from PACKAGE.devices.live.transports.sound_card import SoundCard
+from PACKAGE.devices.host.output import OutputLostError
+from PACKAGE.devices.transports.serial_port import SerialPort
+from PACKAGE.devices.transports.sound_card import SoundCard
 import serial.tools.list_ports
 
 board, end = os.openpty()
@@ -419,7 +419,7 @@ import _cffi_backend
 print("devices are there", flush=True)
 '''
 exec(DEVICES.replace("PACKAGE", name))
-own = importlib.import_module(name + ".own_processes")
+own = importlib.import_module(name + ".processes.start")
 command = [*own.python_command(), "-c", DEVICES.replace("PACKAGE", "hfx_blender")]
 told = own.start(command, stdout=subprocess.PIPE, text=True).communicate()[0]
 assert told == "devices are there\\n", told
@@ -436,7 +436,7 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
     bpy = pytest.importorskip("bpy")
     version = f"{sys.version_info[0]}.{sys.version_info[1]}"
     lock = addon_wheels.read_lock()
-    wanted = IMPORTED(PACKAGE, "maintenance")
+    wanted = IMPORTED(PACKAGE)
     folder = tmp_path / "wheels"
     folder.mkdir()
     try:
@@ -514,7 +514,7 @@ def test_wheels_go_where_they_run(tag: str, platforms: set[str]) -> None:
 
 
 def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Path) -> None:
-    imported = addon_wheels.imported(PACKAGE, "maintenance")
+    imported = addon_wheels.imported(PACKAGE)
     assert "scipy" in imported and "numpy" not in imported
     built = build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
     found = {
@@ -565,7 +565,7 @@ def test_a_computed_name_of_a_module_stops_the_build(tmp_path: Path) -> None:
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
 def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
     wanted = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
-    assert IMPORTED(PACKAGE, "maintenance") == wanted
+    assert IMPORTED(PACKAGE) == wanted
     lock = addon_wheels.read_lock()
     is_linux, is_arm = platform.startswith("linux"), platform == "windows-arm64"
     pythons = addon_wheels.PYTHONS if is_linux else addon_wheels.default_pythons(platform)

@@ -12,10 +12,9 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+from release import native_build
 
-import native_build  # noqa: E402 (beside the package, not installed)
+ROOT = Path(__file__).resolve().parents[2]
 
 TARGET = native_build.this_target()
 pytestmark = pytest.mark.skipif(TARGET is None, reason="no library is built for this computer")
@@ -48,7 +47,9 @@ def hook(project: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         module = ModuleType(".".join(names[:count]))
         module.BuildHookInterface = Interface  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, module.__name__, module)
-    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    spec = importlib.util.spec_from_file_location(
+        "hatch_build", ROOT / "release" / "hatch_build.py"
+    )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -35,12 +35,13 @@ PYTHONPATHS = ("", os.pathsep, os.pathsep.join(("nowhere", "site-packages", ".")
 
 def test_all_kinds_of_children_are_tried() -> None:
     runs = {
-        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
-        for path in PACKAGE.rglob("*.py")
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removeprefix("hfx_blender.")
+        for package in (PACKAGE, ROOT / "hfx_tools")
+        for path in package.rglob("*.py")
         if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
     }
     of_people = {"cli", "hfx_tools.demo.sensation_assets"}
-    assert runs - of_people - {"child_process"} == set(CHILDREN)
+    assert runs - of_people - {"processes.child"} == set(CHILDREN)
 
 
 @pytest.mark.parametrize("module", CHILDREN)
@@ -86,7 +87,7 @@ def test_no_process_is_started_by_one_that_ends(monkeypatch: pytest.MonkeyPatch)
 def test_only_one_place_starts_processes() -> None:
     starters = {"subprocess": {"Popen", "run", "call", "check_call", "check_output", "getoutput"}}
     for path in PACKAGE.rglob("*.py"):
-        if path.name == "own_processes.py":
+        if path == PACKAGE / "processes" / "start.py":
             continue
         source = path.read_text(encoding="utf-8")
         if not re.search(r"subprocess|multiprocessing|\bos\.(exec|spawn|popen|system)", source):
@@ -114,7 +115,7 @@ def test_absolute_entries_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 @pytest.fixture(scope="module")
 def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """An installation as pip makes it: its scripts import ``re``, then the package."""
-    import startup_file
+    from release import startup_file
 
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")

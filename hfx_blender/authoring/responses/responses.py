@@ -9,8 +9,16 @@ import bpy
 
 from ...engine.response_filters.controls import About, Filter, FilterKind, Operation
 from ...errors import InputError
-from ...properties.responses import KINDS
 from . import response_animation
+
+KINDS: Final = (
+    ("distance", "Distance", "Strength over the distance from the volume's centre or axis"),
+    ("speed", "Speed", "Strength by the relative speed of skin and volume"),
+    ("impact", "Impact", "Strength by the speed of the impact, then fading"),
+    ("proximity", "Proximity", "Felt before contact, stronger with less distance"),
+    ("sine", "Sine", "Strength oscillates in time or in space"),
+)
+"""Kinds of filters: identifier, label and tooltip."""
 
 _PROPERTIES: Final = {
     FilterKind.DISTANCE: ("influence", "near", "far", "near_value", "far_value"),

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from ...engine.rendering.device_output import DEAD_MAN_MS
+
 VERSION: Final = 1
-DEAD_MAN_MS: Final = 250
-"""Time without valid values after which the board is silent until it is configured anew, ms."""
 
 MAX_FRAME: Final = 96
 """Longest frame as sent, bytes."""

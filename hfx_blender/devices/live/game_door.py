@@ -21,8 +21,8 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_output import DEAD_MAN_MS
 from ...errors import UsageError
-from ..host.wire import DEAD_MAN_MS
 from .client import LiveClient
 
 ADDRESS: Final = "127.0.0.1"

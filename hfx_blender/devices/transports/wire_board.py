@@ -12,6 +12,7 @@ from typing import Final
 
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_output import DEAD_MAN_MS
 from ..host import wire
 from ..host.encoders import Channels
 from ..host.output import OutputLostError
@@ -109,7 +110,7 @@ class WireBoard:
                 self._check_ready(each.payload)
             elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
                 if wire.decode_stopped(each.payload) == wire.Reason.NO_VALUES:
-                    reported = f"it received no values for {wire.DEAD_MAN_MS} ms"
+                    reported = f"it received no values for {DEAD_MAN_MS} ms"
                 else:
                     reported = "it was restarted or stopped by another program"
                 raise OutputLostError(f"The board at {self._name} stopped itself: {reported}.")

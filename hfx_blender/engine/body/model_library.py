@@ -2,8 +2,8 @@
 """Index of body models: the shipped ones, and those that a user has built and installed.
 
 A set is a folder with a ``manifest.json``, as ``hfx body build`` writes it. The shipped set is
-looked in first; the user's sets, the folders in :func:`~hfx_blender.files.resources.user_body_models`,
-only for ids that it does not have.
+looked in first; the user's sets, the folders in
+:func:`~hfx_blender.files.resources.user_body_models`, only for ids that it does not have.
 """
 
 from __future__ import annotations

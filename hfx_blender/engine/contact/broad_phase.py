@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broad phase of contact: clusters of skin that a volume can reach; ``reach.c``."""
+"""Broad phase of contact: clusters of skin that a volume can reach; ``broad_phase.c``."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Contacts by the compiled library: one way for every volume and every body.
 
-Broad phase: boxes of vertex clusters against boxes of volumes, in the world (``reach.c``). Narrow
-phase: only the clusters that a volume can reach are posed, straight into the volume's shape
-space, and looked at cell by cell (``contact.c``).
+Broad phase: boxes of vertex clusters against boxes of volumes, in the world (``broad_phase.c``).
+Narrow phase: only the clusters that a volume can reach are posed, straight into the volume's shape
+space, and looked at cell by cell (``narrow_phase.c``).
 """
 
 from __future__ import annotations

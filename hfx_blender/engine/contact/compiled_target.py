@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes, and their placement relative to a body; ``placing.c``, ``broad.h``."""
+"""Volumes, and their placement relative to a body; ``placement.c``, ``broad.h``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KINDS: Final[dict[type[Shape], int]] = {
     MeshVolume: _MESH,
 }
 _SWEPT_PARTS: Final = 8
-"""Parts of the way of a turning mesh; see ``reach.c``."""
+"""Parts of the way of a turning mesh; see ``broad_phase.c``."""
 
 
 def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:

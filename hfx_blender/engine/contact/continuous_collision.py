@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Continuous collision detection: contacts between two samples, too fast for either to see.
 
-Samples of skin move straight in the volume's own space, in as many steps as its turning asks
-for, and each step is tested exactly (``passing.h``), so that no wall is too thin. Slow motion is
-not looked at: what it hides between two samples is nearer to the boundary than the tolerance.
+Samples of skin move straight in the volume's own space, in as many steps as its turning asks for,
+and each step is tested exactly (``continuous_collision.h``), so that no wall is too thin. Slow
+motion is not looked at: what it hides between two samples is nearer to the boundary than the
+tolerance.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of skin with volumes; ``contact.c``."""
+"""Contact of skin with volumes; ``narrow_phase.c``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around all that volumes move through, and rotation angles; ``placing.c``."""
+"""Boxes around all that volumes move through, and rotation angles; ``placement.c``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output of a device, its connection and encoding: facts only, as plain data.
 
-:mod:`hfx_blender.devices.configurations.output_reader` reads them; :mod:`hfx_blender.devices.host.opening`
-acts on them. A configuration never names a serial port or a file: who connects a device does.
+:mod:`hfx_blender.devices.configurations.output_reader` reads them;
+:mod:`hfx_blender.devices.host.opening` acts on them. A configuration never names a serial port or a
+file: who connects a device does.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from typing import Final, Literal
 
 NumberFormat = Literal["u8", "u16le", "u16be"]
 Checksum = Literal["none", "xor", "sum"]
+
+DEAD_MAN_MS: Final = 250
+"""Time without valid values after which a board is silent until it is configured anew, ms."""
 
 
 @dataclass(frozen=True)

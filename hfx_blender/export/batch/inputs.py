@@ -9,7 +9,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ... import __version__
 from ...devices.configuration import find_file
 from ...devices.configurations import surface_calibration
 from ...devices.live.approval import script_of
@@ -17,6 +16,7 @@ from ...engine.body.model import load_model
 from ...engine.native.library import library
 from ...errors import HfxError, InputError
 from ...files.hashes import FOLDER, NOT_READ, TOO_MANY, is_elsewhere, sha256_of, state_of
+from ...version import __version__
 from .units import Unit
 
 if TYPE_CHECKING:

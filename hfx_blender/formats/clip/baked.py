@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...devices.host.wire import DEAD_MAN_MS
 from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import Actuator, BodyPlace, Control, DeviceConfig, RoomPlace
+from ...engine.rendering.device_output import DEAD_MAN_MS
 from ...engine.rendering.raster import Raster
 from ...engine.rendering.schemes import cells_of
 from ...engine.track.excerpt import sample_range

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.props import IntProperty
 
-from ... import __version__
 from ...errors import HfxError, InputError
 from ...processes import blender_session
+from ...version import __version__
 from ..shared import HfxOperator
 
 if TYPE_CHECKING:

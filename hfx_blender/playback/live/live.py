@@ -12,10 +12,11 @@ from __future__ import annotations
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import bpy
 
+from ...blender import events
 from ...devices.live import live_settings, live_targets
 from ...files import resources
 from ..evaluation import evaluation
@@ -418,9 +419,19 @@ class Live:
 live = Live()
 
 
+_LISTENERS: Final = {
+    "live source": live.follow_other,
+    "live mutes": live.apply_mutes,
+    "live forget": live.forget,
+}
+
+
 def register() -> None:
-    """Do nothing: there is no work before a device is connected."""
+    """Listen to changes of properties that concern connected devices."""
+    for event, function in _LISTENERS.items():
+        events.listen(event, function)
 
 
 def unregister() -> None:
+    events.stop_listening(*_LISTENERS)
     live.close()

@@ -15,7 +15,6 @@ from ...blender.stored_values import limited
 from ...engine.arrays import F64, I64
 from ...engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ...engine.volume.shape import Shape
-from ...properties.responses import HfxResponseFilter
 from ..description import response_values, skin_values, visibility
 from ..description.activation import Activation, ActivationSource
 from ..description.soundness import animated_paths
@@ -73,7 +72,8 @@ class CurveEffect:
     def _default(self, path: str, index: int) -> float:
         found = response_values.place_of(path)
         if found is not None:
-            return float(HfxResponseFilter.bl_rna.properties[found[1]].default)
+            filters = self._hfx.bl_rna.properties["response"].fixed_type
+            return float(filters.properties[found[1]].default)
         if skin_values.is_drive(path):
             return 0.0
         if path.startswith("hfx."):

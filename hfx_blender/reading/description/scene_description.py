@@ -14,7 +14,6 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ... import __version__
 from ...authoring.effects import effect_values, effects, model_migration
 from ...authoring.effects.effect_values import Shapes
 from ...avatars import avatar_meshes, body_binding
@@ -36,6 +35,7 @@ from ...engine.scene import (
 )
 from ...errors import InputError
 from ...files.hashes import sha256_of
+from ...version import __version__
 from ..curves.animation_time import animation_frames, played_frame
 from ..curves.curve_reading import is_steady
 from ..stepped import reached

@@ -270,7 +270,7 @@ def _without_number(name: str) -> str:
 
 
 # Module of our own handlers: ``hfx_blender``, or its longer name as an extension.
-_OURS = (__package__ or "").rpartition(".")[0]
+_OURS = (__package__ or "").rpartition(".reading")[0]
 
 
 def foreign_handler() -> str | None:

@@ -21,7 +21,7 @@ from hfx_blender.authoring.effects import effects, model_migration
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 
-FIRST = Path(__file__).parent / "old_files" / "first_version.blend"
+FIRST = Path(__file__).parents[1] / "old_files" / "first_version.blend"
 
 
 @pytest.fixture

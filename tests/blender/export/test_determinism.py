@@ -20,7 +20,7 @@ from hfx_blender.reading import scene_reader
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 OTHER_PYTHON = "HFX_OTHER_PYTHON"
 RATE_HZ = 20
 

@@ -13,8 +13,9 @@ import hfx_scenes
 import pytest
 
 import hfx_blender
+from hfx_blender import cli
 from hfx_blender.processes import start
-from hfx_blender.ui import blender_command, menus, next_step
+from hfx_blender.ui import menus, next_step
 from hfx_blender.ui.panels import clip_rows, effect_panel, effects_panel, paint_panel
 
 
@@ -306,7 +307,7 @@ def test_the_context_menu_is_that_of_the_active_object(scene: Any) -> None:
 
 
 def test_the_command_line_within_blender(scene: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    assert blender_command._run(["--version"]) == 0
-    assert blender_command._run(["--help"]) == 0
+    assert cli.run_in_blender(["--version"]) == 0
+    assert cli.run_in_blender(["--help"]) == 0
     assert "blender --command hfx" in capsys.readouterr().out
-    assert blender_command._run(["dance"]) == 2
+    assert cli.run_in_blender(["dance"]) == 2

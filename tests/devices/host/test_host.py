@@ -50,10 +50,10 @@ def until(happened) -> None:
 @pytest.fixture
 def sender(log: Path):
     """A process in Blender's place, which plays."""
-    here = Path(__file__).parent
+    here = Path(__file__)
     process = subprocess.Popen(
         [sys.executable, "-c", SENDER, str(log)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here.parents[1])))},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, here.parents[1:3]))},
     )
     until(lambda: any(map(is_loud, rows_of(log))))
     yield process
@@ -129,11 +129,11 @@ def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None
         "held = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=0, pass_fds=(pipe,))\n"
         "while True:",
     )
-    here = Path(__file__).parent
+    here = Path(__file__)
     process = subprocess.Popen(
         [sys.executable, "-c", holding, str(log)],
         stdin=subprocess.PIPE,  # whose end ends the holder
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here.parents[1])))},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, here.parents[1:3]))},
     )
     try:
         until(lambda: any(map(is_loud, rows_of(log))))

@@ -14,6 +14,7 @@ from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import wire_board
 from hfx_blender.engine.rendering.device_output import (
+    DEAD_MAN_MS,
     OutputConfig,
     SerialTransport,
     WireEncoder,
@@ -94,7 +95,7 @@ def test_a_host_that_falls_silent_is_told_that_the_board_stopped(board, terminal
     output = opened(terminal)
     output.send(HALF)
     eventually(lambda: board.levels[0] == 32768)
-    board.clock_ms += wire.DEAD_MAN_MS + 1
+    board.clock_ms += DEAD_MAN_MS + 1
     eventually(lambda: board.levels[0] == 0)
     with pytest.raises(OutputLostError, match="no values for 250 ms"):
         keep_sending(output, lambda: False)

@@ -18,12 +18,12 @@ from hfx_blender.engine.native import library as loading
 from hfx_blender.engine.native import sources
 from hfx_blender.export.batch import inputs
 from hfx_tools.bench import machine
+from release import (
+    native_build,
+    native_wheel,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT))
-
-import native_build  # noqa: E402 (beside the package, not installed)
-import native_wheel  # noqa: E402
 
 TARGET = native_build.this_target()
 

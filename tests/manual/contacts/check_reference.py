@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compare the engine with the reference on many random scenes of one volume and one body.
 
-``python tests/manual/contacts/check_reference.py -o reference.csv`` writes a line for each of 10,000 scenes,
-by how much weights and details differ, and goes on where the file ends. ``--first`` begins at
-another seed, for several runs at once; ``--without-library`` judges what is felt where it is
-missing. Not part of the test suite, which looks at some such scenes in ``test_reference.py``.
+``python tests/manual/contacts/check_reference.py -o reference.csv`` writes a line for each of
+10,000 scenes, by how much weights and details differ, and goes on where the file ends. ``--first``
+begins at another seed, for several runs at once; ``--without-library`` judges what is felt where it
+is missing. Not part of the test suite, which looks at some such scenes in ``test_reference.py``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "engine"))
 from both_ways import by_reference
 from random_contacts import NEAR, RandomContact
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Look at many random scenes with random settings: is what each states about its error so?
 
-``python tests/manual/contacts/check_tolerance.py -o tolerance.csv --scenes 5000`` writes a line for each
-scene, by how much the result is off beyond what its setting states, and goes on where the file
+``python tests/manual/contacts/check_tolerance.py -o tolerance.csv --scenes 5000`` writes a line for
+each scene, by how much the result is off beyond what its setting states, and goes on where the file
 ends. ``--first`` begins at another seed, for several runs at once. Not part of the test suite,
 which looks at some such scenes in ``test_trade_poses.py``.
 """
@@ -14,6 +14,7 @@ import csv
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "engine"))
 from distorted_scenes import Case
 
 ACCEPTED = (

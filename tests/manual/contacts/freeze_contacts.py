@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is felt in many scenes, written to a folder at one commit, and two such folders compared.
 
-``python tests/manual/contacts/freeze_contacts.py write DIR`` evaluates scenes made from seeds and of the
-benches, all that a sample holds, in full precision: one file for each. At another commit do the
-same into another folder; ``... compare DIR OTHER`` then names each scene whose weights or details
-differ by more than 1e-6. ``write --only random,bodies,moving`` leaves out what needs Blender. Not
-part of the test suite: it is for changes that should change nothing.
+``python tests/manual/contacts/freeze_contacts.py write DIR`` evaluates scenes made from seeds and
+of the benches, all that a sample holds, in full precision: one file for each. At another commit do
+the same into another folder; ``... compare DIR OTHER`` then names each scene whose weights or
+details differ by more than 1e-6. ``write --only random,bodies,moving`` leaves out what needs
+Blender. Not part of the test suite: it is for changes that should change nothing.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "engine"))
 from distorted_scenes import DistortedScene, load
 from moving_scenes import moving_scene
 from random_contacts import RandomContact

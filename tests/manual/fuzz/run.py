@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Throw damaged files at every reader; one may refuse them, nothing else.
 
-``python tests/manual/fuzz/run.py --inputs 10_000_000 --jobs 2 --folder fuzz`` changes small valid files
-of every format, keeps what reaches new code of the readers, and reports faults: an exception that
-is no ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory. ``--work
+``python tests/manual/fuzz/run.py --inputs 10_000_000 --jobs 2 --folder fuzz`` changes small valid
+files of every format, keeps what reaches new code of the readers, and reports faults: an exception
+that is no ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory. ``--work
 conversions`` does the same for conversions of each format to each other, ``--work commands`` for
 every command that reads a file, run in one process: its exit code is a documented one. Each format
 gets the same number of inputs, in slices of a process each; what was kept stays in the folder for

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Checks of the back end ``diffusers`` and of ``train-decoder``, apart from pytest.
 
-``pip install -e ".[generate]"``, then ``python tests/manual/generation/check_diffusers.py``. There are no
-weights: models of the same classes as Stable Diffusion 1.5, XL and 3 are made here from small
-configurations, tokenizer included, so that everything is run but nothing looks like anything.
+``pip install -e ".[generate]"``, then ``python tests/manual/generation/check_diffusers.py``. There
+are no weights: models of the same classes as Stable Diffusion 1.5, XL and 3 are made here from
+small configurations, tokenizer included, so that everything is run but nothing looks like anything.
 ``--steps`` sets how long the decoder is trained (600, some minutes of a processor).
 """
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measures the cost of the add-on at Blender's start.
 
-``python tests/manual/gui/startup.py --blender BLENDER --zip EXTENSION.zip`` starts Blender in turn without
-and with the extension, in settings of nobody, and prints the difference of each pair: processor
-time where the system tells it (what else the machine does hardly shows in it), and elapsed time.
+``python tests/manual/gui/startup.py --blender BLENDER --zip EXTENSION.zip`` starts Blender in turn
+without and with the extension, in settings of nobody, and prints the difference of each pair:
+processor time where the system tells it (what else the machine does hardly shows in it), and
+elapsed time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measures the spatial core against a plain C loop that poses the same vertices.
 
-``python tests/manual/players/check_cost.py`` compiles ``cost.c`` as ``players/native/build.py`` does the
-core, and prints processor time and ratio for a walking body among volumes: at each level of detail
-for volumes alone, and at level 1 with contact responses.
+``python tests/manual/players/check_cost.py`` compiles ``cost.c`` as ``players/native/build.py``
+does the core, and prints processor time and ratio for a walking body among volumes: at each level
+of detail for volumes alone, and at level 1 with contact responses.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from check_spatial import clip_of
 from core_library import compiled
 from walkers import walk

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Plays clips at random frame rates, and counts peaks that are lost.
 
-``python tests/manual/players/check_frames.py --sequences 10000`` takes about ten minutes: frames of 5 to
-200 ms over whole clips made from seeds. A peak is lost where an actuator is given less than the
-strongest row since the frame before; a value is wrong where it is farther from what
+``python tests/manual/players/check_frames.py --sequences 10000`` takes about ten minutes: frames of
+5 to 200 ms over whole clips made from seeds. A peak is lost where an actuator is given less than
+the strongest row since the frame before; a value is wrong where it is farther from what
 ``telling.py`` tells of the raster than a 65535th of the column's full scale.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from clip_cases import SPECS, Case, case_of
 from core_library import Clip, Player
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compares the spatial core with the engine at tolerance ``paper``, on walking avatars.
 
-``python tests/manual/players/check_spatial.py --walkers 5 --seconds 10`` prints, for volumes alone and
-with responses, the share of samples (an effect, a vertex of the level, a moment at which either
+``python tests/manual/players/check_spatial.py --walkers 5 --seconds 10`` prints, for volumes alone
+and with responses, the share of samples (an effect, a vertex of the level, a moment at which either
 feels it) whose weight times level is within 1/255 of the engine's. ``--standard`` prints how far
 actuators are from what they are given at ``standard``.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from core_library import Body, Clip
 from walkers import RATE_HZ, Walk, walk
 

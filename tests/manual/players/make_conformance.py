@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Makes ``players/conformance``: clips, and what a player has to give of each.
 
-``python tests/manual/players/make_conformance.py`` writes the folder anew, from seeds and from the demo
-scenes, in about two minutes. What is expected is told by ``telling.py`` from rasters, not by a
+``python tests/manual/players/make_conformance.py`` writes the folder anew, from seeds and from the
+demo scenes, in about two minutes. What is expected is told by ``telling.py`` from rasters, not by a
 player. ``players/conformance/README.md`` tells what is in the files.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from check_spatial import moments
 from clip_cases import DEMOS, SPECS, Case, cases
 from walkers import RATE_HZ, walk

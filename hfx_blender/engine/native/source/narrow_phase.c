@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "hfx_native.h"
-#include "passing.h"
+#include "continuous_collision.h"
 #include "posed_pair.h"
 
 // Contact weights, the result.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Process that estimates the relief of one picture, so that Blender goes on meanwhile.
 
-``python -m hfx_blender.engine.texture.relief.relief_worker INPUT.npz OUTPUT.npz``; the input holds the
-arguments of :func:`.relief_estimate.estimate`, the output heights in metres, slope and roughness.
+``python -m hfx_blender.engine.texture.relief.relief_worker INPUT.npz OUTPUT.npz``; the input holds
+the arguments of :func:`.relief_estimate.estimate`, the output heights in metres, slope and
+roughness.
 """
 
 from __future__ import annotations

@@ -1,0 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Version of the extension, the command and the Python package."""
+
+__version__ = "0.1.0"
