@@ -159,18 +159,19 @@ class _NarrowPhaseCall:
         room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         is_single = weights.dtype == np.float32
-        self._found = structure("hfx_found")(weights, column_of, weights.shape[1], is_single)
-        self._arguments = (
-            *(pairs.pointers, skin, posing.clusters and posing.clusters.table),
-            *(posing.own and posing.own.table, posing.bones and posing.bones.pointers),
-            *(posing.surface and posing.surface.pointers, target.pointers, drift, self._found),
+        self._found = structure("hfx_found")(
+            *(weights, column_of, weights.shape[1], is_single, 0, room, events)
         )
+        source = structure("hfx_posing")(
+            *(skin, posing.clusters and posing.clusters.table, posing.own and posing.own.table),
+            *(posing.bones and posing.bones.pointers, posing.surface and posing.surface.pointers),
+        )
+        self._arguments = pairs.pointers, source, target.pointers, drift, self._found
         self._kept = posing  # whose tables of clusters hold addresses alone
-        self._room = room, events
 
     def run(self, details: Any = None) -> int:
         """Run the call without the interpreter lock; returns the number of positions posed."""
         self._found.posed = 0
-        loaded().hfx_narrow_phase(*self._arguments, details, *self._room)
+        loaded().hfx_narrow_phase(*self._arguments, details)
         count: int = self._found.posed
         return count

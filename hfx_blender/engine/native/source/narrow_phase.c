@@ -8,12 +8,24 @@
 #include "continuous_collision.h"
 #include "posed_pair.h"
 
-// Contact weights, the result.
+// Contact weights, the result, and memory to work in.
 typedef struct {
-  void *weights;  // (rows, columns)
-  const int64_t *column_of;  // of cells
-  int64_t columns, is_single, posed;  // `posed` is counted up: how many places were
+  void *weights;              // (rows, columns); what is less than what is there is left out
+  const int64_t *column_of;   // of cells
+  int64_t columns, is_single;
+  int64_t posed;              // number of places posed, counted up
+  double *room;               // 27 bones + 2 (6 places + 3 units + cells) + 2 of the largest cluster
+  event *events;              // twice the most samples of a cell
 } hfx_found;
+
+// Source of the positions of skin: matrices of bones, or known places.
+typedef struct {
+  const hfx_table *table;
+  const hfx_cluster *clusters;          // NULL where places are known
+  const hfx_cluster *own;               // poses vertices of cells that are no units; or NULL
+  const hfx_bones *bones;
+  const hfx_surface_places *surface;
+} hfx_posing;
 
 // The weighted share of a cell that samples of a quad make, `steps` both ways.
 static double sampled(context *ctx, int64_t quad, int64_t steps, const triangle *t) {
@@ -34,11 +46,55 @@ static double sampled(context *ctx, int64_t quad, int64_t steps, const triangle 
   return sum;
 }
 
+// Test whether the share of a unit differs over its skin, so that samples have to be taken; -1: the
+// unit is outside.
+static int needs_samples(context *ctx, posed_pair *pair, int64_t unit, int64_t from, int64_t to,
+                         double at_vertex, int is_searched, int *is_even) {
+  const hfx_target *target = ctx->target;
+  double gap = pair->clearance[unit];
+  double bound = ctx->cluster ? pair->gaps[unit] * ctx->table->reaches[ctx->first + unit]
+                              : reach_of(ctx, pair, unit);
+  int near = gap >= -bound;
+  if (target->is_flat) {
+    double reach = near ? reach_of(ctx, pair, unit) : 0.0;
+    if (near && gap > reach) return -1;
+    return (near && gap >= -reach) || is_searched;
+  }
+  // The strength of a volume with falloff changes with depth, unless it is deep enough.
+  int varies = ctx->steepest * bound > target->amplitude && at_vertex > 0.0;
+  near |= varies && -gap < target->share + bound;
+  return near && !is_unit_even(ctx, pair, unit, from, to, is_even);
+}
+
+// The weighted share of a cell that a quad makes beside its unit's vertex.
+static double cover_quad(context *ctx, posed_pair *pair, int64_t unit, int64_t q, int is_searched) {
+  triangle t;
+  corners_of(ctx, pair, unit, q, t.corners);
+  double deepest = pair->clearance[unit], shallowest = deepest;
+  for (int k = 0; k < 2; k++) {
+    double clearance = pair->clearance[ctx->table->around[2 * q + k] - ctx->first];
+    deepest = hfx_larger(deepest, clearance), shallowest = hfx_smaller(shallowest, clearance);
+  }
+  // With a corner inside no plane parts triangle and volume. Else a cheap bound of the bulge is
+  // tried first, then the bulge itself, which needs normals.
+  int may_be_apart = !(shallowest <= 0.0);
+  double bound = bulge_bound(ctx, pair, unit, q);
+  if (may_be_apart && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bound)) return 0.0;
+  find_edges(ctx, pair, q, &t);
+  if (may_be_apart && t.bulge < bound && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
+    return 0.0;
+  // All corners deeper than the triangle bulges: the quad is inside as a whole.
+  if (ctx->target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge)
+    return ctx->table->wholes[q];
+  return sampled(ctx, q, steps_of(ctx, pair, q, &t), &t);
+}
+
 // The share of a cell that is inside and falls to one of its units.
 static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, int64_t to, int *is_even) {
   const hfx_table *table = ctx->table;
   const hfx_target *target = ctx->target;
   int64_t place = ctx->first + unit;
+  // Cheap tests first, on bounds: no place is posed for skin that is surely outside or inside.
   double bound = ctx->cluster ? pair->gaps[unit] * table->reaches[place] : reach_of(ctx, pair, unit);
   if (!(pair->least[unit] <= bound)) return 0.0;
   // A contact whose vertex is outside has its place at the deepest of all its samples.
@@ -51,43 +107,13 @@ static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, 
   int is_formula = !target->is_flat && !ctx->shape.mesh;  // that falls off with the clearance
   double at_vertex = is_formula ? strength_of(target, -gap) : weight_of(ctx, vertex);
   if (at_vertex > 0.0) record_inside(ctx, vertex);
-  int near = 0;
-  if (table->is_split) {
-    near = gap >= -bound;
-    if (target->is_flat) {
-      double reach = near ? reach_of(ctx, pair, unit) : 0.0;
-      if (near && gap > reach) return 0.0;
-      near = (near && gap >= -reach) || is_searched;
-    } else {
-      int varies = ctx->steepest * bound > target->amplitude && at_vertex > 0.0;
-      near |= varies && -gap < target->share + bound;
-      if (near) near = !is_unit_even(ctx, pair, unit, from, to, is_even);
-    }
-  }
+  int near = table->is_split ? needs_samples(ctx, pair, unit, from, to, at_vertex, is_searched, is_even) : 0;
+  if (near < 0) return 0.0;
   if (!near) return at_vertex * table->unit_shares[place];
   gap_of(ctx, pair, unit);  // poses all around it
   double sum = at_vertex * table->vertex_shares[place];
-  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
-    triangle t;
-    corners_of(ctx, pair, unit, q, t.corners);
-    double deepest = gap, shallowest = gap;
-    for (int k = 0; k < 2; k++) {
-      double clearance = pair->clearance[table->around[2 * q + k] - ctx->first];
-      deepest = hfx_larger(deepest, clearance), shallowest = hfx_smaller(shallowest, clearance);
-    }
-    // A corner inside: no plane parts them. Else a bound first, then as far as it bulges.
-    double bound = bulge_bound(ctx, pair, unit, q);
-    if (!(shallowest <= 0.0) && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bound)) continue;
-    find_edges(ctx, pair, q, &t);
-    if (!(shallowest <= 0.0) && t.bulge < bound &&
-        hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
-      continue;
-    if (target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge) {
-      sum += table->wholes[q];
-      continue;
-    }
-    sum += sampled(ctx, q, steps_of(ctx, pair, q, &t), &t);
-  }
+  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++)
+    sum += cover_quad(ctx, pair, unit, q, is_searched);
   return sum;
 }
 
@@ -257,77 +283,138 @@ static void end_details(const context *ctx, int64_t contact) {
   memcpy(details->ways + 3 * contact, ctx->way, sizeof ctx->way);
 }
 
-// Contact weights of pairs; what is less than what is there already is left out.
-//
-// `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
-// `room` has space for 27 bones + 2 (6 places + 3 units + cells) + 2 doubles of the largest cluster,
-// `events` for twice the most samples of a cell.
-HFX_EXPORT void hfx_narrow_phase(const hfx_pairs *pairs, const hfx_table *table,
-                                 const hfx_cluster *clusters, const hfx_cluster *own,
-                                 const hfx_bones *bones, const hfx_surface_places *surface,
+// One call of the narrow phase.
+typedef struct {
+  context *ctx;
+  const hfx_pairs *pairs;
+  const hfx_posing *posing;
+  const hfx_drift *drift;
+  const hfx_found *found;
+  posed_pair both[2], *now, *before;
+  gap_factors most;
+  int is_reset;  // both pairs belong to the present cluster
+  int has_own;   // vertices of cells are no units
+} search_call;
+
+// Task of a pair: the cluster, its row, and the results that are needed.
+typedef struct {
+  int64_t pair, row, steps, units, first_cell, cells;
+  const hfx_cluster *own;
+  int how, is_followed;
+  int needs_units;  // what is inside, or what passed, is found unit by unit
+  int is_kept;      // the next pair, or details, need its positions
+} pair_task;
+
+static pair_task task_of(const search_call *call, int64_t p) {
+  const hfx_pairs *pairs = call->pairs;
+  const hfx_table *table = call->posing->table;
+  int64_t c = pairs->clusters[p], next = p + 1;
+  pair_task task = {.pair = p, .row = pairs->rows[p], .steps = pairs->steps[p], .how = pairs->how[p]};
+  task.units = table->unit_counts[c];
+  task.first_cell = table->cell_starts[c], task.cells = table->cell_starts[c + 1] - task.first_cell;
+  task.own = call->posing->own ? call->posing->own + c : NULL;
+  task.is_followed = task.steps > 0;
+  int is_last = next == pairs->count || pairs->clusters[next] != c || !pairs->steps[next];
+  task.needs_units = task.how == HFX_COVERED || (task.how == HFX_BY_VERTEX && !call->has_own);
+  task.is_kept = task.is_followed || !is_last || call->ctx->details;
+  return task;
+}
+
+static void begin_cluster(search_call *call, int64_t cluster) {
+  const hfx_cluster *clusters = call->posing->clusters;
+  call->ctx->number = cluster, call->ctx->first = call->posing->table->starts[cluster];
+  call->ctx->cluster = clusters ? clusters + cluster : NULL;
+  call->is_reset = 0;
+}
+
+// Bounds of the distances of a pair's units; decides whether they have to be looked at one by one.
+static void bound_units(search_call *call, pair_task *task) {
+  context *ctx = call->ctx;
+  if (!call->is_reset) {
+    reset_pairs(ctx, call->found->room, call->both, &call->most);
+    find_gap_factors(ctx, task->units, &call->most);
+  }
+  call->is_reset = 1;
+  posed_pair *swapped = call->before;
+  call->before = call->now, call->now = swapped;
+  posed_pair *before = call->before, *now = call->now;
+  begin_pair(ctx, before, now, task->pair, task->row, task->steps);
+  if (task->needs_units || task->is_followed)
+    task->needs_units = !is_apart(ctx, before, now, &call->most, task->is_followed);
+  for (int64_t u = 0; !task->needs_units && u < task->units; u++)
+    now->least[u] = now->floor, now->most[u] = now->ceiling;
+  if (task->needs_units) find_gaps(ctx, now);
+  if (task->needs_units && task->is_followed) find_gaps(ctx, before);
+}
+
+// Weights of a pair whose cells are all inside.
+static void fill_whole(const search_call *call, const pair_task *task) {
+  const hfx_found *found = call->found;
+  const int64_t *columns = found->column_of + task->first_cell;
+  for (int64_t k = 0; k < task->cells; k++)
+    store(found, columns[k] + task->row * found->columns, 1.0);
+}
+
+// Raises the weight of a cell that was touched between a pair and the one before it.
+static void follow_cell(search_call *call, const pair_task *task, int64_t cell, int64_t from, int64_t to,
+                        int64_t column) {
+  context *ctx = call->ctx;
+  posed_pair *before = call->before, *now = call->now;
+  event *events = call->found->events;
+  if (before->weights[cell] != 0.0) return;
+  if (!ctx->details && !(now->weights[cell] < 1.0)) return;
+  if (now->weights[cell] != 0.0) ctx->contact = -1;  // its place is that of now
+  int are_even[2] = {-1, -1};
+  int64_t count = 0;
+  for (int64_t u = from; u < to; u++)
+    count = follow(ctx, before, now, u, from, to, task->steps, call->drift, are_even, events, count);
+  if (ctx->details && count) end_details(ctx, column);
+  double peak = count ? peak_of(events, count) : 0.0;
+  if (peak > now->weights[cell]) store(call->found, column, peak);
+}
+
+// Weights of the cells of a pair, one by one.
+static void weigh_cells(search_call *call, const pair_task *task) {
+  context *ctx = call->ctx;
+  const hfx_found *found = call->found;
+  posed_pair *before = call->before, *now = call->now;
+  int64_t to = 0;
+  for (int64_t k = 0; k < task->cells; k++) {
+    int64_t from = to, column = found->column_of[task->first_cell + k] + task->row * found->columns;
+    while (task->needs_units && to < task->units && ctx->table->cell_of[ctx->first + to] == task->first_cell + k)
+      to++;
+    int possible = task->needs_units ? possible_states(ctx, before, now, from, to, task->is_followed) : 0;
+    if (ctx->details && (possible || task->how >= HFX_BY_VERTEX))
+      begin_details(ctx, task->own, now, task->row, k, column);
+    double share = inside(ctx, task->own, call->has_own, task->row, now, k, from, to, task->how, possible);
+    if (share != 0.0) store(found, column, share);
+    if (task->needs_units || task->is_kept) now->weights[k] = loaded(found, column);
+    if (possible & PASSED) follow_cell(call, task, k, from, to, column);
+  }
+}
+
+// Contact weights of pairs. `details` may be NULL.
+HFX_EXPORT void hfx_narrow_phase(const hfx_pairs *pairs, const hfx_posing *posing,
                                  const hfx_target *target, const hfx_drift *drift, hfx_found *found,
-                                 hfx_details *details, double *room, event *events) {
+                                 hfx_details *details) {
   hfx_search search = {.at = 0};
-  context ctx = {.table = table, .target = target, .bones = bones, .surface = surface, .on_the_way_of = -1};
+  context ctx = {.table = posing->table, .target = target, .bones = posing->bones,
+                 .surface = posing->surface, .on_the_way_of = -1};
   ctx.search = &search;
   ctx.steepest = hfx_steepest(target), ctx.details = details, ctx.contact = -1;
   ctx.limit = target->is_flat ? 0.0 : target->amplitude / ctx.steepest;
-  posed_pair both[2], *now = &both[0], *before = &both[1];
-  gap_factors most;
-  int64_t is_reset = 0;
-  int has_own = own || (surface && surface->own);
+  search_call call = {.ctx = &ctx, .pairs = pairs, .posing = posing, .drift = drift, .found = found};
+  call.now = &call.both[0], call.before = &call.both[1];
+  call.has_own = posing->own || (posing->surface && posing->surface->own);
   for (int64_t p = 0; p < pairs->count; p++) {
-    int64_t c = pairs->clusters[p], row = pairs->rows[p], steps = pairs->steps[p];
-    int64_t units = table->unit_counts[c];
-    int64_t first_cell = table->cell_starts[c], cells = table->cell_starts[c + 1] - first_cell;
-    int how = pairs->how[p], is_followed = steps > 0;
-    int is_last = p + 1 == pairs->count || pairs->clusters[p + 1] != c || !pairs->steps[p + 1];
-    if (p == 0 || c != pairs->clusters[p - 1]) {
-      ctx.number = c, ctx.first = table->starts[c];
-      ctx.cluster = clusters ? clusters + c : NULL;
-      is_reset = 0;
-    }
-    ctx.shape = hfx_shape_at(target, row);
-    // True if what is inside, or what passed, is found unit by unit.
-    int needs_units = how == HFX_COVERED || (how == HFX_BY_VERTEX && !has_own);
-    int is_kept = is_followed || !is_last || details;
-    if (needs_units || is_kept) {
-      if (!is_reset) reset_pairs(&ctx, room, both, &most), find_gap_factors(&ctx, units, &most);
-      is_reset = 1;
-      posed_pair *swapped = before;
-      before = now, now = swapped;
-      begin_pair(&ctx, before, now, p, row, steps);
-      if (needs_units || is_followed) needs_units = !is_apart(&ctx, before, now, &most, is_followed);
-      for (int64_t u = 0; !needs_units && u < units; u++) now->least[u] = now->floor, now->most[u] = now->ceiling;
-      if (needs_units) find_gaps(&ctx, now);
-      if (needs_units && is_followed) find_gaps(&ctx, before);
-    }
-    if (how == HFX_WHOLE && !needs_units && !is_kept) {
-      const int64_t *columns = found->column_of + first_cell;
-      for (int64_t k = 0; k < cells; k++) store(found, columns[k] + row * found->columns, 1.0);
-      continue;
-    }
-    int64_t to = 0;
-    for (int64_t k = 0; k < cells; k++) {
-      int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
-      while (needs_units && to < units && table->cell_of[ctx.first + to] == first_cell + k) to++;
-      int possible = needs_units ? possible_states(&ctx, before, now, from, to, is_followed) : 0;
-      if (details && (possible || how >= HFX_BY_VERTEX))
-        begin_details(&ctx, own ? own + c : NULL, now, row, k, column);
-      double share = inside(&ctx, own ? own + c : NULL, has_own, row, now, k, from, to, how, possible);
-      if (share != 0.0) store(found, column, share);
-      if (needs_units || is_kept) now->weights[k] = loaded(found, column);
-      if (!(possible & PASSED) || before->weights[k] != 0.0) continue;
-      if (!details && !(now->weights[k] < 1.0)) continue;
-      if (now->weights[k] != 0.0) ctx.contact = -1;  // its place is that of now
-      int are_even[2] = {-1, -1};
-      int64_t count = 0;
-      for (int64_t u = from; u < to; u++)
-        count = follow(&ctx, before, now, u, from, to, steps, drift, are_even, events, count);
-      if (details && count) end_details(&ctx, column);
-      double peak = count ? peak_of(events, count) : 0.0;
-      if (peak > now->weights[k]) store(found, column, peak);
-    }
+    pair_task task = task_of(&call, p);
+    if (p == 0 || pairs->clusters[p] != pairs->clusters[p - 1]) begin_cluster(&call, pairs->clusters[p]);
+    ctx.shape = hfx_shape_at(target, task.row);
+    if (task.needs_units || task.is_kept) bound_units(&call, &task);
+    if (task.how == HFX_WHOLE && !task.needs_units && !task.is_kept)
+      fill_whole(&call, &task);
+    else
+      weigh_cells(&call, &task);
   }
   found->posed += ctx.posed;
 }

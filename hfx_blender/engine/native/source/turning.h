@@ -43,6 +43,15 @@ static inline void hfx_cross(const double a[3], const double b[3], double found[
     found[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
+// Any unit vector that is perpendicular to a unit vector.
+static inline void hfx_find_perpendicular(const double vector[3], double found[3]) {
+  double axis[3] = {0.0, 0.0, 0.0};
+  axis[fabs(vector[0]) < 0.6 ? 0 : 1] = 1.0;
+  hfx_cross(vector, axis, found);
+  double size = sqrt(hfx_dot(found, found));
+  for (int i = 0; i < 3; i++) found[i] /= size;
+}
+
 // See motion._polar: how a placement (4, 4) turns; a mirroring is left out. Where it flattens to
 // less than a plane, any of the ways that do the same.
 static inline void hfx_rotation_of(const double *matrix, double found[3][3]) {
@@ -64,13 +73,7 @@ static inline void hfx_rotation_of(const double *matrix, double found[3][3]) {
     for (int i = 0; i < 3; i++) a[k][i] = sizes[k] > 0.0 ? a[k][i] / sizes[k] : 0.0;
   double least = HFX_FLAT * sizes[longest];
   if (!(sizes[longest] > 0.0)) a[longest][0] = 1.0;
-  if (!(sizes[middle] > least)) {
-    double axis[3] = {0.0, 0.0, 0.0};
-    axis[fabs(a[longest][0]) < 0.6 ? 0 : 1] = 1.0;
-    hfx_cross(a[longest], axis, a[middle]);
-    double size = sqrt(hfx_dot(a[middle], a[middle]));
-    for (int i = 0; i < 3; i++) a[middle][i] /= size;
-  }
+  if (!(sizes[middle] > least)) hfx_find_perpendicular(a[longest], a[middle]);
   int is_flat = !(sizes[shortest] > least);
   if (is_flat) hfx_cross(a[longest], a[middle], a[shortest]);
   double across[3];
