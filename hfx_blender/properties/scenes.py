@@ -71,9 +71,7 @@ def _follow_other(self: HfxSceneProperties | HfxDeviceName, context: bpy.types.C
 
 
 def _choose_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
-    from ..playback.live import track_source
-
-    track_source.chosen.add(self.live_track)
+    events.announce("live track", self.live_track)
     _follow_other(self, context)
 
 

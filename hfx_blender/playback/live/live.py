@@ -22,7 +22,7 @@ from ...files import resources
 from ..evaluation import evaluation
 from . import live_handlers
 from .slow_frames import SlowFrames
-from .track_source import TrackSource, is_chosen
+from .track_source import TrackSource, chosen, is_chosen
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient
@@ -420,6 +420,7 @@ live = Live()
 
 
 _LISTENERS: Final = {
+    "live track": chosen.add,
     "live source": live.follow_other,
     "live mutes": live.apply_mutes,
     "live forget": live.forget,
