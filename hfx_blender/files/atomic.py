@@ -348,8 +348,9 @@ def refuse_device(path: Path) -> None:
     OutputError
         It is.
     """
-    is_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
-    if is_open_file or (path.exists() and not path.is_file()):
+    # os.path takes names that are too long as names of nothing; writing reports these.
+    is_open_file = os.path.islink(path) and os.readlink(path).startswith("/proc/")
+    if is_open_file or (os.path.exists(path) and not os.path.isfile(path)):
         raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")
 
 

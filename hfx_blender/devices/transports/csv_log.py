@@ -51,9 +51,10 @@ class CsvLog:
         self._row("values", self._channels.values(values))
 
     def stop(self) -> None:
-        """Write a row of neutral values."""
+        """Write a row of neutral values, unless the log has been closed."""
         with suppress(OutputLostError):
-            self._row("stop", self._channels.neutral)
+            if not self._file.is_closed:
+                self._row("stop", self._channels.neutral)
 
     def close(self) -> None:
         """End the log."""
