@@ -93,7 +93,7 @@ def convert(
     UsageError
         The formats cannot be converted into each other, or an option is missing.
     InputError
-        The source cannot be read, asks for too much (``file_limits``), or the target cannot
+        The source cannot be read, asks for too much (``files/limits.py``), or the target cannot
         hold what is asked: nothing is written that ``validate`` would not pass.
     OutputError
         A file cannot be written.

@@ -31,7 +31,7 @@ _COMMANDS: Final = (
 
 def module(name: str) -> ModuleType | None:
     """Import a module of ``hfx_tools.commands``; None in an installed extension."""
-    return importlib.import_module(f"{_PACKAGE}.commands.{name}") if _is_there() else None
+    return importlib.import_module(f"{_PACKAGE}.commands.{name}") if _load_tools() else None
 
 
 def refuse(arguments: Sequence[str]) -> None:
@@ -45,14 +45,15 @@ def refuse(arguments: Sequence[str]) -> None:
     left_out = [names for names in _COMMANDS if tuple(arguments[: len(names)]) == names]
     if "--back-end=diffusers" in "=".join(arguments):
         left_out.append(("--back-end", "diffusers"))
-    if left_out and not _is_there():
+    if left_out and not _load_tools():
         raise UsageError(
             f"'{' '.join(left_out[0])}' is not part of the extension: install hfx-blender with "
             "pip, then run it as 'hfx'."
         )
 
 
-def _is_there() -> bool:
+def _load_tools() -> bool:
+    """Import the package of tools; False where it is not installed."""
     if _PACKAGE in sys.modules:
         return True
     # Beside this package only: elsewhere a package of that name is a stranger's. Beside an

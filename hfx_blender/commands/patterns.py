@@ -12,7 +12,7 @@ from ..errors import InputError
 
 
 def expanded(paths: Sequence[Path]) -> list[Path]:
-    """Replace patterns by the files that match, in their order, each once.
+    """Replace file name patterns by their sorted matches, without duplicates.
 
     A file whose name has brackets or stars in it is no pattern.
 

@@ -31,7 +31,7 @@ _unfinished: dict[Path, Callable[[Path], object]] = {}
 """Files and folders that a signal would leave behind, each with the function that removes it."""
 
 placing = threading.Lock()
-"""Held while finished files get their names: who ends the process at once waits for it."""
+"""Lock held while finished files get their names; a forced end of the process waits for it."""
 
 PATIENCE_S: Final = 5.0
 """Longest wait for a lock, seconds."""

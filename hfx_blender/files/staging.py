@@ -76,7 +76,7 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 
 def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into their folder, in this order; see :func:`.atomic_files.move`.
+    """Move finished files into their folder, in this order; see :func:`.atomic.move`.
 
     Raises
     ------

@@ -17,10 +17,10 @@ from ..errors import HfxError, InputError, OutputError, is_endless
 from ..files.atomic import remove_at_end
 from ..files.kinds import title_of
 from ..files.stage_folders import remove_tree
-from . import start as own_processes
 from .process_end import check
 from .process_end import end_on_signals as end_on_signals
 from .process_end import leave as leave
+from .start import is_child
 
 _WITH_FILES: Final = ("images", "sounds", "movieclips", "fonts", "volumes", "cache_files")
 """Kinds of datablocks that may be in a file of their own."""
@@ -42,7 +42,7 @@ def start() -> Any:
     HfxError
         Blender cannot be loaded on this machine; says what is missing.
     """
-    if own_processes.is_child():
+    if is_child():
         end_on_signals(at_once=True)
     try:
         with _temporary_folder():

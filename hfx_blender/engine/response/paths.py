@@ -28,7 +28,7 @@ _MOMENTS: Final = 65  # at which the nearest one is looked for
 
 
 _NODES: Final = np.arange(4) / 3.0
-"""Shares at which a path that does not turn is known: it is a cubic through these places."""
+"""Shares of a sample interval at which a path is evaluated exactly; a cubic joins the positions."""
 
 
 class Path:
