@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +22,25 @@ U32 = npt.NDArray[np.uint32]
 U64 = npt.NDArray[np.uint64]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
+
+NPZ_DAMAGE: Final = (
+    OSError,
+    EOFError,
+    ValueError,
+    ArithmeticError,
+    LookupError,
+    AttributeError,  # a member that is no array
+    RuntimeError,
+    struct.error,
+    # numpy takes an array's header apart as Python text
+    SyntaxError,
+    TypeError,
+    MemoryError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""Exceptions of numpy, zipfile and zlib for damaged archives, as found by changing bytes."""
 
 
 def write_npz(

@@ -10,12 +10,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from ..formats.written import name_part
 
 if TYPE_CHECKING:
     from ..engine.track import TrackBody
+
+
+_LONGEST_PART: Final = 255
+"""Bytes of a file's or folder's name on Linux; a system call with a longer name is an error."""
+
+_LONGEST_NAME: Final = 1020
+"""Bytes of a listed name with its folders; a result has at most three folders."""
 
 
 def distinct(names: Iterable[str]) -> list[str]:
@@ -62,10 +69,16 @@ def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
 
 
 def listed(folder: Path, name: object) -> Path | None:
-    """Path of a file that a report lists, its name relative to ``folder``; None: it is outside."""
+    """Return the path of a file that a report lists, its name relative to ``folder``.
+
+    None stands for a name outside of the folder, or longer than a file system holds.
+    """
     if not isinstance(name, str) or re.search(r"[\\\x00-\x1f]", name):
         return None
     path = PurePosixPath(name)
+    lengths = [len(part.encode("utf-8", "replace")) for part in path.parts]
+    if max(lengths, default=0) > _LONGEST_PART or sum(lengths) > _LONGEST_NAME:
+        return None
     is_plain = path.parts and not path.is_absolute() and ".." not in path.parts
     return folder / path if is_plain and str(path) == name and ":" not in path.parts[0] else None
 

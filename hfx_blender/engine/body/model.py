@@ -9,10 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import struct
-import tokenize
-import zipfile
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
@@ -24,30 +20,11 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ...files import limits, resources
-from ..arrays import F32, I32, U8
+from ..arrays import F32, I32, NPZ_DAMAGE, U8
 from . import model_library
 from .model_library import manifest as manifest  # the index belongs to what it lists
 
 FORMAT_VERSION = 1
-
-_DAMAGE: Final = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    AttributeError,  # a member that is no array
-    RuntimeError,
-    NotImplementedError,
-    struct.error,
-    # numpy takes an array's header apart as Python text
-    SyntaxError,
-    TypeError,
-    MemoryError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""Exceptions of numpy, zipfile and zlib for damaged archives, as found by changing bytes."""
 
 AVATAR_ID = "hfx-avatar-1"
 """Id of the shipped avatar, whose skeleton is the canonical one."""
@@ -270,7 +247,7 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
-    except _DAMAGE as error:
+    except NPZ_DAMAGE as error:
         raise InputError(f"{path}: not a readable body model ({error}).") from error
     if not isinstance(meta, dict):
         raise InputError(f"{path}: not a readable body model (it tells nothing of itself).")

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import math
-import struct
 import textwrap
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,24 +15,13 @@ from typing import Any, Final, NoReturn, Self, TypeVar
 import numpy as np
 
 from ...errors import InputError, refuse_no_file
+from ..arrays import NPZ_DAMAGE
 from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header_json import from_json, get
 
-# Exceptions of zipfile and zlib for damaged containers, as found by changing bytes.
-_DAMAGE: Final = (
-    OSError,
-    EOFError,
-    ValueError,
-    ArithmeticError,
-    LookupError,
-    RuntimeError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 _ENCRYPTED: Final = 0x1  # of a ZIP entry's flags
 
 _TIME_TOLERANCE: Final = 1e-6
@@ -87,7 +74,7 @@ class TrackReader:
             raise InputError(f"{path}: there is no such file.") from None
         except (PermissionError, IsADirectoryError) as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-        except _DAMAGE as error:
+        except NPZ_DAMAGE as error:
             raise InputError(f"{path}: not a HapticTrack, or cut short ({error}).") from error
         try:
             if layout.HEADER not in self._archive.namelist():
@@ -316,7 +303,7 @@ class TrackReader:
             if len(content) != info.file_size:
                 raise ValueError("it is cut short")
             return content
-        except _DAMAGE as error:
+        except NPZ_DAMAGE as error:
             self._fail(f"{name}: {error}")
 
     def _parsed(self, parse: Callable[[_Source], _Value], content: _Source) -> _Value:

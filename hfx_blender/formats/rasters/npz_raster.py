@@ -9,10 +9,7 @@ from __future__ import annotations
 import io
 import json
 import math
-import struct
-import tokenize
 import zipfile
-import zlib
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -21,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.arrays import write_npz
+from ...engine.arrays import NPZ_DAMAGE, write_npz
 from ...engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from ...engine.samples import Stream
 from ...errors import InputError
@@ -82,24 +79,6 @@ _DOCUMENT = Record(
     unknown="error",
 )
 _FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.bool_}
-_DAMAGE: Final = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    IndexError,
-    RuntimeError,
-    NotImplementedError,
-    struct.error,
-    # numpy takes an array's header apart as Python text
-    SyntaxError,
-    TypeError,
-    MemoryError,
-    RecursionError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 def write(raster: Raster, path: Path) -> None:
@@ -165,7 +144,7 @@ def decode(content: bytes, name: str) -> Raster:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             return _decoded(archive, len(content), name)
-    except _DAMAGE as error:
+    except NPZ_DAMAGE as error:
         raise InputError(f"{name}: not a raster archive, or damaged ({error}).") from error
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,20 @@ def test_a_damaged_byte_is_refused(tmp_path: Path) -> None:
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(bytes(data))
     with pytest.raises(InputError, match=r"bad\.npz"):
+        model.load(model.PerceptualModel, path)
+
+
+def test_a_dimension_beyond_64_bits_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "huge.npz"
+    model_file.save(model.load_model("hfx-temperature-1"), path)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    head = f"{{'descr': '<i4', 'fortran_order': False, 'shape': ({10**30},), }}\n".encode()
+    members["mirror.npy"] = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(InputError, match=r"huge\.npz: not a readable body model"):
         model.load(model.PerceptualModel, path)
 
 
