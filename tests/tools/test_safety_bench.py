@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from hfx_blender.devices.host.guard import Guard
 from hfx_blender.errors import InputError
+from hfx_blender.files import resources
 from hfx_tools.bench.safety import safety, safety_stops, safety_values
 from hfx_tools.bench.safety.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 
@@ -183,3 +185,10 @@ def test_a_limiter_that_rises_too_fast_is_found(monkeypatch: pytest.MonkeyPatch)
 def test_no_code_of_an_opened_linked_or_appended_file_runs(tmp_path: Path) -> None:
     pytest.importorskip("bpy")
     assert safety_values.opened_files(tmp_path, 6)["faults"] == 0
+
+
+def test_a_row_is_measured_with_user_data_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, "as before")
+    row = safety.measure(short=True, only=("limiter",))["limiter"]
+    assert row["faults"] == 0 and safety.is_within(row)
+    assert os.environ[resources.USER_DATA_VARIABLE] == "as before"

@@ -200,7 +200,7 @@ def _own_data() -> Iterator[None]:
     """User data of the bench's own: its scripts are approved and its devices are on there."""
     before = os.environ.get(resources.USER_DATA_VARIABLE)
     with temporary_folder() as folder:
-        os.environ[resources.USER_DATA_VARIABLE] = folder
+        os.environ[resources.USER_DATA_VARIABLE] = str(folder)
         try:
             yield
         finally:
