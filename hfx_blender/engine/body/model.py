@@ -208,26 +208,35 @@ def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
             raise InputError(f"{path}: '{name}' is not {kind.__name__} of {dimensions} dimensions.")
         if kind is np.float32 and not np.isfinite(found).all():
             raise InputError(f"{path}: '{name}' has numbers that are not finite.")
+    _refuse_unfit_sizes(path, arrays)
+    if not _weights_fit(len(arrays["vertices"]), len(meta["bone_names"]), arrays):
+        raise InputError(f"{path}: its skin weights do not fit its vertices and bones.")
+
+
+def _refuse_unfit_sizes(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
+    """Reject arrays of another length than the vertices, and numbers of vertices beyond them."""
     count = len(arrays["vertices"])
     for name in _OF_VERTICES:
         if len(arrays[name]) != count or (arrays[name].ndim == 2 and arrays[name].shape[1] != 3):
             raise InputError(f"{path}: '{name}' does not fit {count} vertices.")
-    for name, most in (("triangles", count), ("mirror", count)):
+    for name in ("triangles", "mirror"):
         ids = arrays[name]
         if (ids.ndim == 2 and ids.shape[1] != 3) or (ids.size and not 0 <= ids.min()):
             raise InputError(f"{path}: '{name}' is not ids of vertices.")
-        if ids.size and ids.max() >= most:
+        if ids.size and ids.max() >= count:
             raise InputError(f"{path}: '{name}' names a vertex that is not there.")
+
+
+def _weights_fit(vertices: int, bone_names: int, arrays: dict[str, npt.NDArray[Any]]) -> bool:
+    """Test skin weights against the numbers of vertices and of bones."""
     offsets, bones = arrays["weights.offsets"], arrays["weights.bones"]
-    if (
-        len(offsets) != count + 1
-        or offsets[0] != 0
-        or offsets[-1] != len(bones)
-        or (np.diff(offsets) < 0).any()
-        or len(arrays["weights.values"]) != len(bones)
-        or (len(bones) and not 0 <= bones.min() <= bones.max() < len(meta["bone_names"]))
-    ):
-        raise InputError(f"{path}: its skin weights do not fit its vertices and bones.")
+    return (
+        len(offsets) == vertices + 1
+        and offsets[0] == 0
+        and offsets[-1] == len(bones) == len(arrays["weights.values"])
+        and bool((np.diff(offsets) >= 0).all())
+        and (not len(bones) or bool(0 <= bones.min() <= bones.max() < bone_names))
+    )
 
 
 def _taken(arrays: dict[str, Any], part: str) -> dict[str, Any]:

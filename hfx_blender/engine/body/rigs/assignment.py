@@ -248,11 +248,23 @@ class _Assignment(Digits):
         return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
 
     def _trunk(self) -> None:
+        hips, spine, neck, head = self._parts_of_trunk()
+        self._put("root", hips)
+        self._put("head", head)
+        self._pelvis_halves(hips)
+        self._spine(hips, spine, [*neck, *head])
+        if neck and head:
+            own = canonical_heads()
+            ends_of_neck = self.rig.head(neck[0]), self.rig.head(head[0])
+            self.found |= _chain(self.rig, _NECK, own["neck01"], own["head"], neck, *ends_of_neck)
+        else:
+            self._put("neck01", neck)
+
+    def _parts_of_trunk(self) -> tuple[list[str], list[str], list[str], list[str]]:
+        """Bones of hips, spine, neck and head, told apart where a rig calls several alike."""
         hips = list(self._take("lower_body", "") or self._take("hips", ""))
         spine = list(self._take("spine", ""))
-        neck, head = list(self._take("neck", "")), self._take("head", "")
-        if len(neck) > 1 and not head and neck[-2] in self.rig.ancestors(neck[-1]):
-            neck, head = neck[:-1], neck[-1:]
+        neck, head = self._neck_and_head()
         if (ends := [*neck, *head]) and hips:
             # What holds the hips, or nothing, is no spine (nor what is left of another rig).
             carrying = set(self.rig.ancestors(ends[0])) - set(self.rig.ancestors(hips[0]))
@@ -267,28 +279,33 @@ class _Assignment(Digits):
         if not hips:
             hips = self._common_ancestor("upperleg01.L", "upperleg01.R")
             spine = [name for name in spine if name not in hips]
-        self._put("root", hips)
-        self._put("head", head)
+        return hips, spine, neck, head
+
+    def _neck_and_head(self) -> tuple[list[str], list[str]]:
+        """Bones called so; of several necks that hang on each other the last one is the head."""
+        neck, head = list(self._take("neck", "")), self._take("head", "")
+        if len(neck) > 1 and not head and neck[-2] in self.rig.ancestors(neck[-1]):
+            return neck[:-1], neck[-1:]
+        return neck, head
+
+    def _pelvis_halves(self, hips: Sequence[str]) -> None:
+        """Bones between the hips and the thighs."""
         for side in "LR":
             # Daz has a hip above both a pelvis, which holds the thighs, and the spine.
             if f"pelvis.{side}" not in self.found:
                 holder = self._attached(f"upperleg01.{side}", hips)
                 if holder is not None and holder != hips[0]:
                     self.found[f"pelvis.{side}"] = holder
+
+    def _spine(self, hips: Sequence[str], spine: Sequence[str], above: Sequence[str]) -> None:
+        """Counterparts of the spine between the thighs, or the hips, and the bones above it."""
         thighs = [self.found.get(f"upperleg01.{side}") for side in "LR"]
         starts = [name for name in thighs if name] or hips[:1]
-        ends = neck[:1] or head[:1]
-        if starts and ends:
+        if starts and above:
             low = np.mean([self.rig.head(name) for name in starts], axis=0)
-            self.found |= spine_counterparts(self.rig, spine, low, self.rig.head(ends[0]))
+            self.found |= spine_counterparts(self.rig, spine, low, self.rig.head(above[0]))
         else:
             self.found |= dict(zip(_SPINE, spine, strict=False))
-        if neck and head:
-            own = canonical_heads()
-            ends_of_neck = self.rig.head(neck[0]), self.rig.head(head[0])
-            self.found |= _chain(self.rig, _NECK, own["neck01"], own["head"], neck, *ends_of_neck)
-        else:
-            self._put("neck01", neck)
 
     def _attached(self, canonical: str, chain: Sequence[str]) -> str | None:
         name = self.found.get(canonical)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -105,13 +105,7 @@ class Digits:
         """Fingers with a number for a name: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman."""
         bones = self._take("finger", side)
         numbers = {name: self.names[name].numbers for name in bones}
-        from_zero = any(own[:1] in (("0",), ("00",)) for own in numbers.values())
-        fingers: dict[int, list[str]] = {}
-        for name, own in numbers.items():
-            if own:
-                digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
-                first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
-                fingers.setdefault(first + from_zero, []).append(name)
+        fingers = _by_finger(numbers)
         if joints["thumb"] and not joints["index"] and len(fingers) > 1:
             # mGear: "thumb_L0_1", then "finger_L0_1" of the index finger and so on.
             if all(len(own) == 2 for own in numbers.values()):
@@ -124,13 +118,19 @@ class Digits:
             return
         for number, chain in fingers.items():
             if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
-                joints[FINGERS[number - 1]] = chain
-                if all(len(numbers[name]) == 1 and len(numbers[name][0]) == 1 for name in chain):
-                    # "finger 1a", "finger 1b": one finger only if they hang on each other.
-                    outwards = self._outwards(chain)
-                    joints[FINGERS[number - 1]] = outwards if self._is_chain(outwards) else []
+                joints[FINGERS[number - 1]] = self._joints_of_finger(chain)
         if bones and not fingers:
             joints["middle"] = joints["middle"] or bones
+
+    def _joints_of_finger(self, bones: list[str]) -> list[str]:
+        """Bones with one finger's number; "finger 1a" and "finger 1b" only if they hang on each
+        other.
+        """
+        numbers = [self.names[name].numbers for name in bones]
+        if not all(len(own) == 1 and len(own[0]) == 1 for own in numbers):
+            return bones
+        outwards = self._outwards(bones)
+        return outwards if self._is_chain(outwards) else []
 
     def _toes(self, side: str) -> None:
         chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
@@ -138,24 +138,7 @@ class Digits:
             own = self.names[name].numbers
             if own and 1 <= int(own[0]) <= 4:
                 chains[int(own[0]) + 1].append(name)
-        general = self._take("toe", side)
-        paired = [name for name in general if len(self.names[name].numbers) == 2]
-        firsts = {int(self.names[name].numbers[0]) for name in paired}
-        if firsts == {0}:  # the only part of that name
-            paired = []
-        for name in paired:
-            number = int(self.names[name].numbers[0]) + (0 in firsts)
-            if number in chains:
-                chains[number].append(name)
-        base = [name for name in general if name not in paired]
-        if self._take("lower_body", ""):  # the "toe" of MikuMikuDance is the toes' tip
-            base = [name for name in base if self.names[name].rank < 0]
-        feet = self._take("foot", side)
-        if len(feet) > 1 and feet[0] in self.rig.ancestors(feet[1]):
-            ankle, ball = (self.rig.head(name) for name in feet[:2])
-            tip = self.rig.head(base[0]) if base else ball
-            if np.linalg.norm(ball - ankle) >= np.linalg.norm(tip - ball):
-                base = feet[1:2]  # SMPL: ankle and foot are joints, the foot's is the ball's
+        base = self._ball_of_foot(side, self._numbered_toes(side, chains))
         if not any(chains.values()):
             starts: dict[str, list[str]] = {}
             for name in base:
@@ -168,3 +151,42 @@ class Digits:
         for number, chain in chains.items():
             for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
                 self._put(f"toe{number}-{joint}.{side}", [name])
+
+    def _numbered_toes(self, side: str, chains: dict[int, list[str]]) -> list[str]:
+        """Add bones with the numbers of a toe and of its joint to the chains of toes; returns the
+        bones called toe that have no such two numbers.
+        """
+        general = self._take("toe", side)
+        paired = [name for name in general if len(self.names[name].numbers) == 2]
+        firsts = {int(self.names[name].numbers[0]) for name in paired}
+        if firsts == {0}:  # the only part of that name
+            paired = []
+        for name in paired:
+            number = int(self.names[name].numbers[0]) + (0 in firsts)
+            if number in chains:
+                chains[number].append(name)
+        return [name for name in general if name not in paired]
+
+    def _ball_of_foot(self, side: str, toes: list[str]) -> list[str]:
+        """Bones that begin at the ball of the foot, among toes without a number and feet."""
+        if self._take("lower_body", ""):  # the "toe" of MikuMikuDance is the toes' tip
+            toes = [name for name in toes if self.names[name].rank < 0]
+        feet = self._take("foot", side)
+        if len(feet) > 1 and feet[0] in self.rig.ancestors(feet[1]):
+            ankle, ball = (self.rig.head(name) for name in feet[:2])
+            tip = self.rig.head(toes[0]) if toes else ball
+            if np.linalg.norm(ball - ankle) >= np.linalg.norm(tip - ball):
+                return feet[1:2]  # SMPL: ankle and foot are joints, the foot's is the ball's
+        return toes
+
+
+def _by_finger(numbers: Mapping[str, Sequence[str]]) -> dict[int, list[str]]:
+    """Bones by the number of their finger, from 1, among those with numbers in their names."""
+    from_zero = any(own[:1] in (("0",), ("00",)) for own in numbers.values())
+    fingers: dict[int, list[str]] = {}
+    for name, own in numbers.items():
+        if own:
+            digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
+            first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
+            fingers.setdefault(first + from_zero, []).append(name)
+    return fingers

@@ -220,19 +220,9 @@ def _mapping(convention: str, found: Mapping[str, str], notes: Sequence[str]) ->
 
 def _followed(canonical: str, bones: Mapping[str, str]) -> str:
     """Avatar bone that a canonical bone without counterpart follows."""
-    side = canonical[-2:]
-    if canonical.startswith("toe"):
-        # A single toe bone moves all toes.
-        toes = [n for n in bones if n.startswith("toe") and n.endswith(side)]
-        if len({name[3] for name in toes}) == 1:
-            return bones[toes[0]]
-    if canonical.startswith("finger") and canonical[6] != "1":
-        # A mitten: the only finger beside the thumb moves all of them.
-        joints = [n for n in bones if n[:6] == "finger" and n[6] != "1" and n.endswith(side)]
-        if len({name[6] for name in joints}) == 1:
-            reached = [n for n in joints if n[8] <= canonical[8]]
-            if reached:
-                return bones[max(reached)]
+    digit = _only_digit(canonical, bones)
+    if digit is not None:
+        return digit
     if not canonical.endswith(_SIDES) and "root" not in bones:
         # The middle of the body never follows a limb.
         trunk = [name for name in canonical_parents() if name in bones and name[-2:] not in _SIDES]
@@ -244,6 +234,21 @@ def _followed(canonical: str, bones: Mapping[str, str]) -> str:
             return bones[ancestor]
         ancestor = canonical_parents()[ancestor]
     return next(iter(bones.values()))
+
+
+def _only_digit(canonical: str, bones: Mapping[str, str]) -> str | None:
+    """Avatar bone of the only toe, or finger beside the thumb: it moves all of them."""
+    side = canonical[-2:]
+    if canonical.startswith("toe"):
+        toes = [n for n in bones if n.startswith("toe") and n.endswith(side)]
+        if len({name[3] for name in toes}) == 1:
+            return bones[toes[0]]
+    if canonical.startswith("finger") and canonical[6] != "1":  # of a mitten
+        joints = [n for n in bones if n[:6] == "finger" and n[6] != "1" and n.endswith(side)]
+        reached = [n for n in joints if n[8] <= canonical[8]]
+        if reached and len({name[6] for name in joints}) == 1:
+            return bones[max(reached)]
+    return None
 
 
 def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str]:

@@ -108,12 +108,7 @@ def _without_shared(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]
         name: [w for token in own for w in _parted(token, own)] for name, own in tokens.items()
     }
     enough = max(4.0, _SHARED * len(parts))
-    counts = Counter(word for own in parts.values() for word in set(own))
-    marks = {
-        word
-        for word, count in counts.items()
-        if count >= enough and word not in KNOWN and not word.isdigit()
-    }
+    marks = _shared_words(parts.values(), enough)
     found, first = {}, {}
     for name, own in parts.items():
         start = 0
@@ -126,6 +121,16 @@ def _without_shared(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]
         for name in (name for name, own in first.items() if own == number):
             found[name].remove(number)
     return _without_counting(found)
+
+
+def _shared_words(names: Iterable[Sequence[str]], enough: float) -> set[str]:
+    """Words without a meaning that at least so many names have."""
+    counts = Counter(word for own in names for word in set(own))
+    return {
+        word
+        for word, count in counts.items()
+        if count >= enough and word not in KNOWN and not word.isdigit()
+    }
 
 
 def _parted(token: str, name: Sequence[str]) -> tuple[str, ...]:

@@ -53,23 +53,26 @@ class Rig:
         self.bones = next((some for some in choices if len(read_names(some)) >= _ENOUGH), every)
         self.labels = dict(labels or {name: name for name in self.bones})
         deforming = {without_role(name): name for name in self.bones}
-        self.parent: dict[str, str | None] = {}
-        for name in self.bones:
-            above = every[name].parent
-            seen = {name}
-            while above is not None and above in every and above not in seen:
-                seen.add(above)
-                counterpart = deforming.get(without_role(above))
-                if counterpart is not None and counterpart != name:
-                    break
-                above = every[above].parent
-            else:
-                above = None
-            self.parent[name] = None if above is None else deforming[without_role(above)]
+        self.parent = {name: self._deforming_parent(name, deforming) for name in self.bones}
         self.children: dict[str, list[str]] = {name: [] for name in self.bones}
         for name, parent in self.parent.items():
             if parent is not None:
                 self.children[parent].append(name)
+
+    def _deforming_parent(self, name: str, deforming: Mapping[str, str]) -> str | None:
+        """Nearest bone above one that deforms, or whose counterpart does; None at the top.
+
+        ``deforming`` holds the bones that do by their names without a rig's marks.
+        """
+        above = self.by_name[name].parent
+        seen = {name}
+        while above is not None and above in self.by_name and above not in seen:
+            seen.add(above)
+            counterpart = deforming.get(without_role(above))
+            if counterpart is not None and counterpart != name:
+                return counterpart
+            above = self.by_name[above].parent
+        return None
 
     def ancestors(self, name: str) -> Iterator[str]:
         """Yield the ancestors of a bone, nearest first."""
