@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import F64, I64
+from ..arrays import F64, I64, Bool
 from ..body.model import Avatar
 from .bone_regions import JOINT_OF, REGIONS, known_regions, region_of
 from .target import RigMapping, TargetAvatar, areas_of, group_shares, owners_of
@@ -65,60 +65,22 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     InputError
         Needed joints are missing, or stand to each other as no person's do; there is no torso.
     """
-    known = {bone.name for bone in target.bones}
-    unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
-    if unknown:
-        raise InputError(f"The armature has no bone '{unknown[0]}' that the bone mapping names.")
-    mapped = _without_mittens(mapping.bones)
-    canonical, joints = _joints(avatar, target, mapped)
-    missing = [joint for joint in _NEEDED if joint not in joints]
-    if missing:
-        raise InputError(
-            f"The armature has no bone that begins at: {', '.join(missing)}; "
-            "a body needs at least two hips and two shoulders."
-        )
-    used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
-    straight = _straightened(canonical, joints)
-    to_target = similarity(
-        np.array([canonical[joint] for joint in used]),
-        np.array([straight[joint] for joint in used]),
-    )
-    if not np.linalg.det(to_target[:3, :3]) > 0.0:
-        raise InputError("The armature's joints all lie at one place, or are not numbers.")
+    mapped = _without_mittens(_known_bones(target, mapping))
+    canonical, in_target = _joints(avatar, target, mapped)
+    to_target = _normalisation(canonical, in_target)
     from_target = np.linalg.inv(to_target)
-    joints = {joint: apply(from_target, place) for joint, place in joints.items()}
+    joints = {joint: apply(from_target, place) for joint, place in in_target.items()}
     _check_posture(joints)
-    ours = np.array([canonical[joint] for joint in used])
-    theirs = np.array([joints[joint] for joint in used])
-    misfit = apply(np.linalg.inv(similarity(ours, theirs)), theirs) - ours  # as it stands or sits
-    if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * np.ptp(
-        avatar.vertices[:, 2]
-    ):
-        raise InputError(
-            "The armature's joints do not stand to each other as a person's do: only a human "
-            "avatar in an upright rest pose can become a haptic body."
-        )
-    stands_for = known_regions(mapped)
-    number = {region: k for k, region in enumerate(REGIONS)}
-    of_canonical = np.array(
-        [number[stands_for[region_of(bone)]] for bone in avatar.skeleton.bone_names]
-    )
-    owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
-    of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
+    _check_proportions(canonical, joints, float(np.ptp(avatar.vertices[:, 2])))
     points = apply(from_target, target.vertices)
-    target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
-    is_shown = np.zeros(len(points), np.bool_)
-    is_shown[target.triangles] = True
-    target_shares *= is_shown[:, None]
-    avatar_shares = group_shares(avatar.weights, of_canonical, len(REGIONS))
-    own = _region_areas(points, target.triangles, target_shares)
-    halves = avatar.faces[:, :3].astype(np.int64)  # of quads
-    ours = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
-    is_absent = own < _LEAST_SKIN * ours
-    head = points[dominant(target_shares) == number["head"]]
+    avatar_shares, target_shares = _regions(avatar, target, mapped, points)
+    region = dominant(target_shares)
+    is_absent = _absent_regions(avatar, avatar_shares, points, target.triangles, target_shares)
+    head = points[region == REGIONS.index("head")]
     if len(head) and "head" in joints:
-        is_absent[number["head"]] |= head[:, 2].max() < joints["head"][2] + _LEAST_SKULL_M
-    if is_absent[number["torso"]]:
+        is_stump = head[:, 2].max() < joints["head"][2] + _LEAST_SKULL_M
+        is_absent[REGIONS.index("head")] |= is_stump
+    if is_absent[REGIONS.index("torso")]:
         raise InputError(
             "The selected meshes show no torso, so they are no body: select those that do as well."
         )
@@ -131,9 +93,83 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         joints,
         avatar_shares,
         target_shares,
-        _feet_forward(points, dominant(target_shares), joints),
+        _feet_forward(points, region, joints),
         tuple(region for region, gone in zip(REGIONS, is_absent, strict=True) if gone),
     )
+
+
+def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]:
+    """Canonical bone -> the target's; refused if the target has no such bone."""
+    known = {bone.name for bone in target.bones}
+    unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
+    if unknown:
+        raise InputError(f"The armature has no bone '{unknown[0]}' that the bone mapping names.")
+    return mapping.bones
+
+
+def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F64:
+    """Turn, scale and shift (4, 4) of the canonical joints to a target's, bent legs stretched."""
+    missing = [joint for joint in _NEEDED if joint not in joints]
+    if missing:
+        raise InputError(
+            f"The armature has no bone that begins at: {', '.join(missing)}; "
+            "a body needs at least two hips and two shoulders."
+        )
+    to_target = similarity(*_frame_joints(canonical, _straightened(canonical, joints)))
+    if not np.linalg.det(to_target[:3, :3]) > 0.0:
+        raise InputError("The armature's joints all lie at one place, or are not numbers.")
+    return to_target
+
+
+def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tuple[F64, F64]:
+    """Places (J, 3) of the joints of torso, legs and head, on the canonical body and a target."""
+    used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
+    return np.array([canonical[j] for j in used]), np.array([joints[j] for j in used])
+
+
+def _check_proportions(
+    canonical: Mapping[str, F64], joints: Mapping[str, F64], height_m: float
+) -> None:
+    """Refuse joints that are farther from a person's than people differ, as they stand or sit."""
+    ours, theirs = _frame_joints(canonical, joints)
+    misfit = apply(np.linalg.inv(similarity(ours, theirs)), theirs) - ours
+    if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * height_m:
+        raise InputError(
+            "The armature's joints do not stand to each other as a person's do: only a human "
+            "avatar in an upright rest pose can become a haptic body."
+        )
+
+
+def _regions(
+    avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str], points: F64
+) -> tuple[F64, F64]:
+    """Regions of the canonical avatar's vertices (V, R), and of a target's that are shown (A, R).
+
+    ``points`` are those of the target in normalised space.
+    """
+    stands_for = known_regions(mapped)
+    number = {region: k for k, region in enumerate(REGIONS)}
+    of_canonical = np.array(
+        [number[stands_for[region_of(bone)]] for bone in avatar.skeleton.bone_names]
+    )
+    owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
+    of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
+    target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
+    is_shown = np.zeros(len(points), np.bool_)
+    is_shown[target.triangles] = True
+    target_shares *= is_shown[:, None]
+    return group_shares(avatar.weights, of_canonical, len(REGIONS)), target_shares
+
+
+def _absent_regions(
+    avatar: Avatar, avatar_shares: F64, points: F64, triangles: I64, target_shares: F64
+) -> Bool:
+    """Regions (R,) of which a target has too little skin."""
+    own = _region_areas(points, triangles, target_shares)
+    halves = avatar.faces[:, :3].astype(np.int64)  # of quads
+    ours = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
+    is_absent: Bool = own < _LEAST_SKIN * ours
+    return is_absent
 
 
 def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:

@@ -9,7 +9,7 @@ and hair are none, nor is the only skin of a region: a hand that is a mesh of it
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -107,13 +107,7 @@ def _candidates(
     """
     canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
     owners = owners_of(union, canonical)
-    parents = {bone.name: bone.parent for bone in union.bones}
-    carrying = set()
-    for name in canonical:
-        at: str | None = name
-        while at is not None and at not in carrying:
-            carrying.add(at)
-            at = parents.get(at)
+    carrying = _bones_of_body(union, canonical)
     is_body = np.array([name in carrying for name in union.bone_names])
     regions = [region_of(owner) if owner else "torso" for owner in owners]
     weights = union.weights
@@ -151,6 +145,18 @@ def _candidates(
         _Candidate(np.concatenate(rows), union.bone_names[key[2]], regions[key[2]])
         for key, rows in groups.items()
     ]
+
+
+def _bones_of_body(union: TargetAvatar, mapped: Iterable[str]) -> set[str]:
+    """Bones that are mapped, and all above them."""
+    parents = {bone.name: bone.parent for bone in union.bones}
+    found: set[str] = set()
+    for name in mapped:
+        at: str | None = name
+        while at is not None and at not in found:
+            found.add(at)
+            at = parents.get(at)
+    return found
 
 
 def _rows_of(piece: I64) -> list[I64]:
