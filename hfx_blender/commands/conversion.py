@@ -35,6 +35,8 @@ from ..formats.registry import (
     DeviceFormat,
     PlayedFormat,
     TrackFormat,
+    refuse_removed,
+    refuse_unknown,
     write,
 )
 from ..formats.signals.credits import Credits
@@ -135,11 +137,11 @@ def _target(target: Path, to: str | None) -> tuple[str, str]:
         **PLAYED_FORMATS,
     }
     if to is not None:
-        if to not in formats:
-            raise UsageError(f"--to {to}: expected one of {', '.join(formats)}")
+        refuse_unknown((to,), "--to", formats)
         suffix = formats[to].suffix
         name = target.name
         return to, name[: -len(suffix)] if name.endswith(suffix) and name != suffix else name
+    refuse_removed(target)
     by_length = sorted(formats.values(), key=lambda each: -len(each.suffix))
     for each in by_length:
         if target.name.endswith(each.suffix) and target.name != each.suffix:

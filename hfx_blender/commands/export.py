@@ -50,9 +50,8 @@ def add_parser(commands: Any) -> None:
         action="extend",
         type=_names,
         metavar="F,...",
-        help="track, hjif, jsonl, jsonl-compact, glb; for devices clip, csv, npz, wav, wav24, "
-        "wavfloat, ahap, ahap-sqrt, haptic, he, he1, openharmony, openxr, tact (default: track; "
-        "csv for devices)",
+        help="track, hjif, jsonl, jsonl-compact, glb; for devices clip, csv, npz, wav, ahap, "
+        "ahap-sqrt, haptic, he, he1, openharmony, openxr, tact (default: track; csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")
@@ -359,11 +358,9 @@ def _check(options: argparse.Namespace) -> None:
     """Reject options with which no scene could be exported, before any is opened."""
     from ..devices.configuration import load_device
     from ..engine.areas.on_demand import ON_DEMAND
-    from ..formats.registry import FORMATS
+    from ..formats.registry import refuse_unknown
 
-    unknown = [name for name in options.formats or () if name not in FORMATS]
-    if unknown:
-        raise UsageError(f"-f {unknown[0]}: expected some of {', '.join(FORMATS)}")
+    refuse_unknown(options.formats or (), "-f")
     for name in options.device or ():
         if name != "none":
             load_device(name)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -175,16 +175,13 @@ def _whole_raster_format(
     return DeviceFormat(name, title, suffix, ALL_MODALITIES, write_raster)
 
 
-def _wav_format(name: str, title: str, suffix: str, samples: wav.SampleFormat) -> DeviceFormat:
-    def write_wav(
-        raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
-    ) -> Written:
-        path = stem.with_name(stem.name + suffix)
-        wav.write(raster, device, path, sample_format=samples)
-        files = path, path.with_name(path.name + wav.SIDECAR_SUFFIX)
-        return Written(files, losses.beyond_limits(raster, device))
-
-    return DeviceFormat(name, title, suffix, ("vibration",), write_wav, holds_waves=True)
+def _write_wav(
+    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + wav.SUFFIX)
+    wav.write(raster, device, path)
+    files = path, path.with_name(path.name + wav.SIDECAR_SUFFIX)
+    return Written(files, losses.beyond_limits(raster, device))
 
 
 def _write_tact(
@@ -214,9 +211,7 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
     for each in (
         _whole_raster_format("csv", "CSV", csv_raster.SUFFIX, csv_raster.write),
         _whole_raster_format("npz", "an NPZ raster", npz_raster.SUFFIX, npz_raster.write),
-        _wav_format("wav", "WAV", wav.SUFFIX, "int16"),
-        _wav_format("wav24", "24-bit WAV", f".24bit{wav.SUFFIX}", "int24"),
-        _wav_format("wavfloat", "float WAV", f".float{wav.SUFFIX}", "float32"),
+        DeviceFormat("wav", "WAV", wav.SUFFIX, ("vibration",), _write_wav, holds_waves=True),
         _signal_format(
             "ahap",
             "Apple AHAP",
@@ -320,6 +315,40 @@ FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, *PLAYED_FORMATS, "gl
 """Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
 
 
+_REMOVED: Final = {"wav24": ("wav", ".24bit.wav"), "wavfloat": ("wav", ".float.wav")}
+"""Formats that are read, but written no more: what is written instead, and their suffixes."""
+
+
+def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = FORMATS) -> None:
+    """Reject names of formats that are not known; for a removed one, name its replacement.
+
+    Raises
+    ------
+    UsageError
+    """
+    for name in names:
+        if name in _REMOVED:
+            instead = _REMOVED[name][0]
+            raise UsageError(f"{option} {name}: is read, but written no more; use {instead}")
+        if name not in known:
+            raise UsageError(f"{option} {name}: expected one of {', '.join(known)}")
+
+
+def refuse_removed(target: Path) -> None:
+    """Reject a file whose suffix was that of a removed format: its content would be another.
+
+    Raises
+    ------
+    UsageError
+    """
+    for name, (instead, suffix) in _REMOVED.items():
+        if target.name.endswith(suffix):
+            raise UsageError(
+                f"{target}: '{suffix}' was the suffix of {name}, which is written no more; use "
+                f"'{DEVICE_FORMATS[instead].suffix}', or '--to {instead}' with any name"
+            )
+
+
 def suffixes(names: Sequence[str]) -> tuple[str, ...]:
     """Ends of the names of the files that formats of :data:`FORMATS` write, also beside others."""
     formats: dict[str, DeviceFormat | TrackFormat | PlayedFormat] = {
@@ -343,9 +372,7 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
         A format is unknown, needs a device, or none of the devices has anything for it; or two
         different devices have one id, which their files are named by.
     """
-    unknown = sorted(set(formats) - set(FORMATS))
-    if unknown:
-        raise UsageError(f"format '{unknown[0]}' is unknown; there are: {', '.join(FORMATS)}")
+    refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
     for each in devices:
         if vars(known.setdefault(each.id, each)) != vars(each):

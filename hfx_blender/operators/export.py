@@ -37,8 +37,6 @@ FORMAT_ITEMS = (
     ("csv", "CSV", "Values of each device, a row for each sample", 1 << 4),
     ("npz", "NPZ Raster", "Values of each device, as NumPy arrays", 1 << 5),
     ("wav", "WAV", "Sound for vibration actuators, 16 bits", 1 << 6),
-    ("wav24", "WAV, 24 Bits", "Sound for vibration actuators, 24 bits", 1 << 7),
-    ("wavfloat", "WAV, Float", "Sound for vibration actuators, 32-bit floats", 1 << 8),
     ("ahap", "Apple AHAP", "Patterns for Core Haptics", 1 << 9),
     ("ahap-sqrt", "Apple AHAP, Square Roots", "Patterns with roots of amplitudes", 1 << 17),
     ("haptic", "Meta .haptic", "Clips for Meta's Haptics SDK", 1 << 10),

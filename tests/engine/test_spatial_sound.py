@@ -205,6 +205,15 @@ def test_the_file_is_read_by_others_and_is_as_long_as_the_raster(tmp_path: Path)
     assert sidecar["start_s"] == 1.5
 
 
+def test_odd_sizes_are_padded(tmp_path: Path) -> None:
+    """3 channels of 5 samples of 24 bits are 45 bytes; RIFF chunks have even sizes."""
+    path, silence = tmp_path / "x.sound.wav", np.zeros((5, 3))
+    sound_wav.write(lambda: iter([silence]), parse("30,-30,110"), path, count=5, start_s=0.0)
+    content = path.read_bytes()
+    assert len(content) % 2 == 0 and int.from_bytes(content[4:8], "little") == len(content) - 8
+    assert wavfile.read(path)[1].shape == (5, 3)
+
+
 def test_layouts_are_named_or_given_as_angles() -> None:
     assert parse("quad") is LAYOUTS["quad"]
     found = parse("30,-30,110:20,-110:20")

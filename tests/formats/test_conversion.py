@@ -49,8 +49,6 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
             assert findings == [], path
             assert found.name == {
                 "he1": "he",
-                "wav24": "wav",
-                "wavfloat": "wav",
                 "ahap-sqrt": "ahap",
             }.get(name, name)
     again = registry.write(name, raster, device, tmp_path / "other.back_pad")
@@ -104,11 +102,30 @@ def test_what_some_of_the_devices_cannot_play_is_told(tmp_path):
 
 
 def test_a_format_needs_a_known_name_and_a_device():
-    with pytest.raises(UsageError, match="'mp3' is unknown"):
+    with pytest.raises(UsageError, match="format mp3: expected one of track, "):
         registry.check(["mp3"], [])
     with pytest.raises(UsageError, match="choose one with --device"):
         registry.check(["ahap"], [])
     registry.check(["track", "hjif", "jsonl"], [])
+
+
+REMOVED = {"wav24": ("wav", "x.24bit.wav"), "wavfloat": ("wav", "x.float.wav")}
+
+
+@pytest.mark.parametrize("name", REMOVED)
+def test_a_removed_format_names_its_replacement(tmp_path, capsys, name):
+    instead, file = REMOVED[name]
+    with track_of(tmp_path, "vibration", "volume", BEAT) as track:
+        source = str(track.path)
+    for arguments in (
+        ["export", "x.blend", "-f", f"track,{name}"],
+        ["convert", source, str(tmp_path / "x"), "--to", name, "--device", "back_pad"],
+        ["convert", source, str(tmp_path / file), "--device", "back_pad"],
+    ):
+        assert cli.run(arguments) == 2
+        (told,) = capsys.readouterr().err.splitlines()
+        assert name in told and "written no more" in told and f"{instead}" in told.split("use ")[1]
+    assert [each.name for each in tmp_path.iterdir()] == [track.path.name]
 
 
 @pytest.mark.parametrize("target", ["haptic", "he", "he1", "openharmony", "openxr", "ahap", "hjif"])

@@ -78,9 +78,9 @@ def _openxr(folder, device):
 
 
 def _wav(folder, device):
-    data = (folder / "x.float.wav").read_bytes()
-    names = json.loads((folder / "x.float.wav.channels.json").read_text())["channels"]
-    rows = np.frombuffer(data[data.index(b"data") + 8 :], "<f4").reshape(-1, len(names))
+    data = (folder / "x.wav").read_bytes()
+    names = json.loads((folder / "x.wav.channels.json").read_text())["channels"]
+    rows = np.frombuffer(data[data.index(b"data") + 8 :], "<i2").reshape(-1, len(names)) / 32767
     peak = np.abs(rows[int(48000 * 0.2) : int(48000 * 0.3)]).max(axis=0)
     return dict(zip([each["actuator"] for each in names], peak.tolist(), strict=True))
 
@@ -113,7 +113,7 @@ def _tact(folder, device):
     }
 
 
-WHOLE = {"openxr": _openxr, "wavfloat": _wav, "tact": _tact}
+WHOLE = {"openxr": _openxr, "wav": _wav, "tact": _tact}
 
 
 def _wanted(device):

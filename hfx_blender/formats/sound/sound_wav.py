@@ -16,10 +16,11 @@ from ...engine.arrays import F64
 from ...engine.spatial_sound.layouts import Layout
 from ...errors import InputError
 from ...files.atomic import atomic_file
-from .wav import SIDECAR_SUFFIX, _encoded, _head
+from .wav import SIDECAR_SUFFIX, encoded, head
 
 SUFFIX: Final = ".sound.wav"
 RATE_HZ: Final = 48_000
+_BITS: Final = 24
 _HIGHEST: Final = 0.98  # of full scale
 _MAX_BYTES: Final = 2**32 - 1024
 _KEPT: Final = 1 << 26
@@ -39,7 +40,7 @@ def refuse_large(layout: Layout, path: Path, *, count: int, rate_hz: int = RATE_
     InputError
         The file would exceed 4 GiB.
     """
-    data_bytes = count * len(layout) * 3
+    data_bytes = count * len(layout) * _BITS // 8
     if data_bytes > _MAX_BYTES:
         raise InputError(
             f"{path}: {len(layout)} channels of {count / rate_hz:.0f} s are "
@@ -107,9 +108,9 @@ def write(
     with atomic_file(path.with_name(path.name + SIDECAR_SUFFIX)) as file:
         file.write(json.dumps(sidecar, indent=2).encode() + b"\n")
     with atomic_file(path) as file:
-        file.write(_head("int24", len(layout), rate_hz, count))
+        file.write(head(_BITS, len(layout), rate_hz, count))
         again = blocks() if kept is None else (part.astype(np.float64) for part in kept)
         for block in again:
-            file.write(_encoded(block * gain, "int24"))
+            file.write(encoded(block * gain, _BITS))
         file.write(b"\0" * (data_bytes % 2))
     return gain

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -39,11 +39,9 @@ SUFFIX: Final = ".wav"
 RATE_HZ: Final = 48_000
 SIDECAR_SUFFIX: Final = ".channels.json"
 
-SampleFormat = Literal["int16", "int24", "float32"]
-
-_BITS: Final[dict[SampleFormat, int]] = {"int16": 16, "int24": 24, "float32": 32}
-_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
-# The tail of KSDATAFORMAT_SUBTYPE_PCM and _IEEE_FLOAT, after the format's own number.
+_BITS: Final = 16
+_PCM, _EXTENSIBLE = 1, 0xFFFE
+# The tail of KSDATAFORMAT_SUBTYPE_PCM, after the format's own number.
 _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
 MAX_FREQUENCY_HZ: Final = 1000.0
@@ -66,20 +64,11 @@ class _Drive:
     first_row: int = 0  # of the raster, at which it begins
 
 
-def write(
-    raster: Raster,
-    device: DeviceConfig,
-    path: Path,
-    *,
-    sample_format: SampleFormat = "int16",
-    rate_hz: int = RATE_HZ,
-) -> None:
-    """Write a raster as WAV, and beside it the list of channels and actuators.
+def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RATE_HZ) -> None:
+    """Write a raster as WAV of 16 bits, and beside it the list of channels and actuators.
 
     Full scale is the largest amplitude that any vibration actuator of the device may be
-    given. More than two channels, or 24 bits, are written as WAVE_FORMAT_EXTENSIBLE with
-    channel mask 0: channels without loudspeaker positions. The sidecar is ``path`` +
-    ``.channels.json``.
+    given. The sidecar is ``path`` + ``.channels.json``.
 
     Parameters
     ----------
@@ -87,7 +76,6 @@ def write(
         Rendered for ``device``.
     device : DeviceConfig
     path : Path
-    sample_format : {"int16", "int24", "float32"}
     rate_hz : int
         Audio rate.
 
@@ -102,11 +90,11 @@ def write(
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
     if not 8_000 <= rate_hz <= 384_000:
         raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
-    drive, *others = _drives(raster, device)
-    channel_count = len(drive.actuators)
+    drives = _drives(raster, device)
+    channel_count = len(drives[0].actuators)
     # A row lasts rate_hz / raster rate samples; the last one is played to its end.
     sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
-    data_bytes = sample_count * channel_count * _BITS[sample_format] // 8
+    data_bytes = sample_count * channel_count * _BITS // 8
     if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
         raise InputError(
             f"{path}: {channel_count} channels of {sample_count / rate_hz:.0f} s are "
@@ -115,20 +103,36 @@ def write(
         )
     sidecar = path.with_name(path.name + SIDECAR_SUFFIX)
     with atomic_file(sidecar) as file:
-        content = _sidecar(raster, drive, rate_hz)
+        content = _sidecar(raster, drives[0], rate_hz)
         file.write(json.dumps(content, indent=2).encode() + b"\n")
     with atomic_file(path) as file:
-        file.write(_head(sample_format, channel_count, rate_hz, sample_count))
-        numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
-        starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
-        row_count = max(1, int(_BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
-        for first in range(0, len(raster.values), row_count):
-            block = starts[first : first + row_count + 1]
-            played = np.zeros((int(block[-1] - block[0]), channel_count))
-            for each in (drive, *others):
-                _add_waveform(played, each, raster, rate_hz, first, block)
-            file.write(_encoded(played, sample_format))
-        file.write(b"\0" * (data_bytes % 2))  # RIFF chunks have even sizes
+        file.write(head(_BITS, channel_count, rate_hz, sample_count))
+        for block in _waveforms(raster, drives, rate_hz):
+            file.write(encoded(block, _BITS))
+
+
+def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:
+    """Blocks of audio samples (n, C) in -1..1, before they are rounded for a file.
+
+    Raises
+    ------
+    InputError
+        The device has no vibration actuators.
+    """
+    return _waveforms(raster, _drives(raster, device), rate_hz)
+
+
+def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterator[F64]:
+    channel_count = len(drives[0].actuators)
+    numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+    starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
+    row_count = max(1, int(_BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
+    for first in range(0, len(raster.values), row_count):
+        block = starts[first : first + row_count + 1]
+        played = np.zeros((int(block[-1] - block[0]), channel_count))
+        for each in drives:
+            _add_waveform(played, each, raster, rate_hz, first, block)
+        yield played
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
@@ -254,12 +258,11 @@ def _add_waveform(
     played[at[is_of_row], channels[is_of_row]] += values[is_of_row]
 
 
-def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
-    if sample_format == "float32":
-        return waveform.astype("<f4").tobytes()
-    waveform *= 2 ** (_BITS[sample_format] - 1) - 1  # one less than there is: symmetric
+def encoded(waveform: F64, bits: int) -> bytes:
+    """Samples in -1..1 as whole numbers of 16 or 24 bits; ``waveform`` is overwritten."""
+    waveform *= 2 ** (bits - 1) - 1  # one less than there is: symmetric
     np.rint(waveform, out=waveform)
-    if sample_format == "int16":
+    if bits == 16:
         return waveform.astype("<i2").tobytes()
     whole: npt.NDArray[np.uint8] = waveform.astype("<i4").view(np.uint8).reshape(-1, 4)
     kept = np.empty((len(whole), 3), np.uint8)  # the lowest bytes hold the number
@@ -268,17 +271,17 @@ def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
     return kept.tobytes()
 
 
-def _head(
-    sample_format: SampleFormat, channel_count: int, rate_hz: int, sample_count: int
-) -> bytes:
-    """Head of a WAV file: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
-    bits = _BITS[sample_format]
+def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> bytes:
+    """Head of a WAV file of 16 or 24 bits: RIFF and fmt (Microsoft, 1994).
+
+    More than two channels, or 24 bits, are WAVE_FORMAT_EXTENSIBLE with channel mask 0: channels
+    without loudspeaker positions.
+    """
     frame_bytes = channel_count * bits // 8
-    tag = _FLOAT if sample_format == "float32" else _PCM
-    is_extensible = channel_count > 2 or sample_format == "int24"
+    is_extensible = channel_count > 2 or bits == 24
     form = struct.pack(
         "<HHIIHH",
-        _EXTENSIBLE if is_extensible else tag,
+        _EXTENSIBLE if is_extensible else _PCM,
         channel_count,
         rate_hz,
         rate_hz * frame_bytes,
@@ -286,13 +289,9 @@ def _head(
         bits,
     )
     if is_extensible:
-        form += struct.pack("<HHIH", 22, bits, 0, tag) + _SUBTYPE_TAIL
-    elif tag == _FLOAT:
-        form += struct.pack("<H", 0)
+        form += struct.pack("<HHIH", 22, bits, 0, _PCM) + _SUBTYPE_TAIL
+    data_bytes = sample_count * frame_bytes  # of odd size with a byte behind, not counted
     chunks = b"fmt " + struct.pack("<I", len(form)) + form
-    if tag == _FLOAT:
-        chunks += b"fact" + struct.pack("<II", 4, sample_count)
-    data_bytes = sample_count * frame_bytes
     chunks += b"data" + struct.pack("<I", data_bytes)
     riff_bytes = 4 + len(chunks) + data_bytes + data_bytes % 2
     return b"RIFF" + struct.pack("<I", riff_bytes) + b"WAVE" + chunks
