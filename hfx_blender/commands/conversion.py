@@ -49,7 +49,7 @@ _READ_AGAIN: Final = 64 << 20  # bytes
 _RICHTAP: Final = frozenset({"created"})
 _HELD_CREDITS: Final = {
     "haptic": frozenset({"author", "project", "source", "tags"}),
-    **dict.fromkeys(("ahap", "ahap-sqrt"), frozenset({"project", "created", "others"})),
+    "ahap": frozenset({"project", "created", "others"}),
     **dict.fromkeys(("he", "he1", "openharmony"), _RICHTAP),
 }
 """Statements of :class:`Credits` that formats have a place for; those of a device have none."""

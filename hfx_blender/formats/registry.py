@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -220,18 +219,6 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
             _within(ahap.DEFAULT_RANGE),
         ),
         _signal_format(
-            "ahap-sqrt",
-            "Apple AHAP with square roots",
-            ahap.SQRT_SUFFIX,
-            simplified_writer(
-                partial(ahap.write, law=ahap.SQUARE_ROOT),
-                ahap.SQRT_SUFFIX,
-                ahap.decode,
-                law=ahap.with_intensities,
-            ),
-            _within(ahap.DEFAULT_RANGE),
-        ),
-        _signal_format(
             "haptic",
             "Meta .haptic",
             haptic.SUFFIX,
@@ -315,7 +302,11 @@ FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, *PLAYED_FORMATS, "gl
 """Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
 
 
-_REMOVED: Final = {"wav24": ("wav", ".24bit.wav"), "wavfloat": ("wav", ".float.wav")}
+_REMOVED: Final = {
+    "ahap-sqrt": ("ahap", ".sqrt.ahap"),
+    "wav24": ("wav", ".24bit.wav"),
+    "wavfloat": ("wav", ".float.wav"),
+}
 """Formats that are read, but written no more: what is written instead, and their suffixes."""
 
 
@@ -345,7 +336,7 @@ def refuse_removed(target: Path) -> None:
         if target.name.endswith(suffix):
             raise UsageError(
                 f"{target}: '{suffix}' was the suffix of {name}, which is written no more; use "
-                f"'{DEVICE_FORMATS[instead].suffix}', or '--to {instead}' with any name"
+                f"'{suffixes((instead,))[0]}', or '--to {instead}' with any name"
             )
 
 

@@ -38,7 +38,6 @@ FORMAT_ITEMS = (
     ("npz", "NPZ Raster", "Values of each device, as NumPy arrays", 1 << 5),
     ("wav", "WAV", "Sound for vibration actuators, 16 bits", 1 << 6),
     ("ahap", "Apple AHAP", "Patterns for Core Haptics", 1 << 9),
-    ("ahap-sqrt", "Apple AHAP, Square Roots", "Patterns with roots of amplitudes", 1 << 17),
     ("haptic", "Meta .haptic", "Clips for Meta's Haptics SDK", 1 << 10),
     ("he", "RichTap .he", "Patterns for RichTap phones, version 2", 1 << 11),
     ("he1", "RichTap .he 1", "Patterns for RichTap phones, version 1", 1 << 12),

@@ -20,7 +20,7 @@ from hfx_blender.formats.rasters import npz_raster
 
 _MOST_STEPS = 16  # of one conversion: all of a small one, evenly many of a larger one
 DEVICE = "forearm_band_left"
-OF_RASTERS = ("csv", "npz", "wav", "ahap", "ahap-sqrt", "haptic", "he", "he1")
+OF_RASTERS = ("csv", "npz", "wav", "ahap", "haptic", "he", "he1")
 OF_RASTERS += ("openharmony", "openxr", "tact", "hjif")
 OF_TRACKS = ("hjif", "jsonl", "jsonl-compact", "clip", "npz")
 

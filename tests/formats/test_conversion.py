@@ -23,7 +23,7 @@ from hfx_blender.formats.hjif import from_actuators, to_signals
 from hfx_blender.formats.hjif import reader as hjif_reader
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.signals import losses
-from hfx_blender.formats.signals.curves import Curve, CurveTolerance
+from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import (
     FrequencyRange,
     Signal,
@@ -49,7 +49,6 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
             assert findings == [], path
             assert found.name == {
                 "he1": "he",
-                "ahap-sqrt": "ahap",
             }.get(name, name)
     again = registry.write(name, raster, device, tmp_path / "other.back_pad")
     for one, other in zip(written.files, again.files, strict=True):
@@ -109,7 +108,11 @@ def test_a_format_needs_a_known_name_and_a_device():
     registry.check(["track", "hjif", "jsonl"], [])
 
 
-REMOVED = {"wav24": ("wav", "x.24bit.wav"), "wavfloat": ("wav", "x.float.wav")}
+REMOVED = {
+    "ahap-sqrt": ("ahap", "x.sqrt.ahap"),
+    "wav24": ("wav", "x.24bit.wav"),
+    "wavfloat": ("wav", "x.float.wav"),
+}
 
 
 @pytest.mark.parametrize("name", REMOVED)
@@ -415,35 +418,26 @@ def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path)
         assert found["Metadata"]["HfxFrequencyRangeHz"] == [80.0, 230.0]
 
 
-def test_square_roots_are_written_and_read_back(tmp_path):
-    levels = np.concatenate(
-        [np.linspace(0.0, 1.0, 50), np.full(20, 0.25), np.linspace(0.25, 0, 30)]
-    )
-    content = signal(levels, name="a", transients=(Transient(0.5, 0.64, 120.0),))
-    chosen = registry.DEVICE_FORMATS["ahap-sqrt"]
-    made = chosen.write_signals(
-        [content], FrequencyRange(50, 250), tmp_path / "x", CurveTolerance()
-    )
-    names = sorted(path.name for path in made.files)
-    assert names == ["x.a.sqrt.ahap", "x.a.sqrt.transients.ahap"]
-    tick = json.loads((tmp_path / names[1]).read_text())["Pattern"][0]["Event"]
-    assert tick["EventParameters"][0]["ParameterValue"] == pytest.approx(0.8)
-    pattern = json.loads((tmp_path / names[0]).read_text())["Pattern"]
-    points = [
-        (curve["Time"] + point["Time"], point["ParameterValue"])
-        for curve in (each["ParameterCurve"] for each in pattern if "ParameterCurve" in each)
-        if curve["ParameterID"] == "HapticIntensityControl"
-        for point in curve["ParameterCurveControlPoints"]
+def test_square_roots_of_earlier_versions_are_read_back():
+    """Intensity 0 to 1 in a second, then a tick of 0.8: a quarter, a half of full scale on it."""
+    points = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 1.0, "ParameterValue": 1.0}]
+    curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
+    parts = [
+        {"Event": {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}},
+        {"ParameterCurve": {**curve, "ParameterCurveControlPoints": points}},
     ]
-    times = np.arange(len(levels)) / 100.0
-    np.testing.assert_allclose(
-        np.interp(times, *zip(*points, strict=True)), np.sqrt(levels), atol=0.0051
-    )
-    ((again,), _) = ahap.decode((tmp_path / names[0]).read_bytes(), "x")
-    np.testing.assert_allclose(again.amplitude.at(times), levels, atol=0.0101)
-    assert ahap.decode((tmp_path / names[1]).read_bytes(), "x")[0][0].transients[0].amplitude == (
-        pytest.approx(0.64)
-    )
+    level = [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}]
+    tick = {"Event": {"Time": 0.0, "EventType": "HapticTransient", "EventParameters": level}}
+    read = []
+    for pattern in (parts, [tick]):
+        for entry in pattern:
+            entry.get("Event", {}).setdefault("EventParameters", [])
+        law = {"HfxIntensityLaw": "square root"}
+        content = json.dumps({"Version": 1.0, "Metadata": law, "Pattern": pattern}).encode()
+        read += ahap.decode(content, "x.sqrt.ahap")[0]
+    times = np.array([0.0, 0.25, 0.5, 0.7, 0.99])
+    np.testing.assert_allclose(read[0].amplitude.at(times), times**2, atol=1e-3)
+    assert read[1].transients[0].amplitude == pytest.approx(0.64)
 
 
 def test_a_step_is_no_error_of_the_keyframes(tmp_path):

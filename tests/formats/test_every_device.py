@@ -24,7 +24,7 @@ def _between(points, at):
     return float(np.interp(at, *np.array(points, float).T))
 
 
-def _ahap(path, root=1.0):
+def _ahap(path):
     pattern = json.loads(path.read_text())["Pattern"]
     points = [
         (curve["Time"] + point["Time"], point["ParameterValue"])
@@ -32,7 +32,7 @@ def _ahap(path, root=1.0):
         if curve["ParameterID"] == "HapticIntensityControl"
         for point in curve["ParameterCurveControlPoints"]
     ]
-    return _between(points, AT_S) ** root
+    return _between(points, AT_S)
 
 
 def _haptic(path):
@@ -57,7 +57,6 @@ def _events(path):
 
 READERS = {
     "ahap": (".ahap", _ahap),
-    "ahap-sqrt": (".sqrt.ahap", lambda path: _ahap(path, 2.0)),
     "haptic": (".haptic", _haptic),
     "he": (".he", _events),
     "he1": (".v1.he", _events),

@@ -40,79 +40,57 @@ SUFFIX: Final = ".ahap"
 TICKS_SUFFIX: Final = ".transients.ahap"
 """Suffix of the ticks of a pattern, beside it and played with it."""
 
-SQRT_SUFFIX: Final = f".sqrt{SUFFIX}"
-LINEAR, SQUARE_ROOT = "linear", "square root"
-"""Intensity of an amplitude: the same share of full scale, or the square root of that share."""
-
 DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
 """Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _OWN_PROJECT: Final = "HFX"
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
 _LAW_KEY: Final = "HfxIntensityLaw"
+_LINEAR, _SQUARE_ROOT = "linear", "square root"
+"""Intensity of an amplitude: the same share of full scale, or the square root of that share, which
+earlier versions wrote, too."""
+
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
-_CUTS: Final = 16  # of a straight line whose square root is not straight
+_CUTS: Final = 16  # of a straight line whose square is not straight
 _SHORTEST_S: Final = 1e-3  # of silence at the end
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
 
 
-def write(
-    signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path, law: str = LINEAR
-) -> Written:
-    """Write one pattern for each audible signal: ``stem.<name>.ahap``, or ``.sqrt.ahap``.
+def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
+    """Write one pattern for each audible signal: ``stem.<name>.ahap``.
 
-    With ``SQUARE_ROOT`` the signals are those of :func:`with_intensities`; the law is only told.
     Curves change the whole pattern, ticks included, so ticks of a signal that also has an
     envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
     """
     files: list[Path] = []
-    mark = SQRT_SUFFIX.removesuffix(SUFFIX) if law == SQUARE_ROOT else ""
     for each in signals:
-        documents = [(mark + SUFFIX, document(each, frequencies))]
-        documents.append((mark + TICKS_SUFFIX, ticks(each, frequencies)))
-        for suffix, content in documents:
+        for suffix, content in (
+            (SUFFIX, document(each, frequencies)),
+            (TICKS_SUFFIX, ticks(each, frequencies)),
+        ):
             if content["Pattern"]:
                 path = beside(stem, each.name)
                 files.append(path.with_name(path.name + suffix))
-                content["Metadata"][_LAW_KEY] = law
+                content["Metadata"][_LAW_KEY] = _LINEAR
                 write_json(content, files[-1])
     return Written(
         tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
     )
 
 
-def with_intensities(signal: Signal, *, is_back: bool = False) -> Signal:
-    """A signal whose amplitudes are intensities after the square-root law, or back.
+def _with_squares(signal: Signal) -> Signal:
+    """A signal of intensities by the square-root law, as one of amplitudes.
 
-    Straight lines bend: each is cut into 16, with even steps of intensity, so that amplitudes
-    are within a thousandth of the line.
+    Straight lines bend: each is cut into 16, so that amplitudes are within a thousandth.
     """
-    power = 2.0 if is_back else 0.5
     times, values = signal.amplitude.times_s, signal.amplitude.values
-    intensities = values if is_back else np.sqrt(values)
     share = np.arange(_CUTS) / _CUTS
-    rise = np.diff(intensities)
-    cuts = (intensities[:-1, None] + rise[:, None] * share).ravel()
-    if is_back:
-        shares = np.tile(share, len(rise))
-    else:  # where the line of amplitudes has the square of a cut's intensity
-        width = np.repeat(np.diff(values), _CUTS)
-        along = cuts**2 - np.repeat(values[:-1], _CUTS)
-        is_flat = width == 0.0
-        shares = np.where(is_flat, np.tile(share, len(rise)), along / np.where(is_flat, 1.0, width))
-    cut_times = np.repeat(times[:-1], _CUTS) + np.clip(shares, 0.0, 1.0) * np.repeat(
-        np.diff(times), _CUTS
-    )
-    levels = cuts**2 if is_back else cuts
+    cut_times = (times[:-1, None] + np.diff(times)[:, None] * share).ravel()
+    cut_values = (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
     return replace(
         signal,
-        amplitude=Curve(
-            np.maximum.accumulate(np.append(cut_times, times[-1])),
-            np.append(levels, values[-1] ** power),
-        ),
-        transients=tuple(
-            replace(each, amplitude=each.amplitude**power) for each in signal.transients
-        ),
+        amplitude=Curve(np.append(cut_times, times[-1]), np.append(cut_values, values[-1]) ** 2.0),
+        transients=tuple(replace(each, amplitude=each.amplitude**2) for each in signal.transients),
     )
 
 
@@ -292,8 +270,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
-    if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == SQUARE_ROOT:
-        signal = with_intensities(signal, is_back=True)
+    if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == _SQUARE_ROOT:
+        signal = _with_squares(signal)
     left_out = tuple(f"{count} {what}" for what, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -31,7 +30,6 @@ def simplified_writer(
     suffix: str,
     decode: Decoder,
     grid_s: float = 0.0,
-    law: Callable[[Signal], Signal] | None = None,
 ) -> SignalWriter:
     """Make a writer of signals that have few keyframes; its note tells the error of the files.
 
@@ -44,24 +42,18 @@ def simplified_writer(
         Reader of the format.
     grid_s : float
         Steps of its times, seconds.
-    law : callable, optional
-        Makes the values that are written of amplitudes, by their square root.
     """
 
     def write_signals(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
-        values, within = signals, tolerance
-        if law is not None:
-            values = [law(each) for each in signals]
-            within = replace(tolerance, value=tolerance.value / 2.0)  # squares are off by twice
-        few = simplified_signals(values, within, frequency_hz=pitch_tolerance(frequencies))
+        few = simplified_signals(signals, tolerance, frequency_hz=pitch_tolerance(frequencies))
         written = write_few(few, frequencies, stem)
         try:
             note = error_note(_read_back(signals, written, stem, suffix, decode), grid_s)
         except InputError as error:  # larger than a file of strangers may be
             note = f"the error of its keyframes is not measured: {str(error).rstrip('.')}"
-        return written + Written(notes=(note, *losses.silenced(values, few)))
+        return written + Written(notes=(note, *losses.silenced(signals, few)))
 
     return write_signals
 
