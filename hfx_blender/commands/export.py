@@ -50,8 +50,8 @@ def add_parser(commands: Any) -> None:
         action="extend",
         type=_names,
         metavar="F,...",
-        help="track, hjif, jsonl, jsonl-compact, glb; for devices clip, csv, npz, wav, ahap, "
-        "haptic, he, he1, openharmony, openxr, tact (default: track; csv for devices)",
+        help="track, hjif, jsonl, glb; for devices clip, csv, npz, wav, ahap, haptic, he, he1, "
+        "openharmony, openxr, tact (default: track; csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")

@@ -271,25 +271,19 @@ def _write_hjif(
     return from_track.write(track, load_model, stem, devices, tolerance)
 
 
-def _jsonl_format(name: str, title: str, suffix: str, is_compact: bool) -> TrackFormat:
-    def write_jsonl(
-        track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
-    ) -> Written:
-        path = stem.with_name(stem.name + suffix)
-        jsonl_samples.write(track, path, is_compact=is_compact)
-        return Written((path,))
-
-    return TrackFormat(name, title, suffix, write_jsonl)
+def _write_jsonl(
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + jsonl_samples.SUFFIX)
+    jsonl_samples.write(track, path)
+    return Written((path,))
 
 
 TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
     each.name: each
     for each in (
         TrackFormat("hjif", "MPEG HJIF", HJIF_SUFFIX, _write_hjif),
-        _jsonl_format("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, False),
-        _jsonl_format(
-            "jsonl-compact", "compact JSON Lines of samples", jsonl_samples.COMPACT_SUFFIX, True
-        ),
+        TrackFormat("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, _write_jsonl),
     )
 }
 
@@ -304,6 +298,7 @@ FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, *PLAYED_FORMATS, "gl
 
 _REMOVED: Final = {
     "ahap-sqrt": ("ahap", ".sqrt.ahap"),
+    "jsonl-compact": ("jsonl", ".compact.samples.jsonl"),
     "wav24": ("wav", ".24bit.wav"),
     "wavfloat": ("wav", ".float.wav"),
 }

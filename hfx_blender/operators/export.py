@@ -31,7 +31,6 @@ FORMAT_ITEMS = (
         1 << 1,
     ),
     ("jsonl", "JSON Lines", "Everything that is felt, sample by sample, for game engines", 1 << 2),
-    ("jsonl-compact", "JSON Lines, Compact", "The same as JSON Lines in less space", 1 << 16),
     ("glb", "glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 1 << 3),
     ("clip", "Game Clip", "What devices play, for players in games (.hfxclip)", 1 << 18),
     ("csv", "CSV", "Values of each device, a row for each sample", 1 << 4),

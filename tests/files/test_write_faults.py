@@ -22,7 +22,7 @@ _MOST_STEPS = 16  # of one conversion: all of a small one, evenly many of a larg
 DEVICE = "forearm_band_left"
 OF_RASTERS = ("csv", "npz", "wav", "ahap", "haptic", "he", "he1")
 OF_RASTERS += ("openharmony", "openxr", "tact", "hjif")
-OF_TRACKS = ("hjif", "jsonl", "jsonl-compact", "clip", "npz")
+OF_TRACKS = ("hjif", "jsonl", "clip", "npz")
 
 
 @pytest.fixture(scope="module")

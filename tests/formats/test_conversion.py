@@ -110,6 +110,7 @@ def test_a_format_needs_a_known_name_and_a_device():
 
 REMOVED = {
     "ahap-sqrt": ("ahap", "x.sqrt.ahap"),
+    "jsonl-compact": ("jsonl", "x.compact.samples.jsonl"),
     "wav24": ("wav", "x.24bit.wav"),
     "wavfloat": ("wav", "x.float.wav"),
 }

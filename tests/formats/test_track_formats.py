@@ -105,12 +105,11 @@ def _track_with_spot_and_actuators(folder):
     return TrackReader(path)
 
 
-@pytest.mark.parametrize("is_compact", [False, True])
-def test_spots_and_actuators_are_in_the_lines(tmp_path, is_compact):
+def test_spots_and_actuators_are_in_the_lines(tmp_path):
     jsonschema = pytest.importorskip("jsonschema")
     path = tmp_path / "x.samples.jsonl"
     with _track_with_spot_and_actuators(tmp_path) as track:
-        jsonl_samples.write(track, path, is_compact=is_compact)
+        jsonl_samples.write(track, path)
     assert jsonl_samples.validate(path.read_bytes(), "x") == []
     judge = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
@@ -126,55 +125,82 @@ def test_spots_and_actuators_are_in_the_lines(tmp_path, is_compact):
     assert values == [[pytest.approx(k / 20.0), pytest.approx(k / 10.0)] for k in range(10)]
 
 
-def test_the_compact_form_says_the_same_in_less(tmp_path):
-    """Read by its page alone: gaps, changes of an earlier set, parameters that stay."""
-    with _track_with_spot_and_actuators(tmp_path) as track:
-        for name in ("plain", "small"):
-            path = tmp_path / f"{name}.samples.jsonl"
-            jsonl_samples.write(track, path, is_compact=name == "small")
-    plain = [*jsonl_samples.read(tmp_path / "plain.samples.jsonl")]
-    small = [json.loads(line) for line in (tmp_path / "small.samples.jsonl").open("rb")]
-    sets, wanted, parameters, found = {}, {}, {}, []
-    for line in plain[1:]:
-        if line["type"] == "set":
-            wanted[line["set"]] = dict(zip(line["vertices"], line["weights"], strict=True))
-    for line in small[1:]:
-        if line["type"] == "set":
-            content, vertex = dict(sets.get(line.get("from"), {})), 0
-            for gap, weight in zip(line["gaps"], line["weights"], strict=True):
-                vertex += gap
-                content[vertex] = weight / 255.0
-            sets[line["set"]] = {v: w for v, w in content.items() if w}
-            assert sets[line["set"]] == pytest.approx(wanted[line["set"]], abs=0.5 / 255)
-        else:
-            key = line["effect"], line["body"]
-            parameters[key] = line.get("parameters", parameters.get(key))
-            effect, body = (
-                small[0][k][i]["id"] for k, i in (("effects", key[0]), ("bodies", key[1]))
-            )
-            found.append((line["t"], effect, body, line["set"], parameters[key]))
-    assert found == [
-        (s["t"], s["effect"], s["body"], s["set"], [*s["parameters"].values()])
-        for s in plain
-        if s["type"] == "sample"
-    ]
-    again = [*jsonl_samples.read(tmp_path / "small.samples.jsonl")]
-    assert [s for s in again if s["type"] == "sample"] == [
-        s for s in plain if s["type"] == "sample"
+# By its page: gaps, changes of an earlier set, weights in 1/255, parameters that stay.
+COMPACT_HEADER = {
+    "type": "header",
+    "format": "hfx-samples",
+    "version": 1,
+    "encoding": "compact",
+    "rate_hz": 25.0,
+    "duration_s": 0.12,
+    "models": [{"id": "m", "modality": "vibration", "hash": "0", "vertex_count": 9}],
+    "bodies": [{"id": "b", "name": "Zoë"}],
+    "effects": [
+        {
+            "id": "e",
+            "name": "Hum",
+            "modality": "vibration",
+            "kind": "painted",
+            "model": "m",
+            "is_contact": False,
+        }
+    ],
+}
+COMPACT_SAMPLE = {"type": "sample", "effect": 0, "body": 0}
+COMPACT_LINES = (
+    COMPACT_HEADER,
+    {"type": "set", "set": 0, "gaps": [3, 2], "weights": [255, 51]},
+    {**COMPACT_SAMPLE, "t": 0.0, "set": 0, "level": 1.0, "parameters": [10.0, 80.0]},
+    {"type": "set", "set": 1, "from": 0, "gaps": [3, 3], "weights": [0, 102]},
+    {**COMPACT_SAMPLE, "t": 0.04, "set": 1, "level": 0.5},
+    {**COMPACT_SAMPLE, "t": 0.08, "set": 0, "level": 0.5, "parameters": [4.0, 90.0]},
+)
+
+
+def test_compact_lines_of_earlier_versions_are_read(tmp_path):
+    path = tmp_path / "x.compact.samples.jsonl"
+    path.write_bytes(b"".join(map(encoded, COMPACT_LINES)))
+    header, *lines = jsonl_samples.read(path)
+    assert header == {key: each for key, each in COMPACT_HEADER.items() if key != "encoding"}
+    loud = {"amplitude_m_s2": 10.0, "frequency_hz": 80.0}
+    plain = {"type": "sample", "effect": "e", "body": "b"}
+    assert lines == [
+        {"type": "set", "set": 0, "vertices": [3, 5], "weights": [1.0, 0.2]},
+        {**plain, "t": 0.0, "set": 0, "level": 1.0, "parameters": loud},
+        {"type": "set", "set": 1, "vertices": [5, 6], "weights": [0.2, 0.4]},
+        {**plain, "t": 0.04, "set": 1, "level": 0.5, "parameters": loud},
+        {
+            **{**plain, "t": 0.08, "set": 0, "level": 0.5},
+            "parameters": {"amplitude_m_s2": 4.0, "frequency_hz": 90.0},
+        },
     ]
 
 
-def test_a_compact_file_cannot_ask_for_all_memory(tmp_path):
-    with _track_with_spot_and_actuators(tmp_path) as track:
-        jsonl_samples.write(track, tmp_path / "x.samples.jsonl", is_compact=True)
-    header = (tmp_path / "x.samples.jsonl").read_bytes().splitlines()[0]
+@pytest.mark.parametrize(
+    ("line", "change", "code"),
+    [
+        (1, {"weights": [255]}, "JSONL-SET-SIZE"),
+        (3, {"from": 7}, "JSONL-SET-FROM"),
+        (2, {"effect": 1}, "JSONL-SAMPLE-ID"),
+        (2, {"parameters": [1.0]}, "JSONL-SAMPLE-PARAMETERS"),
+        (1, {"gaps": [3, 9]}, "JSONL-SET-VERTEX"),
+    ],
+)
+def test_a_broken_rule_of_compact_lines_is_found(line, change, code):
+    lines = [*COMPACT_LINES]
+    lines[line] = {**lines[line], **change}
+    found = jsonl_samples.validate(b"".join(map(encoded, lines)), "x")
+    assert code in [each.code for each in found]
+
+
+def test_a_compact_file_cannot_ask_for_all_memory():
     whole = {"type": "set", "set": 0, "gaps": [1] * 10_000, "weights": [255] * 10_000}
     more = b"".join(
         encoded({"type": "set", "set": k, "from": 0, "gaps": [], "weights": []})
         for k in range(1, 40)
     )
     with limits.raised(1 / 64), pytest.raises(InputError, match="would take"):
-        jsonl_samples.validate(header + b"\n" + encoded(whole) + more, "x")
+        jsonl_samples.validate(encoded(COMPACT_HEADER) + encoded(whole) + more, "x")
 
 
 @pytest.mark.parametrize(
@@ -337,12 +363,11 @@ def test_a_buffer_is_whole_and_beside_its_file(tmp_path, uri, code):
     assert [each.code for each in findings] == [code]
 
 
-@pytest.mark.parametrize("is_compact", [False, True])
 @pytest.mark.parametrize(("key", "broken"), [("effects", [{}]), ("bodies", [7]), ("models", 1)])
-def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, is_compact, key, broken):
+def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, key, broken):
     path = tmp_path / "x.samples.jsonl"
     with track_of(tmp_path, "vibration", "painted", BEAT) as track:
-        jsonl_samples.write(track, path, is_compact=is_compact)
+        jsonl_samples.write(track, path)
     header, *lines = path.read_bytes().splitlines(keepends=True)
     damaged = encoded({**json.loads(header), key: broken})
     findings = jsonl_samples.validate(b"".join([damaged, *lines]), "x")

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compact encoding of JSON Lines of samples: what changed since the line before.
+"""Reader of the compact encoding of JSON Lines of samples, which earlier versions wrote.
 
-The header says ``"encoding": "compact"``. A set with ``from`` is that set with some vertices
-changed: ``gaps`` are the differences of ascending vertex ids (the first from 0), ``weights``
-their new weights in 1/255, 0 for a vertex that is no longer in it. Effects and bodies are
-places in the header's lists. A sample without ``parameters`` has those of the last one of its
-effect and body. ``docs/formats/samples.schema.json`` is the schema.
+Lines say what changed since the line before. The header says ``"encoding": "compact"``. A set
+with ``from`` is that set with some vertices changed: ``gaps`` are the differences of ascending
+vertex ids (the first from 0), ``weights`` their new weights in 1/255, 0 for a vertex that is no
+longer in it. Effects and bodies are places in the header's lists. A sample without ``parameters``
+has those of the last one of its effect and body. ``docs/formats/samples.schema.json`` is the
+schema.
 """
 
 from __future__ import annotations
@@ -13,12 +14,9 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import Any, Final
 
-import numpy as np
-
 from ...engine.modality import MODALITIES
 from ...files import limits
-from ...files.json_shapes import Items, Number, Place, Record, Report, Text, check, clean
-from .jsonl_entries import SampleEntry, SetEntry
+from ...files.json_shapes import Items, Number, Place, Record, Report, Text, check
 
 ENCODING: Final = "compact"
 
@@ -40,55 +38,6 @@ _SAMPLE = Record(
     {"parameters": Items(Number())},
     unknown="ignore",
 )
-
-
-class CompactEncoder:
-    """Encoder of lines, in their order."""
-
-    def __init__(self, header: dict[str, Any]) -> None:
-        self.header = {**header, "encoding": ENCODING}
-        self._effects = {each["id"]: k for k, each in enumerate(header["effects"])}
-        self._bodies = {each["id"]: k for k, each in enumerate(header["bodies"])}
-        self._sets: dict[Any, tuple[int, dict[int, int]]] = {}  # the last of each stream
-        self._parameters: dict[Any, list[float]] = {}
-
-    def line(self, entry: SetEntry | SampleEntry) -> dict[str, Any]:
-        """A set or a sample as a line."""
-        return self._set(entry) if isinstance(entry, SetEntry) else self._sample(entry)
-
-    def _set(self, entry: SetEntry) -> dict[str, Any]:
-        # A weight of less than a step is still felt.
-        steps = np.maximum(np.rint(entry.weights * float(_STEPS)), 1.0).astype(np.int64)
-        new = dict(zip(entry.vertices.tolist(), steps.tolist(), strict=True))
-        number, old = self._sets.get(entry.stream, (None, {}))
-        changed = {vertex: step for vertex, step in new.items() if old.get(vertex) != step}
-        changed.update((vertex, 0) for vertex in old if vertex not in new)
-        is_change = number is not None and len(changed) < len(new)
-        written = changed if is_change else new
-        ids = sorted(written)
-        self._sets[entry.stream] = (entry.number, new)
-        return {
-            "type": "set",
-            "set": entry.number,
-            **({"from": number} if is_change else {}),
-            "gaps": [b - a for a, b in zip([0, *ids], ids, strict=False)],
-            "weights": [written[each] for each in ids],
-        }
-
-    def _sample(self, entry: SampleEntry) -> dict[str, Any]:
-        stream = entry.run.stream
-        parameters = list(entry.parameters.values())
-        is_same = self._parameters.get(stream) == parameters
-        self._parameters[stream] = parameters
-        return {
-            "type": "sample",
-            "t": entry.time_s,
-            "effect": self._effects[clean(stream.effect_id)],
-            "body": self._bodies[clean(stream.body_id)],
-            "set": entry.set_number,
-            **entry.felt(),
-            **({} if is_same else {"parameters": parameters}),
-        }
 
 
 class CompactDecoder:

@@ -17,9 +17,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F32, I32
 from ...engine.modality import MODALITIES
 from ...engine.rendering.render import blocks
-from ...engine.samples import Stream
+from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...files.atomic import atomic_file
 from ...files.json_shapes import (
@@ -41,10 +42,8 @@ from ...files.json_shapes import (
     refuse_errors,
 )
 from . import jsonl_compact
-from .jsonl_entries import SampleEntry, SetEntry, set_of
 
 SUFFIX: Final = ".samples.jsonl"
-COMPACT_SUFFIX: Final = f".compact{SUFFIX}"
 FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
@@ -118,10 +117,8 @@ _LINES: Final[dict[str, Shape]] = {
 }
 
 
-def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
+def write(track: TrackReader, path: Path) -> None:
     """Write a track; positions, velocities and depths are left out.
-
-    ``is_compact`` writes what :mod:`.jsonl_compact` describes.
 
     Raises
     ------
@@ -131,16 +128,8 @@ def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
         The file cannot be written; nothing is left of it then.
     """
     with atomic_file(path) as file:
-        header = _header(track.header)
-        if is_compact:
-            encoder = jsonl_compact.CompactEncoder(header)
-            file.write(encoded(encoder.header))
-            for each in _entries(track):
-                file.write(encoded(encoder.line(each)))
-            return
-        file.write(encoded(header))
-        for each in _entries(track):
-            file.write(_set_line(each) if isinstance(each, SetEntry) else encoded(each.line()))
+        file.write(encoded(_header(track.header)))
+        file.writelines(_lines(track))
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:
@@ -180,7 +169,7 @@ def _header(header: TrackHeader) -> dict[str, Any]:
     }
 
 
-def _entries(track: TrackReader) -> Iterator[SetEntry | SampleEntry]:
+def _lines(track: TrackReader) -> Iterator[bytes]:
     """Sets and samples in the order of time; a set comes before the first sample with it."""
     last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
     count = 0
@@ -190,18 +179,42 @@ def _entries(track: TrackReader) -> Iterator[SetEntry | SampleEntry]:
         )
         for _, b, k in entries:
             run = block[b]
-            vertices, weights = set_of(run, k)
+            j = k if run.sets is None else int(run.sets[k])
+            part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+            vertices, weights = run.vertices[part], run.weights[part]
             content = vertices.tobytes() + weights.tobytes()
             if run.stream not in last or last[run.stream][0] != content:
-                yield SetEntry(count, run.stream, vertices, weights)
+                yield _set_line(count, vertices, weights)
                 last[run.stream] = (content, count)
                 count += 1
-            yield SampleEntry(run, k, last[run.stream][1])
+            yield encoded(_sample(run, k, last[run.stream][1]))
 
 
-def _set_line(entry: SetEntry) -> bytes:
+def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
+    """Sample ``k`` of a run, with a spot's exact place or the values of actuators."""
+    place: dict[str, Any] = {}
+    if run.focus is not None:
+        *centre, radius = (round(each, 6) for each in run.focus[k].astype(float).tolist())
+        place["spot"] = {"centre_m": centre, "radius_m": radius}
+    if run.drive is not None:
+        values = run.drive.values[k].astype(float).tolist()
+        place["actuators"] = [round(each, 4) for each in values]
+    names = MODALITIES[run.stream.modality].parameter_names
+    values = run.parameters[k].tolist()
+    return {
+        "type": "sample",
+        "t": round(float(run.times_s[k]), 9),
+        "effect": clean(run.stream.effect_id),
+        "body": clean(run.stream.body_id),
+        "set": set_number,
+        "level": round(float(run.levels[k]), 6),
+        **place,
+        "parameters": {name: round(value, 6) for name, value in zip(names, values, strict=True)},
+    }
+
+
+def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
     """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
-    number, vertices, weights = entry.number, entry.vertices, entry.weights
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:

@@ -22,6 +22,7 @@ from format_cases import signal as signal_of  # noqa: E402
 from mutation import png_part  # noqa: E402
 from readers import report_of  # noqa: E402
 from test_hjif import BEAT, sample, track_of  # noqa: E402
+from test_track_formats import COMPACT_LINES  # noqa: E402
 
 from hfx_blender.authoring.paths import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
@@ -30,6 +31,7 @@ from hfx_blender.engine.rendering.devices import renderers_of_track  # noqa: E40
 from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402
+from hfx_blender.files.json_shapes import encoded  # noqa: E402
 from hfx_blender.formats import files, registry  # noqa: E402
 from hfx_blender.formats.glb import glb  # noqa: E402
 from hfx_blender.formats.pictures import texture_map  # noqa: E402
@@ -196,13 +198,14 @@ def _of_signals(found: dict[str, list[bytes]], folder: Path) -> None:
 
 def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
     with track_of(folder, "vibration", "painted", BEAT) as track:
-        for name in ("hjif", "jsonl", "jsonl-compact"):
+        for name in ("hjif", "jsonl"):
             written = registry.TRACK_FORMATS[name].write(
                 track, (), folder / "c", registry.DEFAULT_TOLERANCE
             )
             for path in written.files:
                 if path.suffix != glb.SUFFIX:
-                    found[name.removesuffix("-compact")].append(path.read_bytes())
+                    found[name].append(path.read_bytes())
+        found["jsonl"].append(b"".join(map(encoded, COMPACT_LINES)))
         device = load_device("oculus_touch")
         played = [(d, r.raster()) for d, r in renderers_of_track(track, [device])]
         (path,) = (
