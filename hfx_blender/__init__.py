@@ -23,8 +23,6 @@ operators    buttons and tools
 ui           panels, menus, gizmos
 """
 
-from __future__ import annotations
-
 from .version import __version__ as __version__
 
 

@@ -3,10 +3,6 @@
 
 from __future__ import annotations
 
-# isort: off
-from .processes import import_path  # first: cleans sys.path in the process of hfx
-
-# isort: on
 import argparse
 import os
 import sys
@@ -22,7 +18,7 @@ from .commands.console import Console, is_unread
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
 from .files import limits
 from .files.atomic import inputs_kept
-from .processes import blender_session, process_end
+from .processes import blender_session, process_end, startup
 from .version import __version__
 
 EPILOG = """\
@@ -164,7 +160,7 @@ def _joined_ranges(arguments: Sequence[str]) -> list[str]:
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the command of the process's arguments, and end the process with its exit code."""
     blender_session.open_standard_streams()
     blender_session.end_on_signals()
     try:
@@ -186,7 +182,7 @@ _blender_command: Any = None
 def run_in_blender(arguments: list[str]) -> int:
     """Run one command in Blender's own process, and return its exit code."""
     if blender_session.inside_blender():
-        import_path.protect()  # the process is this command's, and ends with it
+        startup.clean_import_path()  # the process is this command's, and ends with it
     try:
         return run(arguments, prog="blender --command hfx")
     except SystemExit as finished:  # --help

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Build hook of hatchling: compiles the library of ``engine/native`` and adds the file that
-protects the script ``hfx`` from modules of the current folder.
+"""Build hook of hatchling: compiles the library of ``engine/native``.
 
 Without the library the package works, slower; so whatever goes wrong, the installation goes on.
 """
@@ -17,7 +16,7 @@ from packaging.tags import sys_tags
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from release import native_build, startup_file  # beside this file, not installed
+from release import native_build  # beside this file, not installed
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):
@@ -29,13 +28,6 @@ class NativeLibraryHook(BuildHookInterface[Any]):
         return native_build.requirements(Path(self.root))
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        key = "force_include_editable" if version == "editable" else "force_include"
-        path = self._folder() / startup_file.NAME
-        path.write_text(startup_file.text(), encoding="utf-8")
-        build_data[key][str(path)] = startup_file.NAME
-        self._include_library(version, build_data)
-
-    def _include_library(self, version: str, build_data: dict[str, Any]) -> None:
         target = native_build.this_target()
         if not native_build.wanted() or target is None:
             return

@@ -21,7 +21,8 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from ..files import atomic
-from . import import_path, start
+from . import start
+from .startup import SIGNALS, end_at_once, farewell
 
 UNNOTICED_S: Final = 1.0
 """Time for the main thread to notice a signal, seconds."""
@@ -35,9 +36,6 @@ TIDYING_S: Final = 2.6
 _CHILDREN_S: Final = 2.0
 _WRITING_S: Final = 0.3
 _LOOK_S: Final = 0.02
-_SIGNALS: Final = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -73,8 +71,8 @@ def end_on_signals(*, at_once: bool = False) -> None:
     """
     if threading.current_thread() is not threading.main_thread():
         return
-    replaced = (signal.SIG_DFL, signal.default_int_handler, import_path.end_early)
-    ours = [number for number in _SIGNALS if _is_one_of(signal.getsignal(number), replaced)]
+    replaced = (signal.SIG_DFL, signal.default_int_handler, end_at_once)
+    ours = [number for number in SIGNALS if signal.getsignal(number) in replaced]
     if not ours:
         return
     _state.unnoticed_s, _state.writes_farewell = 0.0 if at_once else UNNOTICED_S, not at_once
@@ -86,12 +84,6 @@ def end_on_signals(*, at_once: bool = False) -> None:
     threading.Thread(target=_watch, args=(reading,), name="signals", daemon=True).start()
     for number in ours:
         signal.signal(number, _handle)
-
-
-def _is_one_of(handler: object, handlers: tuple[object, ...]) -> bool:
-    # The start-up file of Python has a copy of import_path's function.
-    name = getattr(handler, "__name__", "")
-    return handler in handlers or name == import_path.end_early.__name__
 
 
 def check() -> None:
@@ -110,12 +102,6 @@ def check() -> None:
 def answered() -> None:
     """Forget a signal whose TerminatedError was caught: the caller ends the process, or goes on."""
     _state.number, _state.is_unwinding, _state.is_answered = 0, False, True
-
-
-def farewell(number: int) -> str:
-    """Sentence about a process that a signal ended."""
-    how = "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}"
-    return f"{how}; nothing half written was left behind"
 
 
 def leave(code: int) -> NoReturn:

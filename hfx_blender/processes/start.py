@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from ..files import resources
-from . import import_path
+from .startup import absolute
 
 _START: Final = Path(__file__).resolve().with_name("child.py")
 _started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
@@ -34,14 +34,12 @@ def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
 def python_command() -> list[str]:
     """Command line of Python up to the module or program that it shall run."""
     # The wheels of a Blender extension are in a folder that its Python does not know by itself.
-    packages = [
-        path for path in import_path.trusted(sys.path) if Path(path).name == "site-packages"
-    ]
+    packages = [path for path in sys.path if os.path.basename(path) == "site-packages"]
     # -P: a child never imports from the current folder, where a stranger's files may lie.
     options = ["-P", "-s"] if sys.flags.no_user_site else ["-P"]
     return [
         *(sys.executable, *options, str(_START)),
-        os.pathsep.join(dict.fromkeys(packages)),
+        os.pathsep.join(dict.fromkeys(filter(os.path.isabs, packages))),
     ]
 
 
@@ -105,7 +103,7 @@ def environment() -> dict[str, str]:
     ignored = "PYTHON" if sys.flags.ignore_environment else ()
     kept = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
     if "PYTHONPATH" in kept:
-        kept["PYTHONPATH"] = os.pathsep.join(import_path.absolute(kept["PYTHONPATH"]))
+        kept["PYTHONPATH"] = os.pathsep.join(absolute(kept["PYTHONPATH"]))
     return {**kept, resources.BODY_MODELS_VARIABLE: str(resources.user_body_models())}
 
 

@@ -29,7 +29,7 @@ NUMBER = signal.{number}
 def strike():
     os.kill(os.getpid(), NUMBER)
 {when}
-from hfx_blender.cli import main
+from hfx_blender.__main__ import main
 main()
 """
 
@@ -87,7 +87,6 @@ class Finder:
         if name == "hfx_blender.commands.console":
             strike()
 sys.meta_path.insert(0, Finder())
-sys.orig_argv[1:3] = ["-m", "hfx_blender.cli"]
 """
 
 WHEN = {
@@ -142,7 +141,8 @@ def _heeds_signals() -> None:
 
 def test_a_signal_that_another_program_handles_is_its_own(scene: Path, tmp_path: Path) -> None:
     program = PROGRAM.format(number="SIGTERM", when=WHILE_BLENDER_CALLS).replace(
-        "from hfx_blender.cli", "signal.signal(NUMBER, lambda *_: None)\nfrom hfx_blender.cli"
+        "from hfx_blender.__main__",
+        "signal.signal(NUMBER, lambda *_: None)\nfrom hfx_blender.__main__",
     )
     words = ["export", scene, "-o", tmp_path / "out", "--frames", "0:2", "--device", "none"]
     done = subprocess.run(

@@ -53,7 +53,7 @@ os._exit(0)
 
 
 def _hfx(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "hfx_blender.cli", *map(str, arguments)]
+    return [sys.executable, "-m", "hfx_blender", *map(str, arguments)]
 
 
 def _environment(temporary: Path) -> dict[str, str]:

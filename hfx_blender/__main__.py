@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Entry point of the command ``hfx``, also ``python -m hfx_blender``."""
+
+from hfx_blender.processes import startup
+
+
+def main() -> None:
+    """Run the command line; nothing is imported from the current folder."""
+    startup.begin()
+    from hfx_blender import cli
+
+    cli.main()
+
+
+if __name__ == "__main__":
+    main()
