@@ -2,13 +2,13 @@
 """Make the pictures and the measured tables of the documentation anew.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
-``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those. ``devices``
-needs matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation
-of ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
-``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
-MakeHuman's data (``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and
-is made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
-printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
+``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those. ``assets``
+is the library of the Asset Browser, to be made anew when a sensation of ``effect_library``
+changes. The trade takes half an hour on an idle machine, a minute or two with ``--short``.
+``avatars`` fits models to a hundred avatars whose answer is known; it needs MakeHuman's data
+(``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and is made only
+where it is named. The table of ``safety`` is made of what ``hfx bench safety --json`` printed,
+idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
 BUSY.json``.
 """
 
@@ -98,8 +98,7 @@ def surfaces() -> None:
     from hfx_tools.bench.surfaces import textile_correlation, texture, texture_chart, words
 
     result = textile_correlation.correlation(20)
-    chart = texture_chart.svg(result)
-    (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
+    texture_chart.draw(result, PICTURES / "surfaces-roughness.svg")
     replace_part(DOCS / "surfaces.md", "correlation", textile_correlation.as_markdown(result))
     replace_part(DOCS / "surfaces.md", "judge", texture.as_markdown())
     replace_part(DOCS / "surfaces-from-words.md", "words", words.as_markdown())

@@ -58,8 +58,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
 
-    from .. import chart_svg
     from ..demo import garage
+    from ..demo.demo_charts import draw_track
     from ..demo.scene_file import build_and_open
     from ..demo.summary import summarise
 
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     track_file = folder / "garage.hfxtrack"
     with TrackReader(track_file) as track:
         rasters = [raster for _, raster in render_devices(track, devices)]
-        chart_svg.write(track, rasters, folder / "chart.svg")
+        draw_track(track, rasters, folder / "chart.svg")
         console.say(summarise(track, rasters, report), several_lines=True)
     pictures = None
     if not options.no_pictures:

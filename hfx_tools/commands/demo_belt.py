@@ -25,7 +25,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.export.sound import SoundSettings, write_sound
     from hfx_blender.formats.sound.sound_wav import SUFFIX
 
-    from ..demo import belt, belt_chart
+    from ..demo import belt
+    from ..demo.demo_charts import draw_belt
     from ..demo.scene_file import build_and_open
 
     folder: Path = options.output
@@ -48,7 +49,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     )
     with TrackReader(folder / f"{STEM}.hfxtrack") as track:
         ((_, raster),) = render_devices(track, (device,))
-    belt_chart.write(raster, sound_file, layout, folder / "belt.svg")
+    draw_belt(raster, sound_file, layout, folder / "belt.svg")
     touched = {each["effect"] for each in report.felt}
     console.say(
         "\n".join(

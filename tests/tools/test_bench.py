@@ -7,6 +7,8 @@ import csv
 import io
 import json
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from hfx_blender import cli
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError
+from hfx_tools import charts
 from hfx_tools.bench import economy, machine, volumes
 from hfx_tools.bench.trade import trade_chart, trade_report
 
@@ -88,31 +91,53 @@ def test_what_is_dearer_by_no_more_than_noise_is_on_the_front() -> None:
     assert trade_chart.on_front(points) == [0, 1, 3]
 
 
-def test_what_bounds_no_error_is_a_cross_beside_the_front() -> None:
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Figures of matplotlib that charts are drawn in."""
+    kept: list[Any] = []
+
+    @contextmanager
+    def chart(*arguments: Any) -> Iterator[Any]:
+        with charts.chart(*arguments) as figure:
+            kept.append(figure)
+            yield figure
+
+    monkeypatch.setattr(trade_chart, "chart", chart)
+    return kept
+
+
+def points(panel: Any) -> list[tuple[float, float]]:
+    return [tuple(each.get_offsets()[0].tolist()) for each in panel.collections]
+
+
+def test_what_bounds_no_error_is_a_cross_beside_the_front(
+    figures: list[Any], tmp_path: Path
+) -> None:
     paper = row("paper", 0.5, 0.2, is_bounded=False)
-    root = ET.fromstring(trade_chart.svg(result(*ROWS, paper)))
-    space = "{http://www.w3.org/2000/svg}"
-    assert len(root.findall(f"{space}path")) == 3
-    assert len(root.findall(f"{space}circle")) == 3 * len(ROWS)
-    without = ET.fromstring(trade_chart.svg(result(*ROWS)))
-    for tree in (root, without):
-        lines = [line.get("points").split() for line in tree.findall(f"{space}polyline")]
-        assert [len(line) for line in lines] == [2, 2, 2]
+    trade_chart.draw(result(*ROWS, paper), tmp_path / "with.svg")
+    trade_chart.draw(result(*ROWS), tmp_path / "without.svg")
+    for panel in figures[0].axes:
+        assert points(panel)[0][0] == 0.5
+        cross, *circles = (len(each.get_paths()[0]) for each in panel.collections)
+        assert cross == 4 and all(count > 4 for count in circles)  # two strokes; arcs
+    for panel in (*figures[0].axes, *figures[1].axes):
+        (line,) = panel.lines
+        assert line.get_xdata().tolist() == [1.0, 2.0]  # the slowest is no better than the second
 
 
-def test_the_chart_is_xml_with_a_circle_for_each_setting_and_panel(tmp_path: Path) -> None:
-    root = ET.fromstring(trade_chart.svg(result(*ROWS)))
-    circles = root.findall("{http://www.w3.org/2000/svg}circle")
-    assert len(circles) == 3 * len(ROWS)
-    numbers = [float(c.get(name)) for c in circles for name in ("cx", "cy")]
-    assert np.isfinite(numbers).all()
-    width = float(root.get("width"))
-    assert all(0.0 < float(c.get("cx")) < width for c in circles)
-    left = [float(c.get("cx")) for c in circles[: len(ROWS)]]
-    assert left == sorted(left), "dearer is farther to the right"
-    assert len(ET.fromstring(trade_chart.svg(result(row("exact", 1.0, 0.0))))) > 10
+def test_the_chart_has_a_point_for_each_setting_and_panel(
+    figures: list[Any], tmp_path: Path
+) -> None:
     table, chart = trade_report.write(result(*ROWS), tmp_path)
     assert (table.name, chart.name) == ("trade-my_scene.csv", "trade-my_scene.svg")
+    skin, actuators, onsets = figures[0].axes
+    assert points(skin) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, % of what is felt
+    assert points(actuators) == points(skin)
+    assert points(onsets) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, ms
+    texts = [each.text for each in ET.parse(chart).iter("{http://www.w3.org/2000/svg}text")]
+    assert texts.count("preview") == texts.count("standard") == 3
+    assert any("A <hall> & more\\x07" in (each or "") for each in texts)
+    trade_chart.draw(result(row("exact", 1.0, 0.0)), tmp_path / "single.svg")
 
 
 def test_the_tables_say_the_same() -> None:

@@ -111,6 +111,5 @@ def write(result: dict[str, Any], folder: Path) -> tuple[Path, Path]:
     table, chart = folder / f"{stem}.csv", folder / f"{stem}.svg"
     with atomic_file(table) as file:
         file.write(as_csv(result).encode())
-    with atomic_file(chart) as file:
-        file.write(trade_chart.svg(result).encode())
+    trade_chart.draw(result, chart)
     return table, chart

@@ -24,7 +24,7 @@ from hfx_blender.export.sound import SoundRecorder, SoundSettings, write_sound
 from hfx_blender.files import limits
 from hfx_blender.formats.sound import sound_wav
 from hfx_blender.reading.scene_reader import SceneReader
-from hfx_tools.demo import belt, belt_chart
+from hfx_tools.demo import belt, demo_charts
 
 
 def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> None:
@@ -94,7 +94,7 @@ def test_what_circles_the_waist_goes_round_the_belt_and_the_loudspeakers(
         row = rows * eighth // 8  # turning from the front to the left, as the ring counts
         assert np.argmax(loudness[row + 1]) == eighth
         assert eighth in np.argsort(strengths[row + 1])[-2:]
-    belt_chart.write(raster, path, layout, tmp_path / "belt.svg")
+    demo_charts.draw_belt(raster, path, layout, tmp_path / "belt.svg")
     drawn = (tmp_path / "belt.svg").read_text()
     assert drawn.count("front_left") == 1 and "+45°" in drawn
 

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Charts as SVG, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hfx_blender.files.atomic import atomic_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SETTINGS: Final = {
+    "axes.titlelocation": "left",
+    "axes.titlesize": "medium",
+    "figure.titlesize": "medium",
+    "font.size": 9.0,
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "hfx",  # the same bytes for the same content
+    "text.parse_math": False,  # a "$" in a name is a "$"
+}
+_PIXELS_PER_INCH: Final = 96
+
+
+@contextmanager
+def chart(path: Path, width: float, height: float) -> Iterator[Figure]:
+    """Empty figure, written as SVG when the block ends; the user's matplotlibrc changes nothing.
+
+    Names of strangers have to be made :func:`~hfx_blender.text.printable` for XML.
+
+    Parameters
+    ----------
+    path : Path
+        Of the SVG.
+    width, height : float
+        Pixels.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SETTINGS)
+        # The browser that shows the SVG has the font, not matplotlib.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        size = width / _PIXELS_PER_INCH, height / _PIXELS_PER_INCH
+        figure = Figure(size, layout="constrained")
+        yield figure
+        with atomic_file(path) as file:
+            figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
