@@ -280,7 +280,12 @@ class DeviceThread:
             self._wake.notify()
 
     def wait_closed(self) -> None:
-        """Give it a moment to stop and to give the port back."""
+        """Wait, at most twice :data:`PATIENCE_S`, until the device is silent and its port closed.
+
+        Nothing is waited for where :meth:`start` was not called yet: no port is open.
+        """
+        if self._thread.ident is None:
+            return
         self._is_quiet.wait(PATIENCE_S)
         self._thread.join(PATIENCE_S)
 

@@ -115,6 +115,16 @@ def test_after_a_stop_everything_begins_from_silence(monkeypatch: pytest.MonkeyP
     assert set(begun) == {"_guard", "_pace", "_ramp"}
 
 
+def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None:
+    thread = DeviceThread(0, DEVICE, Kept, lambda *_, **__: None)
+    thread.close("the output process was ended")
+    began_s = time.monotonic()
+    thread.wait_closed()
+    assert time.monotonic() - began_s < PATIENCE_S / 2.0
+    thread.start()  # the connecting thread goes on
+    thread.wait_closed()
+
+
 class Process:
     """An output process that takes its time."""
 
