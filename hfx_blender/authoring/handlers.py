@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's handlers: before a file is saved, copies of effects get ids of their own, and painted
 areas are stored with their effects; drawn fades follow their clips. After a file is loaded, areas
-on earlier body models are carried over to the present ones.
+on earlier body models are carried over to the present ones. Effects know their bodies by name.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ..blender.events import add_handlers, remove_handlers
+from ..blender.stored_values import stored_at
 from .areas import painting
 from .clips import drawn_fades
 from .effects import effects, model_migration
@@ -23,6 +25,7 @@ _log = logging.getLogger(__name__)
 @persistent
 def _before_saving(*_: object) -> None:
     effects.settle_ids()
+    effects.remember_bodies(_effects())
     painting.store_all_painted()
 
 
@@ -31,15 +34,24 @@ def _after_loading(*_: object) -> None:
     found = model_migration.update_all()
     if found:
         _log.info("carried over to the present body models: %s", ", ".join(found))
+    effects.remember_bodies(_effects())  # files of versions that stored no names
 
 
 @persistent
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object):
-            effect = update.id.original
-            if drawn_fades.is_remembered(effect) and drawn_fades.follow(effect):
-                effect.update_tag()
+            changed = update.id.original
+            if drawn_fades.is_remembered(changed) and drawn_fades.follow(changed):
+                changed.update_tag()
+            # A new name is an update of neither place nor shape, and posing is one of both.
+            is_named = not (update.is_updated_transform or update.is_updated_geometry)
+            if is_named and changed.hfx.role == "BODY":
+                effects.remember_bodies(e for e in _effects() if stored_at(e, "body") == changed)
+
+
+def _effects() -> Iterator[bpy.types.Object]:
+    return (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT")
 
 
 _HANDLERS = {

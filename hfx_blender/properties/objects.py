@@ -80,6 +80,10 @@ def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> No
     volumes.refresh_display(self.id_data)
 
 
+def _remember_body(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+    self.body_name = "" if self.body is None else self.body.name
+
+
 def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
     from ..avatars import bone_table
 
@@ -296,6 +300,13 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Body",
         description="The body that the effect is painted on",
         type=bpy.types.Object,
+        update=_remember_body,
+        **_OVERRIDABLE,
+    )
+    body_name: StringProperty(
+        name="Body's Name",
+        description="Name of the body that the effect belongs to, also after it was deleted; "
+        "empty: the only body of the scene",
         **_OVERRIDABLE,
     )
     model_id: StringProperty(name="Model", description="Perceptual model that is painted on")

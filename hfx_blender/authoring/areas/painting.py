@@ -36,7 +36,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     body = effects.body_in(context.scene, effect)
     if body is None:
         raise InputError(
-            f"The body of '{effect.name}' is not in this scene: press Move to Body in the panel "
+            f"'{effect.name}' {effects.why_bodiless(effect)}: press Move to Body in the panel "
             "Haptic Effect first."
         )
     model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))

@@ -11,6 +11,7 @@ import bpy
 
 from ...blender.background_scenes import scene_objects
 from ...blender.scene_units import metres_of
+from ...blender.stored_values import stored_at
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from .. import volumes
@@ -52,10 +53,11 @@ def present(body: bpy.types.Object, bodies: Sequence[bpy.types.Object]) -> bpy.t
 def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
     """Body of a scene that an effect is felt on; None if it was deleted, or none was chosen.
 
-    An effect without a body is felt on the only one.
+    An effect that never had a body is felt on the only one.
     """
-    bodies = bodies_of(scene)
-    body = effect.hfx.body or (bodies[0] if len(bodies) == 1 else None)
+    bodies, body = bodies_of(scene), effect.hfx.body
+    if body is None and not effect.hfx.body_name and len(bodies) == 1:
+        body = bodies[0]
     return None if body is None else present(body, bodies)
 
 
@@ -67,6 +69,23 @@ def without_body(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def needs_body(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
     """Test for an effect that is felt on a body only and has none in a scene."""
     return effect.hfx.kind in ON_A_BODY and body_in(scene, effect) is None
+
+
+def why_bodiless(effect: bpy.types.Object) -> str:
+    """Reason why no body of a scene feels an effect; it goes on after the effect's name."""
+    name = effect.hfx.body_name if effect.hfx.body is None else effect.hfx.body.name
+    if not name:
+        return "belongs to no body, and the scene has not exactly one"
+    return f"belongs to body '{name}', which is not in the scene"
+
+
+def remember_bodies(found: Iterable[bpy.types.Object]) -> None:
+    """Store with effects the names of their bodies, which stay when a body is deleted."""
+    for effect in found:
+        # As they are stored: Blender forgets a value of another type where a property is read.
+        body, name = (stored_at(effect, each) for each in ("body", "body_name"))
+        if isinstance(body, bpy.types.Object) and effect.library is None and name != body.name:
+            effect.hfx.body_name = body.name
 
 
 def group_of(effect: bpy.types.Object) -> str:

@@ -55,7 +55,7 @@ IN_SCENE = ("VOLUME", "SURFACE")
 
 
 ABSENT = "is disabled in viewports or excluded from the view layer"
-NO_BODY = "is felt on a body that is not in the scene"
+_CURE = "press Move to Body in the panel Haptic Effect"
 
 
 @dataclass(frozen=True)
@@ -114,19 +114,22 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     found = effects.effects_of(scene)
     shown, warnings = _shown_effects(scene, layer, found, enabled)
     warnings = (*_of_unknown_role(scene), *warned, *warnings)
-    kept, bodiless = _without_bodiless(shown, bodies)
-    warnings += bodiless
-    sound, faults = soundness.without_faulty(kept, soundness.warnings_of)
-    if faults and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
-        raise InputError(next(iter(faults.values())))
+    # First of all: Blender forgets a stored value of another type where the property is read.
+    sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
     warnings += tuple(text for each in sound.values() for text in each)
+    bodiless = {e: effects.why_bodiless(e) for e in sound if effects.needs_body(scene, e)}
+    sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
+    warnings += _of_bodiless(bodiless, effects.silenced(shown))
+    if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
+        of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
+        raise InputError(next(iter(faults.values()), None) or next(of_bodiless))
     left_out += soundness.left_out(faults)
     silent = effects.silenced(sound)
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
     gone = {effect.name: ABSENT for effect in found if effect not in shown}
-    gone |= {effect.name: NO_BODY for effect in shown if effect not in kept}
+    gone |= {effect.name: why for effect, why in bodiless.items()}
     return HapticObjects(
         scene,
         layer,
@@ -230,28 +233,20 @@ def _shown_effects(
     return kept, warnings
 
 
-def _without_bodiless(
-    found: list[bpy.types.Object], bodies: list[bpy.types.Object]
-) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Leave out linked effects whose body was not linked: nothing here can repair them."""
-    gone = [
-        effect
-        for effect in found
-        if (effect.library or effect.override_library)
-        and effect.hfx.kind in effects.ON_A_BODY
-        and effect.hfx.body is not None
-        and effects.present(effect.hfx.body, bodies) is None
-    ]
-    if not gone:
-        return found, ()
-    names = ", ".join(f"'{effect.name}'" for effect in gone[:3]) + (", ..." if gone[3:] else "")
-    text = (
-        f"linked effect {names} is felt on a body that is not in the scene: it was left out"
-        if len(gone) == 1
-        else f"{len(gone)} linked effects are felt on bodies that are not in the scene: they were "
-        f"left out ({names})"
+def _of_bodiless(
+    bodiless: Mapping[bpy.types.Object, str], silenced: Sequence[bpy.types.Object]
+) -> tuple[str, ...]:
+    """Warnings about effects that are left out for want of a body, one for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for effect, why in bodiless.items():
+        if effect not in silenced:
+            reasons.setdefault(why, []).append(f"'{effect.name}'")
+    return tuple(
+        f"effect {names[0]} {why}: it was left out; {_CURE}"
+        if len(names) == 1
+        else f"{len(names)} effects were left out, as each {why}; {_CURE}: {', '.join(names)}"
+        for why, names in reasons.items()
     )
-    return [effect for effect in found if effect not in gone], (text,)
 
 
 def describe(
@@ -397,14 +392,11 @@ def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[
 
 
 def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
-    bodies = found.bodies
-    is_only = len(effects.bodies_of(found.scene)) == 1
-    body = effect.hfx.body or (bodies[0] if is_only else None)
-    body = None if body is None else effects.present(body, bodies)
-    if body is None:
+    body = effects.body_in(found.scene, effect)
+    assert body is not None  # effects without one were left out
+    if body not in found.bodies:
         raise InputError(
-            f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "
-            "choose one of: " + ", ".join(body.name for body in bodies) + "."
+            f"Effect '{effect.name}' belongs to body '{body.name}', which was left out."
         )
     return body
 

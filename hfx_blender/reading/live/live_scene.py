@@ -184,6 +184,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 hfx.temperature_reference,
                 hfx.model_hash,
                 hfx.body.name if hfx.body else "",
+                hfx.body_name,
                 hfx.avatar.name if hfx.avatar else "",
                 hfx.follow,
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,

@@ -95,7 +95,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         elsewhere = [
             each
             for each in effects.effects_of(context.scene)
-            if each.hfx.kind in effects.ON_A_BODY and each.hfx.body not in (None, body)
+            if each.hfx.kind in effects.ON_A_BODY and effects.body_in(context.scene, each) != body
         ]
         if elsewhere:
             text = f"Take {len(elsewhere)} Effects of Other Bodies"

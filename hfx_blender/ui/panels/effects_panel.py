@@ -32,9 +32,13 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     """
     column = layout.column()
     column.alert = True
-    count = len(effects.without_body(context.scene))
-    what = "this effect" if which == "ACTIVE" else "1 effect" if count == 1 else f"{count} effects"
-    draw_text(context, column, f"The body of {what} is not in this scene: not felt", "ERROR")
+    bodiless = effects.without_body(context.scene)
+    if which == "ACTIVE" or len(bodiless) == 1:
+        effect = active_effect(context) if which == "ACTIVE" else bodiless[0]
+        text = f"'{effect.name}' {effects.why_bodiless(effect)}: not felt"
+    else:
+        text = f"The bodies of {len(bodiless)} effects are not in this scene: not felt"
+    draw_text(context, column, text, "ERROR")
     bodies = effects.bodies_of(context.scene)
     if len(bodies) > 1:
         layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which

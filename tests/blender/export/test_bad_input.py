@@ -204,7 +204,10 @@ def test_a_scene_that_cannot_be_exported(
         (_nothing_painted, ("'Blank'", "Paint it")),
         (_setting("Touch", modality="vibration"), ("'Touch'", "vibration", "Paint it")),
         (_setting("Touch", model_hash="0" * 64), ("'Touch'", "another edition")),
-        (_painted_on_a_thing, ("'Touch'", "no body", "Avatar")),
+        (
+            _painted_on_a_thing,
+            ("'Touch'", "body 'Chair', which is not in the scene", "Move to Body"),
+        ),
         (_area([1, 2], [1.0]), ("'Touch'", "2 painted vertices but 1")),
         (_area([1, 99_999], [1.0, 1.0]), ("'Touch'", "99999")),
         (_area([-7, 3], [1.0, 1.0]), ("'Touch'", "-7")),

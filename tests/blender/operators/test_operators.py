@@ -452,7 +452,7 @@ def delete(body: Any) -> None:
 def test_painting_never_starts_on_a_deleted_body(body: Any) -> None:
     painted()
     delete(body)
-    with pytest.raises(RuntimeError, match="not in this scene: press Move to Body"):
+    with pytest.raises(RuntimeError, match="not in the scene: press Move to Body"):
         bpy.ops.hfx.paint_begin()
 
 
