@@ -21,9 +21,8 @@ from ..errors import InputError, OutputError, UsageError
 from ..files import limits
 from ..files.atomic import inputs_kept, refuse_device
 from ..files.staging import place, staging
-from ..formats.files import format_of, read_signals
+from ..formats.files import format_of, read_signals, refuse_strangers
 from ..formats.gate import fault_of
-from ..formats.glb import glb
 from ..formats.hjif import from_actuators
 from ..formats.hjif.semantics import is_date
 from ..formats.rasters import csv_raster, npz_raster, raster_rules
@@ -37,6 +36,7 @@ from ..formats.registry import (
     TrackFormat,
     refuse_removed,
     refuse_unknown,
+    suffixes,
     write,
 )
 from ..formats.signals.credits import Credits
@@ -113,20 +113,10 @@ def convert(
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
-        _refuse_others_models(written.files, target)
+        finals = [target.parent / path.name for path in written.files]
+        refuse_strangers(finals, target.with_name(stem + suffixes([kind])[0]))
         files = place(written.files, target.parent)
     return replace(written, files=files)
-
-
-def _refuse_others_models(files: Sequence[Path], target: Path) -> None:
-    """Refuse to replace a body model beside the target, which nobody named, unless it is ours."""
-    for path in files:
-        final = target.parent / path.name
-        if path.suffix == glb.SUFFIX and final.is_file() and not glb.is_ours(final):
-            raise OutputError(
-                f"{final}: cannot be written (a file of this name is there that HFX did not make); "
-                f"'{target.name}' needs this name: choose another target."
-            )
 
 
 def _target(target: Path, to: str | None) -> tuple[str, str]:
@@ -148,8 +138,8 @@ def _target(target: Path, to: str | None) -> tuple[str, str]:
             # .he is version 2 by default: it comes first in the table.
             name = next(key for key, one in formats.items() if one.suffix == each.suffix)
             return name, target.name[: -len(each.suffix)]
-    suffixes = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))
-    raise UsageError(f"{target}: its suffix names no format; there are {suffixes}, or say --to")
+    known = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))
+    raise UsageError(f"{target}: its suffix names no format; there are {known}, or say --to")
 
 
 def _converted(

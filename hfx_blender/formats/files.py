@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ from xml.parsers import expat
 
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
-from ..errors import InputError, refuse_no_file
+from ..errors import InputError, OutputError, refuse_no_file
 from ..files import limits
 from ..files.json_shapes import Finding, mapped, read_bytes
 from ..files.kinds import title_of
@@ -107,6 +108,46 @@ _SUFFIXES: Final = {
     ".wav": "wav",
     wav.SIDECAR_SUFFIX: "channels",
 }
+
+
+_RICHTAP: Final = rb'\{"Meta[Dd]ata":\{"Version":.*?; 0 to 100 is \S+ to \S+ Hz"\},"'
+_OWN_STARTS: Final = {
+    ".ahap": rb'\{"Version":1\.0,"Metadata":\{"Project":.*?"Hfx[A-Z]\w+":',
+    ".haptic": rb'\{"version":\{"major":1,.*?"metadata":\{"editor":"HFX"',
+    ".he": _RICHTAP,
+    he.OPENHARMONY_SUFFIX: _RICHTAP,
+    ".tact": rb'\{"name":.*?"createdAt":0,"updatedAt":0,"id":""',
+    wav.SIDECAR_SUFFIX: rb'\{\n  "format": "hfx-',
+}
+"""Beginnings that only our writers make, spaces included: who changes a file with another program
+lays it out anew."""
+
+
+def refuse_strangers(files: Iterable[Path], target: Path) -> None:
+    """Refuse to replace files beside a target, which nobody named, unless HFX wrote them.
+
+    Raises
+    ------
+    OutputError
+        There is one whose content does not prove that.
+    """
+    for path in files:
+        if path != target and path.is_file() and not _is_ours(path):
+            raise OutputError(
+                f"{path}: cannot be written (a file of this name is there that HFX did not make); "
+                f"'{target.name}' needs this name: choose another target."
+            )
+
+
+def _is_ours(path: Path) -> bool:
+    if path.name.endswith(glb.SUFFIX):
+        return glb.is_ours(path)
+    start = next((own for suffix, own in _OWN_STARTS.items() if path.name.endswith(suffix)), None)
+    try:
+        with path.open("rb") as file:
+            return start is not None and bool(re.match(start, file.read(_HEAD), re.DOTALL))
+    except OSError:
+        return False
 
 
 def format_of(path: Path) -> FileFormat:

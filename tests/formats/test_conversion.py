@@ -474,3 +474,35 @@ def test_a_model_of_somebody_elses_beside_the_target_stays(tmp_path, capsys, con
         model.unlink()
         for _ in range(2):  # ours is replaced
             assert cli.run(["convert", str(track.path), str(tmp_path / "b.hjif")]) == 0
+
+
+FOREIGN = {  # as other programs write these formats
+    "ahap": b'{"Version": 1.0, "Metadata": {"Project": "Mine"}, "Pattern": []}',
+    "haptic": b'{"version": {"major": 1}, "metadata": {"editor": "Haptics Studio"}, "signals": {}}',
+    "he": b'{"Metadata": {"Version": 2, "Description": "rain"}, "PatternList": []}',
+    "v1.he": b'{"Metadata": {"Version": 1, "Description": "rain"}, "Pattern": []}',
+    "openharmony.json": b'{"MetaData": {"Version": 1.0, "Description": ""}, "Channels": []}',
+    "wav": b'{"channels": ["front left", "front right"]}',
+}
+
+
+@pytest.mark.parametrize("suffix", FOREIGN)
+def test_a_file_of_somebody_elses_that_nobody_named_stays(tmp_path, capsys, suffix):
+    npz_raster.write(raster_for(load_device("back_pad")), tmp_path / "x.raster.npz")
+    target = tmp_path / f"y.{suffix}"
+    words = ["convert", str(tmp_path / "x.raster.npz"), str(target), "--device", "back_pad"]
+    assert cli.run(words) == 0
+    assert cli.run(words) == 0, "its own files are replaced"
+    companions = sorted(path for path in tmp_path.glob("y.*") if path != target)
+    assert companions
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    capsys.readouterr()
+    # Of another program; ours, laid out anew by another program; nothing that can be read.
+    theirs = json.dumps(json.loads(before[companions[-1]]), indent=4).encode()
+    for content in (FOREIGN[suffix], theirs, b"\xff\xfe"):
+        companions[-1].write_bytes(content)
+        assert cli.run(words) == 3
+        (line,) = capsys.readouterr().err.splitlines()
+        assert str(companions[-1]) in line and f"'{target.name}' needs this name" in line
+        after = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        assert after == {**before, companions[-1]: content}
