@@ -46,7 +46,6 @@ COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
     "commands/left_out.py": set(),  # of 'hfx_tools': where it is absent, the user is told so
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
-    "engine/serialization.py": set(),  # of the package's own engine
 }
 """Files that import modules by names which are not written as one string -> those modules."""
 REMOVED = {

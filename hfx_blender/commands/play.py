@@ -177,7 +177,6 @@ def _opened(
     from ..devices.configuration import load_device
     from ..devices.live import live_targets
     from ..devices.live.played_track import PlayedTrack
-    from ..devices.live.playhead import latencies_ms
     from ..files import resources
     from ..formats.clip.container import SUFFIX
     from .played_clip import PlayedClip
@@ -191,7 +190,8 @@ def _opened(
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_targets.named(name) for name in names}
-    track.latencies_ms = {ms for device, _ in targets.values() for ms in latencies_ms(device)}
+    devices = [device for device, _ in targets.values()]
+    track.latencies_ms = {ms for device in devices for ms in live_targets.latencies_ms(device)}
     return track, targets
 
 

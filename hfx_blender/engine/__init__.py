@@ -19,9 +19,7 @@ body              perceptual models, their parts and files, rigs
 texture           haptic surfaces: height fields, materials, strokes
 response_filters  parameters and values of contact response filters
 scene             the scene description: the input
-keyed_scene       upcoming state of a keyed scene, to be evaluated elsewhere
 samples           haptic samples: the result of an evaluation
-serialization     scenes and blocks for another process
 reference         the definition of a contact, in plain numpy: read it first
 active_rows       rows of a block that count
 retargeting       fitting of the canonical models to an avatar

@@ -7,6 +7,7 @@ import bpy
 
 from ..authoring.effects import effects, swarms
 from ..playback.preview import preview
+from ..playback.timeline.timeline_recorder import recorder
 from .shared import HfxOperator
 
 
@@ -26,7 +27,7 @@ class HFX_OT_update_values(HfxOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        preview.updates().update_now(context.scene)
+        recorder.update_now(context.scene)
         preview.touch()
         return ""
 

@@ -50,13 +50,12 @@ class Evaluation:
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never from within an update."""
-        from ..engine.tolerance import PREVIEW
-        from ..reading.description.scene_tolerance import scene_tolerance
+        from ..reading.description.scene_tolerance import live_tolerance
         from ..reading.live.live_scene import LiveScene, signature_of
 
         scene, layer = context.scene, context.view_layer
-        is_coarse = scene.hfx.live_tolerance == "PREVIEW"
-        settings = is_coarse, scene.hfx.tolerance, scene.hfx.tolerance_custom
+        hfx = scene.hfx
+        settings = hfx.live_tolerance, hfx.tolerance, hfx.tolerance_custom
         # Another file may have the very same names.
         which = scene.session_uid, scene.as_pointer(), layer.as_pointer()
         key = (*signature_of(scene), layer.name, *settings, *which, self.with_positions)
@@ -66,7 +65,7 @@ class Evaluation:
         self._key = key
         self.before_describing()
         try:
-            tolerance = PREVIEW if is_coarse else scene_tolerance(scene)
+            tolerance = live_tolerance(scene)
             self.scene = LiveScene(scene, layer, tolerance, with_positions=self.with_positions)
         except HfxError as error:
             self.fault = str(error)

@@ -2,8 +2,8 @@
 """Live devices: their cost in Blender per frame, and the delay from a frame to the port.
 
 *Handing over* is all that Blender's main thread does for devices once a frame has been evaluated,
-also while an animation plays with actuators that answer late. What comes is *read ahead* for those:
-in slices between frames, once before it plays and once after an edit.
+also while an animation plays with actuators that answer late: what these begin is taken from the
+record of values over the timeline.
 *Made into bytes* is what a thread beside it does then; it holds Python's lock meanwhile, so a frame
 may wait for it at worst. *At the port* is from a frame evaluated to the first datagram of it that
 is received on loopback: made into bytes, handed on, rendered, guarded, encoded, sent.
@@ -36,10 +36,7 @@ from hfx_blender.files.stage_folders import temporary_folder
 from hfx_blender.processes import blender_session
 
 if TYPE_CHECKING:
-    import bpy
-
     from hfx_blender.playback.evaluation import Evaluation
-    from hfx_blender.playback.live.live import Live
 
 HANDING_OVER_MS: Final = 0.5
 AT_PORT_P99_MS: Final = 10.0
@@ -47,7 +44,6 @@ AT_PORT_P99_MS: Final = 10.0
 _MODEL: Final = "hfx-vibration-1"
 _RATE_HZ: Final = 60.0
 _PATIENCE_S: Final = 10.0
-_READING_S: Final = 120.0  # on a machine that is busy
 _INTERVALS_MS: Final = (5, 10)
 
 Progress = Callable[[float], None]
@@ -70,14 +66,13 @@ def measure(
             _at_port(interval_ms, frames), "p99_ms", AT_PORT_P99_MS
         )
         progress((k + 1) / (len(_INTERVALS_MS) + 1))
-    evaluated, packed, slices, handed = _in_blender(frames)
+    evaluated, packed, handed = _in_blender(frames)
     found["evaluating the demo, once for preview and devices"] = _row(evaluated)
     for name, (times, work) in handed.items():
         row = _row(times, "median_ms", HANDING_OVER_MS)
         row["processor_median_ms"] = _row(work)["median_ms"]
         found[f"handing over to {name}"] = row
     found["made into bytes, in a thread"] = _row(packed)
-    found["reading ahead, a slice between frames"] = _row(slices)
     progress(1.0)
     return found
 
@@ -252,16 +247,17 @@ def _write_device(folder: Path, interval_ms: int) -> None:
 
 def _in_blender(
     frames: int,
-) -> tuple[list[float], list[float], list[float], dict[str, tuple[list[float], list[float]]]]:
-    """Seconds for evaluating each frame of the demo, making it into bytes, each slice that is read
-    ahead, handing it over: on the clock, and of the processor.
+) -> tuple[list[float], list[float], dict[str, tuple[list[float], list[float]]]]:
+    """Seconds for evaluating each frame of the demo, making it into bytes, handing it over: on the
+    clock, and of the processor.
     """
     bpy = blender_session.start()
 
     from hfx_blender.devices.live.live_settings import LiveSettings
     from hfx_blender.playback.evaluation import evaluation
-    from hfx_blender.playback.live import live_handlers, lookahead_scheduler
+    from hfx_blender.playback.live import live_handlers
     from hfx_blender.playback.live.live import Live
+    from hfx_blender.playback.timeline.timeline_recorder import recorder
 
     from ..demo import garage
     from . import scenes
@@ -271,7 +267,6 @@ def _in_blender(
     scene = bpy.context.scene
     evaluated: list[float] = []
     packed: list[float] = []
-    slices: list[float] = []
     handed: dict[str, tuple[list[float], list[float]]] = {}
     every = f"all {len(garage.DEVICES)} devices of the demo"
     late = "answering late, while it plays"
@@ -281,8 +276,7 @@ def _in_blender(
         (f"{garage.DEVICES[0]}, {late}", garage.DEVICES[:1], True),
         (f"{every}, {late}", garage.DEVICES, True),
     )
-    was_playing, was_settled_s = live_handlers.is_playing, lookahead_scheduler.SETTLE_S
-    lookahead_scheduler.SETTLE_S = 0.0
+    was_playing = live_handlers.is_playing
     for name, devices, plays in ways:
         live = Live()
         live_handlers.is_playing = lambda plays=plays: plays
@@ -299,7 +293,9 @@ def _in_blender(
                 if time.monotonic() > end:
                     raise InputError("The demo's devices do not play.")
             if plays:
-                slices += _read_lookahead(live, bpy.context)
+                live.describe(bpy.context)
+                recorder.update_now(scene)
+                live.arm()  # which takes longer than devices wait
             for k in range(frames):
                 scene.frame_set(scene.frame_start + k % (scene.frame_end - scene.frame_start))
                 live.describe(bpy.context)
@@ -320,23 +316,7 @@ def _in_blender(
             live.close()
             live_handlers.is_playing = was_playing
         handed[name] = times, work
-    lookahead_scheduler.SETTLE_S = was_settled_s
-    return evaluated, packed, slices, handed
-
-
-def _read_lookahead(live: Live, context: bpy.types.Context) -> list[float]:
-    """Measure the slices until the lookahead is complete, seconds."""
-    found = []
-    live.describe(context)
-    end = time.monotonic() + _READING_S
-    while not live.lookahead.is_read:
-        begun = time.perf_counter()
-        live.exchange_heartbeat()
-        found.append(time.perf_counter() - begun)
-        time.sleep(0.005)
-        if time.monotonic() > end:
-            raise InputError(f"What comes cannot be read: {live.lookahead.reason or 'too slow'}")
-    return found
+    return evaluated, packed, handed
 
 
 def _packing(evaluation: Evaluation) -> float:

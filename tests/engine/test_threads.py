@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-import os
-import pickle
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +28,6 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
-from hfx_blender.engine.serialization import decode_object, encode_object
 from hfx_blender.engine.tolerance import PAPER, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
@@ -198,20 +194,3 @@ def test_an_error_in_a_thread_is_raised_where_its_block_ends(
     monkeypatch.setattr(narrow_phase._NarrowPhaseCall, "run", fails)
     with pytest.raises(ZeroDivisionError):
         list(Engine(_scene(), tolerance=PAPER, threads=2).evaluated(_blocks()))
-
-
-def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
-    block = decode_object(encode_object(_block(8)))
-    assert _plain(block.indices) == _plain(_block(8).indices)
-    for value in (print, os.getpid, Path("a")):
-        with pytest.raises(pickle.UnpicklingError, match="plain data"):
-            decode_object(encode_object(value))
-    for text in (
-        b"cos\nsystem\n.",
-        b"chfx_blender.engine.evaluate\nload_model\n.",
-        b"chfx_blender.engine.track.writer\nPath\n.",  # it is at home elsewhere
-        b"chfx_blender.engine.track.writer\nTrackWriter\n.",  # it would write
-        b"chfx_blender.engine.scene\nnothing\n.",
-    ):
-        with pytest.raises(pickle.UnpicklingError, match="plain data"):
-            decode_object(text)

@@ -161,9 +161,6 @@ class Host:
             questions = {number: thread.question(read_s) for number, thread in playing}
             self._rendering.show(message.body, questions)
             return
-        if kind in (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK):
-            self._rendering.add_lookahead(kind, message.body)
-            return
         if message.device == EVERY_DEVICE:
             if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
                 self._rendering.forget()

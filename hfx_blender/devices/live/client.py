@@ -119,8 +119,7 @@ class LiveClient:
     def describe(self, header: TrackHeader, body_id: str) -> None:
         """Set the scene and the body of later moments; silent until one comes.
 
-        They are for the devices that are connected now. What was foreseen of a scene before is
-        forgotten.
+        They are for the devices that are connected now.
         """
         rendered = tuple(
             RenderedDevice(
@@ -152,17 +151,6 @@ class LiveClient:
                 self._pipe.void(number)
                 self._pipe.send(MessageKind.PAUSE, number)
         self._gains = gains
-
-    def send_lookahead(self, body: bytes, *, is_scene: bool) -> None:
-        """Send upcoming state of the scene, for actuators with latency.
-
-        Parameters
-        ----------
-        body : bytes
-            A :class:`~hfx_blender.engine.keyed_scene.KeyedScene`, which replaces the one
-            before and all that came with it, or a ``KeyedBlock`` of it; as ``packed`` makes it.
-        """
-        self._pipe.send(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""

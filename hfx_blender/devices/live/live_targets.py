@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ...errors import DeviceError, InputError
 from ...files import resources
@@ -13,6 +13,10 @@ from .live_settings import LiveSettings
 if TYPE_CHECKING:
     from ...engine.rendering.device import DeviceConfig
     from .approval import DeviceScript
+
+
+LEAST_LATENCY_MS: Final = 5.0
+"""Shortest latency that is compensated, ms: a picture itself is shown later than that."""
 
 
 class UnapprovedScriptError(InputError):
@@ -81,6 +85,12 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     if settings.unit:
         target["unit"] = settings.unit
     return target
+
+
+def latencies_ms(device: DeviceConfig) -> set[float]:
+    """Latencies of a device's actuators that are compensated, ms."""
+    found = {actuator.type.latency_ms for actuator in device.actuators}
+    return {each for each in found if each >= LEAST_LATENCY_MS}
 
 
 def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:

@@ -8,7 +8,7 @@ A moment holds a few arrays, whatever the number of its effects, and is bounded 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any, Final
 
@@ -20,7 +20,6 @@ from ...engine.modality import MODALITIES
 from ...engine.samples import Drive, SampleRun, Stream
 from ...engine.track.header import TrackHeader
 from ...engine.track.header_json import from_json, to_json
-from ..live.playhead import Playhead
 from .haptics import ARRAYS
 from .messages import Array, MessageError, decode_arrays, decode_json, encode_arrays, encode_json
 
@@ -41,21 +40,15 @@ class LiveFrame:
         By a device's number, what the user has set; 0 is mute, what is left out is 1.
     play_space : (4, 4) float64, optional
         Play space to world, metres.
-    edition : int
-        Rises with every edit: what was known of other frames is void.
-    playhead : Playhead, optional
-        Which frame it is, and which come next.
     later : mapping
         Latencies of actuators, ms, to the samples that these are to begin now, where they are
-        known: of a track.
+        known.
     """
 
     time_s: float
     runs: Sequence[SampleRun]
     gains: Mapping[int, float] = field(default_factory=dict)
     play_space: F64 | None = None
-    edition: int = 0
-    playhead: Playhead | None = None
     later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
 
 
@@ -112,8 +105,6 @@ def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
     content: dict[str, Any] = {
         "time_s": moment.time_s,
         "gains": [[number, gain] for number, gain in moment.gains.items()],
-        "edition": moment.edition,
-        "playhead": None if moment.playhead is None else list(astuple(moment.playhead)),
         "later": [[ms, _felt_count(runs)] for ms, runs in moment.later.items()],
         "drives": _add_runs([*moment.runs, *chain(*moment.later.values())], places, arrays),
     }
@@ -171,7 +162,6 @@ def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     """
     content, arrays = decode_arrays(body)
     try:
-        playhead = content["playhead"]
         runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)
         later: dict[float, Sequence[SampleRun]] = {}
         for ms, count in reversed(content["later"]):
@@ -182,8 +172,6 @@ def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
             runs,
             {int(number): float(gain) for number, gain in content["gains"]},
             arrays.get("play_space"),
-            int(content["edition"]),
-            None if playhead is None else Playhead(*playhead),
             later,
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:

@@ -48,8 +48,6 @@ class MessageKind(IntEnum):
     PAUSE = 9  # silence without a stop: of one device, or of all while Blender works
     SCENE = 10  # JSON; scene data for rendering its moments, for all devices
     MOMENT = 11  # packed: the present samples
-    KEYED_SCENE = 12  # serialized: the scene ahead, for late actuators; replaces the one before
-    KEYED_BLOCK = 13  # serialized: the animated state at some frames of it
     # a script worker, or the one that renders, back to the output process
     READY = 16
     ANSWER = 17  # float64

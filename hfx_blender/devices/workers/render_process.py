@@ -60,15 +60,12 @@ class RenderProcess:
         self._scene: bytes | None = None  # if it has not been sent yet
         self._moment: tuple[bytes, Questions] | None = None
         self._questions: Questions = {}  # in progress
-        self._lookahead: list[tuple[MessageKind, bytes]] = []  # a scene and its blocks
-        self._sent_count = 0  # number of these already sent
         self._deadline_s: float | None = None  # while it is busy
 
     def describe(self, scene: bytes) -> None:
         """Set another scene: later moments belong to it."""
         with self._wake:
             self._known = self._scene = scene
-            self._lookahead, self._sent_count = [], 0
             self.forget()
             self._start()
             self._wake.notify()
@@ -77,14 +74,6 @@ class RenderProcess:
         """Set the newest moment, with the requests of each device."""
         with self._wake:
             self._moment = moment, questions
-            self._wake.notify()
-
-    def add_lookahead(self, kind: MessageKind, body: bytes) -> None:
-        """Add upcoming state of the last scene: a new beginning, or more of it."""
-        with self._wake:
-            if kind is MessageKind.KEYED_SCENE:
-                self._lookahead, self._sent_count = [], 0
-            self._lookahead.append((kind, body))
             self._wake.notify()
 
     def forget(self) -> None:
@@ -96,9 +85,7 @@ class RenderProcess:
         """Start again, if it had to be ended."""
         with self._wake:
             if self._process is None and self._known is not None:
-                lookahead = self._lookahead
                 self.describe(self._known)
-                self._lookahead = lookahead
 
     def is_overdue(self, now_s: float) -> bool:
         """Test for a late answer; then the process is ended."""
@@ -155,12 +142,6 @@ class RenderProcess:
                     (body, self._questions), self._moment = self._moment, None
                     self._deadline_s = self._clock.now() + MOMENT_S
                     return message(MessageKind.MOMENT, body=body)
-                if self._deadline_s is None and self._sent_count < len(self._lookahead):
-                    kind, body = self._lookahead[self._sent_count]
-                    self._questions = {}
-                    self._sent_count += 1
-                    self._deadline_s = self._clock.now() + MOMENT_S
-                    return message(kind, body=body)
                 self._wake.wait()
         return None
 

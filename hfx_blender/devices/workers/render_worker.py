@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -20,20 +18,16 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
-from ...engine.samples import SampleRun
 from ..configuration import load_device
 from ..host.tones import Tones, frame_of, of_partials
-from ..live.playhead import latencies_ms
 from .haptics import encode_haptics
 from .live_frame import LiveFrame, RenderedDevice, SceneMessage, decode_live_frame, decode_scene
-from .lookahead_cache import LookaheadCache
 from .messages import EVERY_DEVICE, Message, MessageError, MessageKind, encode_values, message
 from .worker_input import messages_of_owner
 
 _log = logging.getLogger(__name__)
 
 _LONGEST_TEXT: Final = 500
-_KEYED: Final = (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK)
 
 
 @dataclass(eq=False)
@@ -46,11 +40,11 @@ class _Rendered:
     numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
     width: int  # actuators that take a waveform
 
-    def answer(self, moment: LiveFrame, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
+    def answer(self, moment: LiveFrame) -> bytes:
         """Message for the device's thread, or for its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
-        values, partials = self.renderer.ahead(moment.runs, later)
+        values, partials = self.renderer.ahead(moment.runs, moment.later)
         gain = moment.gains.get(self.rendered.number, 1.0)
         values = with_gain(values, self.device, gain)
         if self.rendered.has_script and gain:  # a muted script is not called
@@ -96,8 +90,6 @@ class Renderers:
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
             self._rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
-        late = {ms for each in self._rendered.values() for ms in latencies_ms(each.device)}
-        self.lookahead = LookaheadCache(tuple(late))
 
     def answers(self, body: bytes) -> list[bytes]:
         """Messages for all devices.
@@ -109,12 +101,11 @@ class Renderers:
         """
         moment = decode_live_frame(body, self._streams)
         found = []
-        with self.lookahead.answering(moment) as later:
-            for number, each in self._rendered.items():
-                try:
-                    found.append(each.answer(moment, moment.later or later))
-                except Exception as error:
-                    found.append(_fault(number, error))
+        for number, each in self._rendered.items():
+            try:
+                found.append(each.answer(moment))
+            except Exception as error:
+                found.append(_fault(number, error))
         return found
 
 
@@ -132,16 +123,12 @@ def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None
         It is not what it should be.
     """
     if asked.kind is MessageKind.SCENE:
-        if renderers is not None:
-            renderers.lookahead.close()
         renderers = Renderers(decode_scene(asked.body))
         return renderers, renderers.faults
     if renderers is None:
         return None, []
     if asked.kind is MessageKind.MOMENT:
         return renderers, renderers.answers(asked.body)
-    if asked.kind in _KEYED:
-        renderers.lookahead.take(asked.body)
     return renderers, []
 
 
@@ -149,7 +136,6 @@ def main() -> None:
     """Answer until standard input ends."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not garble the answers
-    sys.setswitchinterval(0.0005)  # who looks ahead does not keep a moment waiting
     waiting = messages_of_owner(os.fdopen(os.dup(0), "rb"))
     renderers: Renderers | None = None
     while True:

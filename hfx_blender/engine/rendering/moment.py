@@ -66,7 +66,7 @@ class MomentRenderer:
     ) -> None:
         header = scene if isinstance(scene, TrackHeader) else moment_header(scene, models)
         self.device = device
-        # A moment has no rows before or after it: the lookahead provides later samples.
+        # A moment has no rows before or after it: whoever plays it provides later samples.
         self._renderer = Renderer(
             header, device, models, body_id=body_id, compensates_latency=False
         )

@@ -20,15 +20,16 @@ from ...blender import events
 from ...devices.live import live_settings, live_targets
 from ...files import resources
 from ..evaluation import evaluation
+from ..timeline.timeline_recorder import recorder
 from . import live_handlers
+from .latency import Playback
+from .live_sources import Generation, SceneSource, Source, TrackSource
 from .slow_frames import SlowFrames
-from .track_source import TrackSource, chosen, is_chosen
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient
     from ...engine.rendering.device import DeviceConfig
     from ...engine.surface.surface_drive import SurfaceDrive
-    from .lookahead_scheduler import LookaheadScheduler
 
 HOLD_S = 2.0
 """Time for which a scene that stands still is felt, seconds; then it is silent until something
@@ -41,28 +42,45 @@ class _Connected:
 
     device: DeviceConfig
     has_script: bool
-    late_ms: tuple[float, ...]  # latencies of its actuators that are compensated
     offset_ms: float
 
 
+@dataclass(frozen=True)
+class _Sent:
+    """Last message to the devices, which they still play."""
+
+    at_s: float  # of the monotonic clock
+    time_s: float = 0.0  # of the scene
+    muted: frozenset[str] = frozenset()
+
+
 class Live:
-    """The devices of this Blender."""
+    """The devices of this Blender.
+
+    Attributes
+    ----------
+    tracks : TrackSource
+    slow_frames : SlowFrames
+    fault : str
+        Reason why nothing is played; empty without one.
+    unapproved : set of str
+        Devices whose scripts are to be approved first.
+    approved : dict
+        Fingerprints of the user's own scripts, by device.
+    """
 
     def __init__(self) -> None:
-        self._client: LiveClient | None = None
-        self._devices: dict[str, _Connected] = {}
-        self._generation: object = None  # of what the devices follow: the evaluation, or a track
-        self._is_described = False
         self.tracks = TrackSource()
-        self._changed_s = 0.0
-        self._time_s = 0.0  # of the scene, at the last message to the devices
-        self._muted: set[str] = set()  # then
-        self._is_held = False
-        self._lookahead: LookaheadScheduler | None = None
         self.slow_frames = SlowFrames()
         self.fault = ""
-        self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
-        self.approved: dict[str, str] = {}  # fingerprints of the user's own scripts, by device
+        self.unapproved: set[str] = set()
+        self.approved: dict[str, str] = {}
+        self._scene = SceneSource()
+        self._playback = Playback()
+        self._client: LiveClient | None = None
+        self._devices: dict[str, _Connected] = {}
+        self._described: Generation | None = None  # what the devices were told of
+        self._sent: _Sent | None = None  # None: they have faded
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -80,23 +98,10 @@ class Live:
         return any(each.state == "frozen" for each in self.states.values())
 
     @property
-    def lookahead(self) -> LookaheadScheduler:
-        """Lookahead for actuators with latency."""
-        if self._lookahead is None:
-            from .lookahead_scheduler import LookaheadScheduler
-
-            self._lookahead = LookaheadScheduler()
-        return self._lookahead
-
-    @property
-    def lookahead_fault(self) -> str:
-        """Reason why the lookahead cannot be read; empty if it can, or if no device needs it."""
-        return "" if self._lookahead is None else self._lookahead.reason
-
-    @property
-    def is_busy(self) -> bool:
-        """Test for work left that should be done soon."""
-        return self._lookahead is not None and self._lookahead.has_more
+    def latencies_ms(self) -> set[float]:
+        """Latencies of the connected actuators that are compensated."""
+        devices = [each.device for each in self._devices.values()]
+        return {ms for device in devices for ms in live_targets.latencies_ms(device)}
 
     def state(self, name: str) -> DeviceState | None:
         return self.states.get(name) if name in self._devices else None
@@ -119,7 +124,6 @@ class Live:
         from ...devices.configuration import named_in_blend
         from ...devices.live.approval import is_shipped
         from ...devices.live.client import LiveClient
-        from ...devices.live.playhead import latencies_ms
 
         try:
             device, script = live_targets.named(named_in_blend(name))
@@ -143,18 +147,16 @@ class Live:
             script=None if script is None else script.as_request(),
             offset_ms=settings.offset_ms,
         )
-        self._devices[name] = _Connected(
-            device, script is not None, latencies_ms(device), settings.offset_ms
-        )
-        self._generation = None
-        self._set_latencies()
+        self._devices[name] = _Connected(device, script is not None, settings.offset_ms)
+        self._described = None
+        recorder.is_wanted_by_devices = bool(self.latencies_ms)
         evaluation.before_describing = self._before_describing
         live_handlers.listen(self)
         live_handlers.request_update()
 
     def disconnect(self, name: str) -> None:
         self._devices.pop(name, None)
-        self._set_latencies()
+        recorder.is_wanted_by_devices = bool(self.latencies_ms)
         if self._client is not None:
             self._client.disconnect(name)
             if not self._devices:
@@ -207,7 +209,7 @@ class Live:
         """
         if self._client is None or not self.is_armed:
             return
-        self._changed_s, self._is_held = time.monotonic(), False
+        self._sent = replace(self._sent or _Sent(0.0), at_s=time.monotonic())
         gains = self._gains(bpy.context.scene)
         for name, each in self._devices.items():
             if each.has_script:
@@ -223,6 +225,7 @@ class Live:
         """Silence everything and end the output process."""
         client, self._client = self._client, None
         self._devices.clear()
+        recorder.is_wanted_by_devices = False
         self.forget()
         live_handlers.stop_listening()
         if client is not None:
@@ -232,30 +235,16 @@ class Live:
         """Note that something moved."""
         evaluation.touch()
 
-    def edited(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Note that something other than the time has changed."""
-        if any(each.late_ms for each in self._devices.values()):
-            from .lookahead_scheduler import changed_by
-
-            changed = changed_by(depsgraph)
-            if changed:
-                self.lookahead.edited(changed)
-
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
         evaluation.forget()
         self.tracks.forget()
-        if self._lookahead is not None:
-            self._lookahead.forget()
-        self._is_described = False
+        self._described = None
 
     def fail(self, text: str) -> None:
         """Stop everything and tell the user, after a fault in this process."""
         self.fault = text
         self.stop_all(text)
-
-    def _set_latencies(self) -> None:
-        self.lookahead.set_latencies(ms for each in self._devices.values() for ms in each.late_ms)
 
     def _pause(self) -> None:
         if self._client is not None:
@@ -263,8 +252,12 @@ class Live:
 
     def _before_describing(self) -> None:
         self._pause()
-        if is_chosen(bpy.context.scene):
+        if self._source(bpy.context.scene) is self.tracks:
             live_handlers.request_update()  # it is the preview's scene: the track plays on
+
+    def _source(self, scene: bpy.types.Scene) -> Source:
+        """Source that devices are to play."""
+        return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
     def _choose_schemes(self, scene: bpy.types.Scene) -> None:
         from ...reading.description.scene_devices import scheme_of
@@ -276,7 +269,7 @@ class Live:
     def follow_other(self) -> None:
         """Follow what the user has chosen anew, the scene or a track, from silence."""
         self._pause()
-        self._generation, self.fault = None, ""
+        self._described, self.fault = None, ""
         if self._client is not None:
             live_handlers.request_update()
 
@@ -289,39 +282,27 @@ class Live:
         news = self._client.events()
         if any(each.event == "armed" for each in news):
             live_handlers.request_update()  # it plays from now on: send it the present samples
-        if self._follows_scene:
-            if evaluation.scene is not None and evaluation.scene.rings:
-                evaluation.touch()  # nothing moved, but responses are still ringing
-                self.update(evaluation.scene.objects.scene)
-            self._read_lookahead()
-        if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
-            self._is_held = True
-            self._fade()
+        scene = evaluation.scene
+        if self._described == self._scene.generation and scene is not None and scene.rings:
+            evaluation.touch()  # nothing moved, but responses are still ringing
+            self.update(scene.objects.scene)
+        if self._sent is not None and time.monotonic() - self._sent.at_s > HOLD_S:
+            self._fade(self._sent)
+            self._sent = None
         return bool(news)
 
-    def _fade(self) -> None:
+    def _fade(self, sent: _Sent) -> None:
         """Send neutral values; a script decides by itself how to fade."""
-
         from ...devices.workers.haptics import encode_haptics
 
         if self._client is None:
             return
         for name, each in self._devices.items():
             neutral = each.device.neutral
-            if each.has_script and name not in self._muted:
-                self._client.send_haptics(name, encode_haptics(self._time_s, [], neutral))
+            if each.has_script and name not in sent.muted:
+                self._client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
             else:
                 self._client.send(name, neutral)
-
-    def _read_lookahead(self) -> None:
-        """Read another slice of the lookahead."""
-        client, found = self._client, evaluation.scene
-        if client is None or found is None or not self._is_described:
-            return
-        playhead = self.lookahead.playhead(found.objects.scene, live_handlers.is_playing())
-        self.lookahead.work(
-            playhead, found, lambda body, is_scene: client.send_lookahead(body, is_scene=is_scene)
-        )
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe what is played anew if it has changed; never from within an update.
@@ -331,45 +312,20 @@ class Live:
         InputError
             The chosen track cannot be read.
         """
-        self._choose_schemes(context.scene)
-        if is_chosen(context.scene):
-            self._describe_track(context.scene)
-        else:
-            self._describe_scene(context)
-
-    @property
-    def _follows_scene(self) -> bool:
-        """Test that devices have been told of the scene as it is described now."""
-        return self._generation == evaluation.generation
-
-    def _describe_track(self, scene: bpy.types.Scene) -> None:
-        track = self.tracks.open(scene)
-        generation = "track", self.tracks.generation
-        if self._client is None or generation == self._generation:
-            return
-        self._generation, self.fault = generation, ""
-        self._pause()
-        self.lookahead.forget()
-        self._client.describe(track.header, track.body_id)
-        self._is_described = True
-
-    def _describe_scene(self, context: bpy.types.Context) -> None:
-        from ...engine.rendering.moment import moment_header
         from ...engine.rendering.room import needs_positions
 
-        configs = [each.device for each in self._devices.values()]
-        evaluation.with_positions = needs_positions(configs)
-        evaluation.describe(context)
-        if self._follows_scene:
+        self._choose_schemes(context.scene)
+        evaluation.with_positions = needs_positions(
+            [each.device for each in self._devices.values()]
+        )
+        source = self._source(context.scene)
+        source.open(context)
+        if self._client is None or source.generation == self._described:
             return
-        self._generation, self.fault = evaluation.generation, evaluation.fault
-        found = evaluation.scene
+        self._described, self.fault = source.generation, source.fault
         self._pause()  # models may have to be loaded
-        self.lookahead.forget()
-        self._is_described = found is not None and self._client is not None
-        if found is not None and self._client is not None:
-            body = found.description.bodies[0].id  # devices are worn by the first body
-            self._client.describe(moment_header(found.description), body)
+        if source.is_open:
+            source.begin(self._client)
 
     def update(self, scene: bpy.types.Scene) -> None:
         """Send the current samples; the renderer reports devices that do not fit.
@@ -379,26 +335,19 @@ class Live:
         InputError
             Something of the scene cannot be felt any more, or the track is damaged.
         """
-        if self._client is None or not self.is_armed or not self._is_described:
+        source = self._source(scene)
+        if self._client is None or not self.is_armed or not source.is_open:
             return
-        is_track = is_chosen(scene)
-        current = ("track", self.tracks.generation) if is_track else evaluation.generation
-        if current != self._generation:
+        if source.generation != self._described:
             return  # described anew just now; devices will get it soon
-        from .current_live_frame import current_live_frame
-
-        self._changed_s, self._is_held = time.monotonic(), False
-        numbers = self._numbers()
-        playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
+        is_playing = live_handlers.is_playing()
+        later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
         with self.slow_frames.own_work():
-            if is_track:
-                late = self.lookahead.latencies_ms
-                moment = self.tracks.frame(playhead, self._gains(scene), late)
-            else:
-                moment = current_live_frame(scene, numbers, self.lookahead.edition, playhead)
-        self._time_s = moment.time_s
-        self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
-        self._client.show(moment)
+            frame = source.frame(scene, self._gains(scene), later)
+        states = self.states.items()
+        muted = frozenset(name for name, each in states if not frame.gains.get(each.number, 1.0))
+        self._sent = _Sent(time.monotonic(), frame.time_s, muted)
+        self._client.show(frame)
 
     def apply_mutes(self, scene: bpy.types.Scene) -> None:
         """The user has pressed a mute: that device is silent at once, whatever Blender does."""
@@ -406,21 +355,21 @@ class Live:
             self._client.set_gains(self._gains(scene))
             live_handlers.request_update()
 
-    def _numbers(self) -> dict[str, int]:
-        """Numbers of the connected devices."""
-        return {name: state.number for name, state in self.states.items()}
-
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        from .current_live_frame import gains
-
-        return gains(scene, self._numbers())
+        """Gains that the user has set, by a device's number; 0 is mute."""
+        found = {}
+        for name, state in self.states.items():
+            item = scene.hfx.devices.get(name)
+            if item is not None and (item.is_muted or item.gain != 1.0):
+                found[state.number] = 0.0 if item.is_muted else item.gain
+        return found
 
 
 live = Live()
 
 
 _LISTENERS: Final = {
-    "live track": chosen.add,
+    "live track": live.tracks.chosen.add,
     "live source": live.follow_other,
     "live mutes": live.apply_mutes,
     "live forget": live.forget,

@@ -14,7 +14,6 @@ from ...errors import HfxError
 from ...reading.stepped import stepping
 
 BEAT_S = 0.05
-BUSY_BEAT_S = 0.02
 
 
 class Listener(Protocol):
@@ -23,12 +22,7 @@ class Listener(Protocol):
     @property
     def is_armed(self) -> bool: ...
 
-    @property
-    def is_busy(self) -> bool: ...
-
     def touch(self) -> None: ...
-
-    def edited(self, depsgraph: bpy.types.Depsgraph) -> None: ...
 
     def forget(self) -> None: ...
 
@@ -118,10 +112,8 @@ def _on_change(scene: bpy.types.Scene, *_: object) -> None:
 
 
 @persistent
-def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def _on_update(scene: bpy.types.Scene, *_: object) -> None:
     is_edit = _live is not None and not stepping.is_stepping()
-    if _live is not None and is_edit:
-        _live.edited(depsgraph)
     _on_change(scene)
     if is_edit and not _is_describing and is_playing():
         request_update()  # edits during playback are felt at once
@@ -154,8 +146,6 @@ def _beat() -> float:
         except Exception as error:  # a timer that raises is not called again
             _log.exception("live")
             _live.fail(f"{type(error).__name__}: {error}")
-        if _live.is_busy:
-            return BUSY_BEAT_S
     return BEAT_S
 
 

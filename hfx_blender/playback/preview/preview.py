@@ -20,10 +20,9 @@ from ...blender.events import add_handlers, call_soon, remove_handlers
 from ...errors import HfxError
 from ...reading.description import unreported
 from ...reading.stepped import stepping
+from ..timeline.timeline_recorder import QUIET_S, is_held, recorder
 
 if TYPE_CHECKING:
-    from ..timeline.timeline_record import TimelineRecord
-    from ..timeline.timeline_record_updates import Updates
     from .drawing import ChartDrawing
     from .preview_layers import Preview
 
@@ -35,7 +34,6 @@ _described_s = 0.0
 _compared_for_s = _compared_s = 0.0  # duration and time of the last look for changes
 _cannot_draw = False
 _preview: Preview | None = None
-_updates: Updates | None = None
 _charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and how large
 _draw_handles: list[object] = []
 
@@ -66,16 +64,6 @@ def preview() -> Preview:
     return _preview
 
 
-def updates() -> Updates:
-    """Get the updates of the values over time; created on first use."""
-    global _updates
-    if _updates is None:
-        from ..timeline.timeline_record_updates import Updates
-
-        _updates = Updates()
-    return _updates
-
-
 def touch() -> None:
     """Note that something moved; colours are computed at the next drawing."""
     global _is_drawn
@@ -90,14 +78,14 @@ def forget() -> None:
     _cannot_draw = False
     if _preview is not None:
         _preview.forget()
-    if _updates is not None:
-        _updates.forget()
+    recorder.forget()
     _charts.clear()
 
 
 def _is_on() -> bool:
     manager = bpy.context.window_manager
-    return bool(manager.hfx_preview or manager.hfx_show_actuators or manager.hfx_show_values)
+    is_shown = manager.hfx_preview or manager.hfx_show_actuators or manager.hfx_show_values
+    return bool(is_shown or recorder.is_wanted_by_devices)
 
 
 @persistent
@@ -107,7 +95,7 @@ def on_frame(scene: bpy.types.Scene, *_: object) -> None:
         return
     touch()
     since_s = time.monotonic() - _described_s
-    if since_s < _PLAYING_S or (since_s < _RECORDED_S and _recorded() is not None):
+    if since_s < _PLAYING_S or (since_s < _RECORDED_S and recorder.valid is not None):
         return
     if _is_on():  # not from here: describing evaluates the view layer, which would call this again
         call_soon(look)
@@ -119,16 +107,16 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         return
     if _is_describing:
         # Reading changes nothing, but has Blender evaluate what was changed just before it.
-        if scene == bpy.context.scene and updates().changes(depsgraph):
+        if scene == bpy.context.scene and recorder.changes(depsgraph):
             touch()
             call_soon(_reread)
         return
     touch()
-    updates().notice(depsgraph)
+    recorder.notice(depsgraph)
     if not _is_on():
         return
     call_soon(look)
-    if updates().wants_time:
+    if recorder.wants_time:
         call_soon(_record)
 
 
@@ -184,7 +172,7 @@ def _look_later() -> None:
 
 def _reread() -> None:
     """Note a change that was evaluated while the scene was read."""
-    updates().changed()
+    recorder.changed()
     check_soon()
     redraw()
 
@@ -200,8 +188,8 @@ def describe() -> None:
             _log.info("preview: %s", preview().fault)
         if preview().key != known:
             touch()
-        updates().look(bpy.context.scene)
-        if updates().wants_time:
+        recorder.look(bpy.context.scene)
+        if recorder.wants_time:
             call_soon(_record)
     except (ReferenceError, AttributeError, HfxError):  # no scene at this moment
         forget()
@@ -215,21 +203,19 @@ def describe() -> None:
 def _record() -> float | None:
     """Record a piece of the values over time; called until they are complete."""
     global _is_describing
-    from ..timeline.timeline_record_updates import QUIET_S, is_held
-
-    if not _is_on() or not updates().wants_time:
+    if not _is_on() or not recorder.wants_time:
         return None
     if is_held(bpy.context):
         return QUIET_S
     _is_describing = True  # reading the scene is no change of it
     try:
-        pause = updates().work(bpy.context.scene)
+        pause = recorder.work(bpy.context.scene)
     except Exception:  # a timer that raises shows its traceback and is not called again
         _log.exception("values over time")
         return None
     finally:
         _is_describing = False
-    if updates().wants_time:
+    if recorder.wants_time:
         return pause
     touch()
     redraw()
@@ -239,9 +225,7 @@ def _record() -> float | None:
 
 def _prepare() -> float | None:
     """Prepare the preview of one more frame of the record; called until all are complete."""
-    from ..timeline.timeline_record_updates import QUIET_S, is_held
-
-    recorded, scene = _recorded(), bpy.context.scene
+    recorded, scene = recorder.valid, bpy.context.scene
     if recorded is None or not bpy.context.window_manager.hfx_preview:
         return None
     if is_held(bpy.context):
@@ -270,11 +254,6 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
     redraw()
 
 
-def _recorded() -> TimelineRecord | None:
-    """Values over time, if they are still valid."""
-    return updates().result if updates().is_fresh else None
-
-
 def _draw() -> None:
     global _cannot_draw, _is_drawn
     if not bpy.context.screen.is_animation_playing:  # which looks at intervals
@@ -296,7 +275,7 @@ def draw_over(scene: bpy.types.Scene) -> None:
     from . import drawing
 
     manager, settings, shown = bpy.context.window_manager, scene.hfx, preview()
-    now = settings.palette, _recorded(), scene.frame_current_final
+    now = settings.palette, recorder.valid, scene.frame_current_final
     if manager.hfx_preview:
         layers = shown.layers(*now)
         if layers:
@@ -310,7 +289,7 @@ def _draw_chart() -> None:
     from ..timeline import value_chart
     from . import drawing
 
-    space, scene, found = bpy.context.space_data, bpy.context.scene, updates().result
+    space, scene, found = bpy.context.space_data, bpy.context.scene, recorder.result
     if not bpy.context.window_manager.hfx_show_values or not space.overlay.show_overlays:
         return
     area, region = bpy.context.area, bpy.context.region
@@ -320,7 +299,7 @@ def _draw_chart() -> None:
     if right - left < 120.0:
         return
     if found is None:
-        drawing.write_note(updates().fault or "Values over time: nothing is felt yet", left)
+        drawing.write_note(recorder.fault or "Values over time: nothing is felt yet", left)
         return
     scale = bpy.context.preferences.system.ui_scale
     size = right - left, _TALLEST * region.height, scale
@@ -333,11 +312,11 @@ def _draw_chart() -> None:
         _charts[key] = drawing.ChartDrawing(made)
     shown = _charts[key]
     note = "; ".join(found.notes)
-    if updates().must_step:
+    if recorder.must_step:
         note = "Not up to date: press Update Values"
     elif shown.chart.hidden:
         note = f"{shown.chart.hidden} more rows; enlarge the viewport to see them"
-    shown.draw(left, scene.frame_current_final, updates().is_fresh, note)
+    shown.draw(left, scene.frame_current_final, recorder.is_fresh, note)
 
 
 _HANDLERS = {

@@ -149,7 +149,7 @@ class Preview:
         if recorded is not None and index is not None:
             shown = self._recorded(live, palette, recorded, index)
         if shown is None:
-            shown = self._shown(live, palette, [each for run in self._runs(live) for each in run])
+            shown = self._shown(live, palette, self._runs(live))
         found = []
         for coloured, part in shown:
             skin = self._skins.of(coloured.mesh, live.objects.layer.depsgraph)
@@ -162,13 +162,14 @@ class Preview:
     ) -> Meshes | None:
         """Visible parts at a sample of a record; None where they are not known."""
         known = self._kept.at(recorded, palette, index)
-        samples = recorded.samples(index) if known is None else None
-        if samples is not None:
-            known = self._shown(live, palette, samples)
+        runs = recorded.runs(index) if known is None else None
+        if runs is not None:
+            known = self._shown(live, palette, runs)
             self._kept.keep(index, known)
         return known
 
-    def _shown(self, live: LiveScene, palette: str, samples: list[Sample]) -> Meshes:
+    def _shown(self, live: LiveScene, palette: str, runs: list[SampleRun]) -> Meshes:
+        samples = [sample for run in runs for sample in run]
         found = []
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
             mine = [sample for sample in samples if sample.stream.body_id == described.id]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Values of effects and actuators over the whole timeline, recorded in pieces, beside editing.
 
-It goes the way of an export (reader, engine, renderer), at the preview's tolerance, and is kept
-in memory only.
+It goes the way of an export (reader, engine, renderer), at the tolerance of what is shown and
+played, and is kept in memory only.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from math import floor
 
 import bpy
 import numpy as np
@@ -23,19 +24,20 @@ from ...engine.native import library
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...engine.rendering.render import Renderer
-from ...engine.samples import Sample, SampleRun, Stream
+from ...engine.samples import SampleRun, Stream
 from ...engine.scene import EffectDescription, SceneDescription, TimeBase
-from ...engine.tolerance import PREVIEW
 from ...engine.track.header import TrackHeader
 from ...errors import HfxError, InputError
 from ...reading.description.scene_devices import load_scene_device
+from ...reading.description.scene_tolerance import live_tolerance
 from ...reading.scene_reader import SceneReader, time_base
 
 MOST_SAMPLES = 20_000
 """A longer scene is sampled once a frame; one that is longer still, not at all."""
 
-MOST_ENTRIES = 8_000_000
-"""Felt vertices that are kept for the preview, 8 bytes each; beyond it, it works them out anew."""
+MOST_BYTES = 64_000_000
+"""Memory limit of the samples that are kept, bytes; later ones are evaluated when they are shown,
+and latency is not compensated there."""
 
 
 class NeedsSteppingError(HfxError):
@@ -65,12 +67,26 @@ class TimelineRecord:
     faults: list[str] = field(default_factory=list)  # devices that do not fit
     notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
     groups: dict[str, str] = field(default_factory=dict)  # of effects, by their names
-    _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
-    _entries: int = 0
+    _blocks: list[tuple[int, int, list[SampleRun]]] = field(default_factory=list)
+    _bytes: int = 0
 
     def __post_init__(self) -> None:
         self._first = float(self.frames[0])
         self._per_frame = float(self.time.rate_hz / self.time.fps)
+        self._kept_count = len(self.frames)
+
+    @property
+    def is_cut(self) -> bool:
+        """Test for samples that were not kept."""
+        return self._kept_count < len(self.frames)
+
+    @property
+    def kept_range(self) -> tuple[int, int]:
+        """First and last frame whose samples are kept."""
+        first = self.time.frame_first
+        if not self.is_cut:
+            return first, self.time.frame_last
+        return first, floor(self.frames[self._kept_count - 1]) if self._kept_count else first - 1
 
     def rows(self) -> list[EffectRecord]:
         """Values of the effects; those of a group that are alike are one row, the strongest."""
@@ -91,33 +107,38 @@ class TimelineRecord:
         place, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
         return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
 
-    def samples(self, index: int) -> list[Sample] | None:
-        """Samples at one of the times, as the engine gave them; None where they were not kept."""
-        if self._blocks is None:
+    def runs(self, index: int) -> list[SampleRun] | None:
+        """Samples at one of the times, as runs of one sample of index 0; None: not kept."""
+        if index >= self._kept_count:
             return None
         found = []
         for first, last, runs in self._blocks:
             for run in runs if first <= index <= last else ():
                 place = int(run.indices.searchsorted(index))
                 if place < len(run.indices) and run.indices[place] == index:
-                    found.append(_sample(run, place))
+                    found.append(replace(run.one(place), indices=np.zeros(1, np.int64)))
         return found
 
     def add(self, runs: Sequence[SampleRun]) -> None:
-        """Take a block of times over."""
+        """Add the samples of a block of times, which follow those added before."""
         runs = [run for run in runs if len(run)]
         for run in runs:
             effect = next(each for each in self.effects if each.stream == run.stream)
             effect.values[run.indices] = _peaks(run, effect.neutral)
-            self._entries += len(run.vertices)
-        if self._entries > MOST_ENTRIES:
-            self._blocks = None
-        if self._blocks is not None and runs:
-            first = min(int(run.indices[0]) for run in runs)
+        if not runs or self.is_cut:
+            return
+        first = min(int(run.indices[0]) for run in runs)
+        arrays = [each for run in runs for each in (run.vertices, run.weights, run.positions)]
+        self._bytes += sum(each.nbytes for each in arrays if each is not None)
+        if self._bytes > MOST_BYTES:
+            self._kept_count = first
+        else:
             self._blocks.append((first, max(int(run.indices[-1]) for run in runs), list(runs)))
 
 
-def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord | None]:
+def record(
+    scene: bpy.types.Scene, *, may_step: bool, with_positions: bool = False
+) -> Iterator[TimelineRecord | None]:
     """Record a scene piece by piece; the last thing that it yields is the whole.
 
     Parameters
@@ -125,6 +146,8 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
     may_step : bool
         Whether scenes may be set to other frames. It must then be run to its end in one go, as
         frames are restored there.
+    with_positions : bool
+        Samples tell where they are, for devices that stand in the room.
 
     Raises
     ------
@@ -134,7 +157,14 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
         There is nothing to feel, the timeline is too long, or there are volumes and no compiled
         part.
     """
-    reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PREVIEW, is_probed=may_step)
+    tolerance = live_tolerance(scene)
+    reader = SceneReader(
+        scene,
+        rate_hz=_rate(scene),
+        tolerance=tolerance,
+        with_positions=with_positions,
+        is_probed=may_step,
+    )
     if not may_step and reader.steps():
         raise NeedsSteppingError("The scene has to be stepped through for that.")
     described = reader.description
@@ -157,7 +187,8 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
         groups={each.name: effects.group_of(each) for each in swarms.listed_effects(scene)},
     )
     renderers = _renderers(scene, header, found.faults)
-    engine = Engine(described, tolerance=PREVIEW)
+    wanted = ("positions",) if with_positions else ()
+    engine = Engine(described, record=wanted, tolerance=tolerance)
     for block in reader.blocks():
         runs = engine.evaluate(block)
         found.add(runs)
@@ -240,17 +271,3 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
         weights[filled] = np.maximum.reduceat(run.weights, starts[filled])
     found: F64 = weights[run.set_of] * run.levels * (strength - neutral)
     return found
-
-
-def _sample(run: SampleRun, place: int) -> Sample:
-    """Sample of a run, as far as it shows."""
-    which = place if run.sets is None else int(run.sets[place])
-    part = slice(int(run.offsets[which]), int(run.offsets[which + 1]))
-    return Sample(
-        float(run.times_s[place]),
-        run.stream,
-        run.vertices[part],
-        run.weights[part],
-        float(run.levels[place]),
-        run.parameters[place],
-    )

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tolerance that is stored in a scene."""
+"""Tolerances that are stored in a scene: of its exports, and of what is shown and played."""
 
 from __future__ import annotations
 
 import bpy
 
 from ...blender.stored_values import bad_values
-from ...engine.tolerance import Tolerance, parse
+from ...engine.tolerance import PREVIEW, Tolerance, parse
 from ...errors import InputError, UsageError
 
 
@@ -27,3 +27,14 @@ def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
         return parse(scene.hfx.tolerance_custom)
     except UsageError as error:
         raise InputError(f"Scene '{scene.name}': {error}.") from error
+
+
+def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
+    """Read the tolerance of the preview and of live devices.
+
+    Raises
+    ------
+    InputError
+        What is stored is no tolerance.
+    """
+    return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
-from ...playback.live.track_source import summary
+from ...playback.timeline.timeline_recorder import recorder
 from ...properties.scenes import SCHEMES
 from ..device_icons import forget_icons, icon_of
 from ..sidebar import HfxPanel, draw_text
@@ -39,7 +40,7 @@ def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
     if hfx.live_source == "TRACK":
         column.prop(hfx, "live_track", text="")
         column.operator("hfx.record_track", icon="REC")
-        draw_text(context, layout, summary(context.scene, live.tracks))
+        draw_text(context, layout, live.tracks.summary(context.scene))
 
 
 def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
@@ -88,9 +89,8 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             _draw_source(context, layout)
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
-        elif live.lookahead_fault and live.states:
-            text = f"Latency is compensated from the second playback on: {live.lookahead_fault}"
-            draw_text(context, layout, text, "INFO")
+        elif live.latencies_ms and context.scene.hfx.live_source == "SCENE":
+            _draw_latency(context, layout)
         for item in context.scene.hfx.devices:
             _draw_device(context, layout.box(), item)
         row = layout.row(align=True)
@@ -101,6 +101,15 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             column = layout.column(align=True)
             column.label(text="Play Space")
             column.prop(context.scene.hfx, "play_space", text="")
+
+
+def _draw_latency(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw where latency is not compensated, and what helps."""
+    text = uncompensated(context.scene)
+    if text:
+        draw_text(context, layout, text, "INFO")
+    if recorder.must_step:
+        layout.operator("hfx.update_values", icon="FILE_REFRESH")
 
 
 def _draw_device(

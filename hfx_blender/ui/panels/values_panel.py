@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ...playback.preview import preview
+from ...playback.timeline.timeline_recorder import recorder
 from ..sidebar import HfxPanel, draw_text
 
 
@@ -22,9 +23,8 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
         column.prop(context.window_manager, "hfx_show_values", icon="FCURVE", toggle=True)
         column.prop(context.window_manager, "hfx_show_actuators", icon="LIGHT_POINT", toggle=True)
         layout.prop(context.scene.hfx, "preview_opacity", slider=True)
-        known = preview.updates()
-        if context.window_manager.hfx_show_values and known.must_step:
-            draw_text(context, layout, known.fault, "INFO")
+        if context.window_manager.hfx_show_values and recorder.must_step:
+            draw_text(context, layout, recorder.fault, "INFO")
             layout.operator("hfx.update_values", icon="FILE_REFRESH")
         if context.window_manager.hfx_show_actuators and not len(context.scene.hfx.devices):
             draw_text(
@@ -32,11 +32,11 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
             )
         notes = [
             *(preview.preview().notes if context.window_manager.hfx_show_actuators else ()),
-            *(known.result.notes if known.result is not None else ()),
+            *(recorder.result.notes if recorder.result is not None else ()),
         ]
         for note in dict.fromkeys(notes):
             draw_text(context, layout, note, "INFO")
-        for fault in known.result.faults if known.result is not None else ():
+        for fault in recorder.result.faults if recorder.result is not None else ():
             draw_text(context, layout, fault, "ERROR")
 
 

@@ -185,8 +185,8 @@ def test_paths_of_other_machines(path: str, beside: str | None, is_far: bool) ->
 
 
 def test_a_track_of_another_machine_or_kind_is_not_opened(registered: Any, tmp_path: Path) -> None:
-    from hfx_blender.playback.live import track_source
-    from hfx_blender.playback.live.track_source import TrackSource
+    from hfx_blender.playback.live.live import live
+    from hfx_blender.playback.live.live_sources import TrackSource
 
     scene = bpy.context.scene
     pipe = tmp_path / "p.hfxtrack"
@@ -198,12 +198,11 @@ def test_a_track_of_another_machine_or_kind_is_not_opened(registered: Any, tmp_p
         ("\\\\server\\share\\a.hfxtrack", "another machine"),
     ):
         scene.hfx.live_track = path
-        track_source.chosen.clear()  # as after opening a file that names it
-        with pytest.raises(InputError, match=told):
-            TrackSource().open(scene)
+        with pytest.raises(InputError, match=told):  # as after opening a file that names it
+            TrackSource().open(bpy.context)
     scene.hfx.live_track = "\\\\server\\share\\b.hfxtrack"  # the user chooses it
     with pytest.raises(InputError, match="no such file"):
-        TrackSource().open(scene)
+        live.tracks.open(bpy.context)
     scene.hfx.live_track = ""
 
 

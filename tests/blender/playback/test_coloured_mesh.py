@@ -163,7 +163,7 @@ def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
         raise AssertionError(f"sample {index} is known")
 
     with monkeypatch.context() as patch:
-        patch.setattr(TimelineRecord, "samples", asked_again)
+        patch.setattr(TimelineRecord, "runs", asked_again)
         for frame in (1, 2, 3, 4, 5, 7, 8):  # at 6 the clip ends
             scene.frame_set(frame)
             again = [layer.shown for layer in now(preview, found, frame)]

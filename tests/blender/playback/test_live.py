@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +19,7 @@ import pytest
 
 import hfx_blender
 from hfx_blender.authoring.clips import clips
-from hfx_blender.blender import compat
+from hfx_blender.blender import compat, events
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery, live_settings, live_targets
 from hfx_blender.devices.live.discovery import FoundPort
@@ -33,9 +32,12 @@ from hfx_blender.files import resources
 from hfx_blender.operators.live import live_setup
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live as live_module
-from hfx_blender.playback.live import live_handlers, lookahead_scheduler
+from hfx_blender.playback.live import live_handlers
+from hfx_blender.playback.live.latency import uncompensated
 from hfx_blender.playback.live.live import live
+from hfx_blender.playback.preview import preview as preview_module
 from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_tolerance import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
@@ -251,22 +253,6 @@ def test_an_export_is_not_played(log: Path) -> None:
     assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
 
 
-def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
-    play(log)
-    edition = live.lookahead.edition
-    rumble = bpy.data.objects["Rumble"]
-
-    def change() -> None:
-        rumble.update_tag()
-        bpy.context.view_layer.update()
-
-    with stepping.scratch_scene(bpy.context.scene, [rumble]):
-        change()
-    assert live.lookahead.edition == edition
-    change()
-    assert live.lookahead.edition > edition
-
-
 def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     play(log)
 
@@ -344,29 +330,28 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
 
 
 @pytest.fixture
-def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Beside the pad, which answers after 20 ms, one that answers after four frames."""
+def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Beside the pad, which answers after half a frame, a device that answers after 100 ms: two
+    frames and a half. All changes of the scene are noticed, as with a window.
+    """
     folder = tmp_path / "devices"
     folder.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(folder))
-    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 0.0)
     content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
-        kind["latency_ms"] = 160.0
+        kind["latency_ms"] = 100.0
     (folder / "late.json").write_text(json.dumps(content))
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
-    bpy.context.scene.render.fps = 25  # each frame is a sample of the export's 100 Hz
+    bpy.context.scene.render.fps = 25  # each frame is four samples of 100 Hz
     path = tmp_path / "late.jsonl"
     bpy.ops.hfx.live_add(name="late")
     bpy.ops.hfx.live_connect(name="late", kind="SIMULATOR", path=str(path))
     play(path)
-    return path
-
-
-def is_read() -> bool:
-    """Test that the whole lookahead has been read."""
-    return live.lookahead.is_read
+    events.add_handlers(preview_module._HANDLERS)
+    yield path
+    events.remove_handlers(preview_module._HANDLERS)
+    recorder.forget()
 
 
 def last(path: Path) -> list[float]:
@@ -374,9 +359,8 @@ def last(path: Path) -> list[float]:
 
 
 def test_late_actuators_are_given_what_an_export_has_when_they_answer(
-    log: Path, late: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = bpy.context.scene
     rumble = bpy.data.objects["Rumble"]
     for frame, amplitude in ((1, 1.0), (24, 24.0)):  # by a metre per second squared each frame
         rumble.hfx.amplitude = amplitude
@@ -384,88 +368,65 @@ def test_late_actuators_are_given_what_an_export_has_when_they_answer(
     for curve in compat.fcurves(rumble):
         for key in curve.keyframe_points:
             key.interpolation = "LINEAR"
-    until(is_read)
-    export_scene(scene, tmp_path, "x", ExportSettings(full_precision=True))
-    with TrackReader(tmp_path / f"x{SUFFIX}") as track:
-        ((_, exported),) = render_devices(track, [replace_latency(load_device(PAD))])
-    assert live.lookahead.reason == ""
+    bpy.context.view_layer.update()
+    recorder.update_now(bpy.context.scene)
     monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
     for frame in (8, 11, 14):  # the clip is from 10 to 20
-        time_s = (frame - 1) / 25.0 + 0.16
-        wanted = exported.values[int(np.argmin(np.abs(exported.times_s - time_s)))].tolist()
-        assert wanted[0] > 0.0
 
-        def is_given(frame: int = frame, wanted: list[float] = wanted) -> bool:
+        def is_given(frame: int = frame) -> bool:
             go(frame)
-            return last(late) == pytest.approx(wanted, rel=1e-5)
+            return last(late)[:1] == pytest.approx([frame + 2.5], rel=1e-5)
 
         until(is_given)
     monkeypatch.setattr(live_handlers, "is_playing", lambda: False)
-    go(7)  # scrubbing: the clip has not begun
+    go(8)  # scrubbing: the clip has not begun
     until(lambda: not is_loud(late))
 
 
-def replace_latency(device: Any) -> Any:
-    """The device with actuators that answer at once."""
-    actuators = tuple(
-        replace(each, type=replace(each.type, latency_ms=0.0)) for each in device.actuators
-    )
-    return replace(device, actuators=actuators)
-
-
-def test_what_is_edited_while_it_plays_is_what_comes(
+def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
     log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    until(is_read)
-    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
-
-    def is_ahead() -> bool:  # as soon as it was worked out
-        go(7)
-        return is_loud(late) and not is_loud(log)
-
-    until(is_ahead)
+    scene = bpy.context.scene
     bpy.data.objects["Rumble"].hfx.is_muted = True
-    bpy.data.objects["Rumble"].update_tag()
+    bpy.ops.hfx.add_volume(modality="vibration", shape="CUBOID", name="Box", location=(9, 0, 1.2))
+    box = bpy.context.object
+    for frame, x in ((1, 9.0), (12, 0.0)):  # it comes at once, at frame 12
+        box.location.x = x
+        box.keyframe_insert("location", frame=frame)
+    for curve in compat.fcurves(box):
+        for key in curve.keyframe_points:
+            key.interpolation = "CONSTANT"
     bpy.context.view_layer.update()
-
-    def is_silent() -> bool:
-        go(7)
-        return not is_loud(late)
-
-    assert bpy.app.timers.is_registered(live_handlers._describe)
-    until(is_silent)
-    bpy.data.objects["Rumble"].hfx.is_muted = False
-    bpy.data.objects["Rumble"].update_tag()
-    bpy.context.view_layer.update()
-
-    def is_felt() -> bool:
-        go(7)
-        return is_loud(late)
-
-    until(is_felt)
-
-
-def test_what_cannot_be_known_ahead_says_why_and_is_known_when_it_comes_by_again(
-    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rumble = bpy.data.objects["Rumble"]
-    rumble.hfx.body.constraints.new("COPY_LOCATION")
-    rumble.constraints.new("COPY_LOCATION")
-    bpy.context.view_layer.update()
-    evaluation.forget()
     live_handlers._describe()
-    until(lambda: "constraints" in live.lookahead.reason)
     monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
-    go(7)
-    until(lambda: not is_loud(late) and not is_loud(log))
 
-    def is_felt_early() -> bool:
-        go(11)
-        time.sleep(0.02)  # until it is on its way
-        go(7)
-        return is_loud(late) and not is_loud(log)
+    def until_at(frame: int, of_pad: bool, of_late: bool) -> None:
+        def is_so() -> bool:
+            go(frame)
+            return (is_loud(log), is_loud(late)) == (of_pad, of_late)
 
-    until(is_felt_early)
+        until(is_so)
+
+    def until_on_time() -> None:
+        until_at(9, False, False)  # 100 ms later it is frame 11.5
+        until_at(10, False, True)  # 100 ms later it is frame 12.5
+        until_at(12, True, True)
+
+    assert recorder.valid is None
+    until_at(10, False, False)
+    assert "not compensated yet" in uncompensated(scene)
+    until_at(12, True, True)
+    recorder.update_now(scene)
+    assert uncompensated(scene) == ""
+    until_on_time()
+    bpy.data.objects["Box"].hfx.amplitude = 3.0  # an edit while it plays
+    preview_module.look()
+    bpy.context.view_layer.update()
+    assert recorder.valid is None
+    until_at(10, False, False)
+    until_at(12, True, True)
+    recorder.update_now(scene)
+    until_on_time()
 
 
 def test_the_offset_of_a_device_is_set_while_it_plays_and_remembered(log: Path) -> None:
@@ -612,8 +573,6 @@ def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> 
         send_haptics=lambda name, _: told.append((name, "haptics")),
     )
     for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
-        connected = live_module._Connected(load_device(PAD), has_script, (), 0.0)
-        found._devices[name] = connected
-    found._muted = {"muted"}
-    found._fade()
+        found._devices[name] = live_module._Connected(load_device(PAD), has_script, 0.0)
+    found._fade(live_module._Sent(0.0, muted=frozenset({"muted"})))
     assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

@@ -18,9 +18,9 @@ from hfx_blender.engine.colouring import PALETTES
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.actuator_glow import Discs
 from hfx_blender.playback.preview.preview_layers import Preview
-from hfx_blender.playback.timeline import timeline_record_updates, value_chart
+from hfx_blender.playback.timeline import timeline_recorder, value_chart
 from hfx_blender.playback.timeline.timeline_record import NeedsSteppingError, TimelineRecord, record
-from hfx_blender.playback.timeline.timeline_record_updates import Updates
+from hfx_blender.playback.timeline.timeline_recorder import TimelineRecorder
 
 PAPER = PALETTES["PAPER"]
 
@@ -70,11 +70,11 @@ def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
     scene.frame_set(15)
     preview = Preview()
     preview.describe(bpy.context)
-    (sample,) = found.samples(found.index(15) or 0) or ()
+    ((sample,),) = found.runs(found.index(15) or 0) or ()
     ((live,),) = evaluation.runs()
     assert np.array_equal(sample.vertices, live.vertices)
     assert sample.level == pytest.approx(live.level)
-    assert found.samples(found.index(30) or 0) == []
+    assert found.runs(found.index(30) or 0) == []
     assert found.index(60) is None, "the timeline has ended"
 
 
@@ -200,10 +200,10 @@ def test_what_follows_from_no_curve_is_stepped_only_when_asked_for(
 
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeline_record_updates, "QUIET_S", 0.0)
+    monkeypatch.setattr(timeline_recorder, "QUIET_S", 0.0)
 
 
-def until_done(updates: Updates, scene: Any) -> None:
+def until_done(updates: TimelineRecorder, scene: Any) -> None:
     end = time.monotonic() + 30.0
     while updates.wants_time and time.monotonic() < end:
         updates.work(scene)
@@ -212,7 +212,7 @@ def until_done(updates: Updates, scene: Any) -> None:
 def test_values_are_recorded_once_and_anew_after_a_change(
     squeeze: Any, scene: Any, soon: None
 ) -> None:
-    updates = Updates()
+    updates = TimelineRecorder()
     updates.look(scene)
     until_done(updates, scene)
     assert updates.is_fresh and updates.count == 1
@@ -230,7 +230,7 @@ def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
     squeeze: Any, scene: Any, soon: None
 ) -> None:
     squeeze.driver_add("hfx.intensity").driver.expression = "0.5 + 0.0 * frame"
-    updates = Updates()
+    updates = TimelineRecorder()
     updates.changed()
     until_done(updates, scene)
     assert updates.must_step and not updates.is_fresh
@@ -240,7 +240,7 @@ def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
 
 def test_deleting_what_is_being_recorded_is_no_error(squeeze: Any, scene: Any, soon: None) -> None:
     scene.frame_end = 400
-    updates = Updates()
+    updates = TimelineRecorder()
     updates.changed()
     updates.work(scene)
     bpy.data.objects.remove(squeeze)

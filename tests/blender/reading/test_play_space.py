@@ -15,12 +15,10 @@ import pytest
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.script_rendering import render_devices
-from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.reading.curves.keyframe_reader import KeyframeReader
 from hfx_blender.reading.description.play_space import pose_now
 from hfx_blender.reading.description.scene_tolerance import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
@@ -85,11 +83,6 @@ def test_live_samples_tell_where_they_are_if_that_is_needed(fan: DeviceConfig) -
     found = LiveScene(scene, layer, tolerance, with_positions=True)
     (run,) = found.runs()
     assert run.positions is not None and len(run.positions) == len(run.vertices)
-    ahead = KeyframeReader(found)
-    coming = ahead.block(0, np.array([3.5])).at(0, ahead.scene(0))
-    (later,) = Engine(found.description, record=found.record).evaluate(coming)
-    assert later.positions is not None
-    assert later.positions == pytest.approx(run.positions, abs=1e-6)
 
 
 def test_a_play_space_that_something_else_moves_is_told(fan: DeviceConfig, tmp_path: Path) -> None:

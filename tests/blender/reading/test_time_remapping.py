@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.scene import TimeBase
-from hfx_blender.reading.curves.keyframe_reader import KeyframeReader
+from hfx_blender.playback.timeline.timeline_record import record
+from hfx_blender.reading.description.scene_tolerance import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
 bpy = pytest.importorskip("bpy")
@@ -86,11 +87,18 @@ def test_a_second_is_a_second_of_playing_and_clips_are_told_so(scene: Any, ball:
     )
 
 
-def test_what_comes_is_looked_up_at_remapped_frames(scene: Any, ball: Any) -> None:
+def test_recorded_values_are_those_of_remapped_frames(scene: Any, ball: Any) -> None:
     oracle.key(ball, "location", [(1, (0, 0, 0.2)), (40, (0, 0, 1.3))])
-    live = LiveScene(scene, bpy.context.view_layer, oracle.PAPER)
-    block = KeyframeReader(live).block(1, np.array([6.0, 9.5]))
-    for row, frame in enumerate((6.0, 9.5)):
-        oracle.set_time(scene, oracle.Fraction(frame))
-        here = oracle.world_matrix(scene, ball)[:3, 3]
-        np.testing.assert_allclose(block.effects[0].matrices[row, :3, 3], here, atol=1e-5)
+    *_, found = record(scene, may_step=True)
+    assert found is not None
+    live = LiveScene(scene, bpy.context.view_layer, scene_tolerance(scene))
+    touched = 0
+    for frame in (6.0, 9.5):
+        index = found.index(frame)
+        assert index is not None
+        oracle.set_time(scene, oracle.Fraction(found.frames[index]))
+        for one, other in zip(found.runs(index) or (), live.runs(), strict=True):
+            touched += len(one.vertices)
+            assert one.vertices.tolist() == other.vertices.tolist()
+            np.testing.assert_allclose(one.weights, other.weights, atol=1e-4)
+    assert touched

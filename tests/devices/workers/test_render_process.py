@@ -24,7 +24,6 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.device_thread import Question
 from hfx_blender.devices.host.tones import frame_of, of_partials
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.devices.workers.live_frame import (
     LiveFrame,
     RenderedDevice,
@@ -107,12 +106,13 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         felt(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
         felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
     ]
-    playhead = Playhead(7.5, 1, 24, 23.98, True, -1)
-    sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
+    later = {30.0: [felt(STREAMS[1], 1.0, 90.0)], 100.0: []}
+    sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), later)
     found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
     assert (found.time_s, found.gains) == (2.5, {7: 0.5})
     assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
-    assert (found.edition, found.playhead) == (3, playhead)
+    assert [len(found.later[ms]) for ms in (30.0, 100.0)] == [1, 0]
+    assert found.later[30.0][0].parameters.tolist() == [[1.0, 90.0]]
     for before, after in zip(runs, found.runs, strict=True):
         assert after.stream == before.stream
         names = "levels parameters offsets vertices weights positions focus"
@@ -135,7 +135,7 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         b"nonsense",
         encode_json({}),
         encode_arrays({}, {}),
-        encode_arrays({"playhead": [1]}, {}),
+        encode_arrays({"time_s": 1.0, "later": [1]}, {}),
     ],
 )
 def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
@@ -184,9 +184,7 @@ def test_gain_and_mute_are_of_one_device():
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
 
 
-def test_late_actuators_get_what_is_felt_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
     content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
@@ -196,11 +194,8 @@ def test_late_actuators_get_what_is_felt_later(
     device = worn("late", folder=tmp_path)
     now = decode_values(answered((device,), moment(3.0))[1])
     alone = decode_values(answered((device,), LiveFrame(1.0, later))[1])
-    renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
-    with monkeypatch.context() as patched:
-        patched.setattr(renderers.lookahead, "_later", lambda shown: {30.0: later})
-        (ahead,) = renderers.answers(encode_live_frame(moment(3.0), places()))
-    assert decode_values(ahead[7:]).tolist() == alone.tolist() != now.tolist()
+    ahead = answered((device,), replace(moment(3.0), later={30.0: later}))[1]
+    assert decode_values(ahead).tolist() == alone.tolist() != now.tolist()
 
 
 def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
@@ -236,54 +231,11 @@ def test_what_renders_ends_with_the_output_process():
         assert worker.wait(PATIENCE_S) == 0
 
 
-def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked = Asked().process
-    worker: Any = object()
-    monkeypatch.setattr(asked, "_start", lambda: setattr(asked, "_process", worker))
-
-    def told() -> list[tuple[MessageKind, bytes]]:
-        """All that is told until there is nothing left."""
-        found = []
-        while asked._scene or asked._moment or asked._sent_count < len(asked._lookahead):
-            asked._deadline_s = None
-            content = asked._next(worker)
-            assert content is not None
-            found.append((MessageKind(content[4]), content[7:]))
-        return found
-
-    keyed = [
-        (MessageKind.KEYED_SCENE, b"scene"),
-        (MessageKind.KEYED_BLOCK, b"1"),
-        (MessageKind.KEYED_BLOCK, b"2"),
-    ]
-    asked.describe(b"first")
-    for each in keyed[:2]:
-        asked.add_lookahead(*each)
-    assert told() == [(MessageKind.SCENE, b"first"), *keyed[:2]]
-    asked.add_lookahead(*keyed[2])
-    asked.show(b"now", {})
-    assert told() == [(MessageKind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
-    asked._process = None
-    asked.restart()
-    assert told() == [(MessageKind.SCENE, b"first"), *keyed]
-    asked.add_lookahead(MessageKind.KEYED_SCENE, b"edited")
-    asked._process = None
-    asked.restart()
-    assert told() == [(MessageKind.SCENE, b"first"), (MessageKind.KEYED_SCENE, b"edited")]
-    asked.describe(b"second")
-    assert told() == [(MessageKind.SCENE, b"second")]
-
-
-def test_another_scene_ends_the_lookahead_of_the_one_before() -> None:
+def test_nothing_is_rendered_before_a_scene_is_described() -> None:
     body = encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),)))
     first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
-    assert first is not None
-    assert taken(Message(MessageKind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
     second, faults = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), first)
     assert second is not first and not faults
-    assert first.lookahead._is_closed
     assert taken(Message(MessageKind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
 
 

@@ -43,7 +43,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(green > 60, f"actuators on the chest glow green ({green:.0f} pixels)")
     bpy.context.window_manager.hfx_preview = True
 
-    known = hands.module("playback.preview.preview").updates()
+    known = hands.module("playback.timeline.timeline_recorder").recorder
     yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
     before = known.count
     x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches above it

@@ -12,6 +12,7 @@ import bpy
 from ...authoring.effects import effects, swarms
 from ...errors import HfxError
 from ...reading.stepped import stepping
+from ..evaluation import evaluation
 
 if TYPE_CHECKING:
     from .timeline_record import TimelineRecord
@@ -34,16 +35,33 @@ _CHANGES_NOTHING = (
 )
 
 
-class Updates:
-    """Newest record of one scene, and its validity."""
+class TimelineRecorder:
+    """Newest record of one scene, and its validity.
+
+    Attributes
+    ----------
+    result : TimelineRecord or None
+    is_fresh : bool
+        Nothing has changed since it was made.
+    must_step : bool
+        Frames would have to be set in Blender, which only a person starts; ``fault`` says why.
+    fault : str
+        Reason why there is no record.
+    count : int
+        Number of records that were made.
+    is_wanted_by_devices : bool
+        Latency of connected devices is compensated from the record.
+    """
+
+    count = 0
+    is_wanted_by_devices = False
 
     def __init__(self) -> None:
         self.result: TimelineRecord | None = None
         self.is_fresh = False
-        self.must_step = False  # only a person starts that
+        self.must_step = False
         self._is_settled = False
         self.fault = ""
-        self.count = 0  # of records that were made, for tests
         self._key: tuple[object, ...] = ()
         self._changed_s = 0.0
         self._running: Iterator[TimelineRecord | None] | None = None
@@ -51,11 +69,14 @@ class Updates:
 
     def forget(self) -> None:
         """Drop everything: another file, or an undo."""
-        count = self.count
         self._stop()
         self.__init__()  # type: ignore[misc]
-        self.count = count
         self.changed()
+
+    @property
+    def valid(self) -> TimelineRecord | None:
+        """The newest record, unless something has changed since."""
+        return self.result if self.is_fresh else None
 
     def changed(self) -> None:
         """Mark the record as outdated."""
@@ -116,7 +137,7 @@ class Updates:
         self._key = _key_of(scene)
         self._is_working = True
         try:
-            *_, found = record(scene, may_step=True)
+            *_, found = record(scene, may_step=True, with_positions=evaluation.with_positions)
             self._done(found, "")
         finally:
             self._is_working = False
@@ -128,7 +149,7 @@ class Updates:
             if not (swarms.listed_effects(scene) and effects.bodies_of(scene)):
                 self._done(None, "")
                 return
-            self._running = record(scene, may_step=False)
+            self._running = record(scene, may_step=False, with_positions=evaluation.with_positions)
         try:
             found = next(self._running)
         except NeedsSteppingError as error:
@@ -162,7 +183,12 @@ def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
         unit.system,
         unit.scale_length,
         tuple((device.name, device.scheme) for device in scene.hfx.devices),
+        (scene.hfx.live_tolerance, scene.hfx.tolerance, scene.hfx.tolerance_custom),
+        evaluation.with_positions,
     )
+
+
+recorder = TimelineRecorder()
 
 
 def is_held(context: bpy.types.Context) -> bool:

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Latency compensation: late actuators begin now what is felt when they answer.
+
+Samples of that later time are taken from the record of values over the timeline, or from the
+track that is played. Without playback nobody knows what comes: all actuators play the present.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import count
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...blender.scene_units import fps_of
+from ..timeline.timeline_recorder import recorder
+
+if TYPE_CHECKING:
+    from ...engine.samples import SampleRun, Stream
+
+
+class Playback:
+    """Playback of the open scene: which frame is shown some time from now."""
+
+    def __init__(self) -> None:
+        self._frame: float | None = None
+        self._step = 1  # frames of a step; -1 in reverse
+        self._is_doubtful = False
+
+    def frames_after(
+        self, scene: bpy.types.Scene, delays_ms: Iterable[float], *, is_playing: bool
+    ) -> dict[float, float]:
+        """Frames that are shown after some milliseconds, by these; empty unless it plays.
+
+        To be called once a frame: Blender does not tell the direction of playback.
+        """
+        first, last = played_range(scene)
+        frame = scene.frame_current_final
+        self._infer_direction(frame, last + 1 - first, is_playing)
+        if not is_playing:
+            return {}
+        frames = {ms: frame + self._step * ms / 1000.0 * fps_of(scene) for ms in delays_ms}
+        return {ms: self._wrapped(then, frame, first, last) for ms, then in frames.items()}
+
+    def _infer_direction(self, frame: float, length: int, is_playing: bool) -> None:
+        """One frame that goes the other way is a jump, two are another direction."""
+        before, self._frame = self._frame, frame
+        if not is_playing or before is None:
+            self._step, self._is_doubtful = 1, False
+            return
+        moved = frame - before
+        if abs(moved) > length / 2:  # it began again at the other end
+            moved = -moved
+        is_contrary = moved * self._step < 0
+        if is_contrary and self._is_doubtful:
+            self._step = -self._step
+        if moved:
+            self._is_doubtful = is_contrary and not self._is_doubtful
+
+    def _wrapped(self, then: float, now: float, first: int, last: int) -> float:
+        """Wrap a frame as playback does: after the last comes the first; in reverse, the
+        opposite.
+        """
+        length = last + 1 - first
+        if self._step > 0 and then >= last + 1 and now <= last:
+            return first + (then - last - 1) % length
+        if self._step < 0 and then < first <= now:
+            return last - (first - 1 - then) % length
+        return then
+
+
+def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
+    """First and last frame that is played."""
+    if scene.use_preview_range:
+        return scene.frame_preview_start, scene.frame_preview_end
+    return scene.frame_start, scene.frame_end
+
+
+def recorded_runs(
+    frames: Mapping[float, float], streams: Sequence[Stream]
+) -> dict[float, list[SampleRun]]:
+    """Samples of the record at some frames, by the keys of these; none where it does not hold.
+
+    Parameters
+    ----------
+    frames : mapping
+    streams : sequence of Stream
+        Of the live scene, in whose slots instances are put.
+    """
+    record = recorder.valid
+    if record is None:
+        return {}
+    indices = {ms: record.index(frame) for ms, frame in frames.items()}
+    found = {ms: record.runs(index) for ms, index in indices.items() if index is not None}
+    return {ms: _in_slots(runs, streams) for ms, runs in found.items() if runs is not None}
+
+
+def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRun]:
+    """Runs as of the live scene: its instances have numbers of slots, a record's their own."""
+    known = set(streams)
+    if all(run.stream in known for run in runs):
+        return runs
+    numbers: dict[tuple[str, str], count[int]] = {}
+    found = []
+    for run in runs:
+        stream = run.stream
+        if stream not in known:
+            source = stream.effect_id.partition(":")[0]
+            number = next(numbers.setdefault((source, stream.body_id), count()))
+            stream = replace(stream, effect_id=f"{source}:~{number}")
+        if stream in known:
+            found.append(replace(run, stream=stream))
+    return found
+
+
+def uncompensated(scene: bpy.types.Scene) -> str:
+    """Sentences about where latency is not compensated, and the cure; empty if it is."""
+    if recorder.must_step:
+        return f"Latency is not compensated. {recorder.fault} Press Update Values."
+    record = recorder.valid
+    if record is None:
+        return "Latency is not compensated" + (
+            f": {recorder.fault}"
+            if recorder.fault
+            else " yet: values over time are recorded while nothing is edited or played."
+        )
+    (first, last), (begin, end) = played_range(scene), record.kept_range
+    ends = (first, min(last, begin - 1)), (max(first, end + 1), last)
+    gaps = [f"{low} to {high}" for low, high in ends if low <= high]
+    if not gaps:
+        return ""
+    cure = "Extend the scene's frame range."
+    if record.is_cut:
+        cure = "The record of values over time is full: lower the rate, or shorten the scene."
+    return f"Latency is not compensated in frames {' and '.join(gaps)}. {cure}"

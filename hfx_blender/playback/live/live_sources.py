@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sources of what connected devices play: the open scene, or a track in step with its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import bpy
+
+from ...authoring.effects import effects
+from ...blender.scene_units import fps_of
+from ...devices.workers.live_frame import LiveFrame
+from ...errors import InputError, refuse_no_file
+from ...files.hashes import is_elsewhere
+from ...reading.description.play_space import pose_now
+from ..evaluation import evaluation
+from ..timeline.timeline_recorder import recorder
+from .latency import recorded_runs
+
+if TYPE_CHECKING:
+    from ...devices.live.client import LiveClient
+    from ...devices.live.played_track import PlayedTrack
+    from ...engine.samples import Stream
+
+Generation = tuple[str, int]
+"""Kind of a source, and a number that rises with each description of it."""
+
+
+class Source(Protocol):
+    """Interface of a source."""
+
+    @property
+    def generation(self) -> Generation: ...
+
+    @property
+    def is_open(self) -> bool:
+        """Test for something that can be played."""
+
+    @property
+    def fault(self) -> str:
+        """Reason why nothing can be played, or empty."""
+
+    def open(self, context: bpy.types.Context) -> None:
+        """Describe what is played anew, if it has changed; never from within an update.
+
+        Raises
+        ------
+        InputError
+            The chosen track cannot be read.
+        """
+
+    def begin(self, client: LiveClient) -> None:
+        """Describe what is played to the connected devices."""
+
+    def frame(
+        self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
+    ) -> LiveFrame:
+        """Samples of the present frame.
+
+        Parameters
+        ----------
+        gains : mapping
+            As of :class:`LiveFrame`.
+        later : mapping
+            Latencies of actuators, ms, to the frames that are shown when they answer.
+
+        Raises
+        ------
+        InputError
+            Something of the scene cannot be felt any more, or the file is damaged.
+        """
+
+
+class SceneSource:
+    """The open scene; later samples are those of its record of values over the timeline."""
+
+    def __init__(self) -> None:
+        self._streams: tuple[Stream, ...] = ()
+
+    @property
+    def generation(self) -> Generation:
+        return "scene", evaluation.generation
+
+    @property
+    def is_open(self) -> bool:
+        return evaluation.scene is not None
+
+    @property
+    def fault(self) -> str:
+        return evaluation.fault
+
+    def open(self, context: bpy.types.Context) -> None:
+        evaluation.describe(context)
+        recorder.look(context.scene)
+
+    def begin(self, client: LiveClient) -> None:
+        from ...engine.rendering.moment import moment_header
+
+        assert evaluation.scene is not None
+        description = evaluation.scene.description
+        header = moment_header(description)
+        self._streams = header.streams
+        client.describe(header, description.bodies[0].id)  # the first body wears the devices
+
+    def frame(
+        self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
+    ) -> LiveFrame:
+        assert evaluation.scene is not None
+        objects = evaluation.scene.objects
+        return LiveFrame(
+            scene.frame_current_final / fps_of(scene),
+            evaluation.runs(),
+            gains,
+            pose_now(scene, objects.layer, objects.unit_m) if evaluation.with_positions else None,
+            recorded_runs(later, self._streams),
+        )
+
+
+class TrackSource:
+    """The chosen track.
+
+    Attributes
+    ----------
+    track : PlayedTrack or None
+    chosen : set of str
+        Tracks that were chosen in this session, not only named in a file that was opened.
+    """
+
+    fault = ""
+
+    def __init__(self) -> None:
+        self.track: PlayedTrack | None = None
+        self.chosen: set[str] = set()
+        self._number = 0
+        self._key: tuple[object, ...] = ()
+
+    @property
+    def generation(self) -> Generation:
+        return "track", self._number
+
+    @property
+    def is_open(self) -> bool:
+        return self.track is not None
+
+    def open(self, context: bpy.types.Context) -> None:
+        from ...devices.live.played_track import PlayedTrack
+
+        scene = context.scene
+        path = self._path(scene)
+        bodies = effects.bodies_of(scene)
+        wearer = bodies[0].hfx.uid if bodies else None
+        refuse_no_file(path)
+        found = path.stat()
+        key = str(path), found.st_mtime_ns, found.st_size, wearer
+        if self.track is None or key != self._key:
+            self.forget()
+            track = PlayedTrack(path)
+            if wearer in [body.id for body in track.header.bodies]:
+                track.body_id = wearer
+            self.track, self._key = track, key
+
+    def _path(self, scene: bpy.types.Scene) -> Path:
+        """Path of the track that a scene has chosen.
+
+        Raises
+        ------
+        InputError
+            None is chosen, or it may not be opened.
+        """
+        from ...engine.track import SUFFIX
+
+        if not scene.hfx.live_track:
+            raise InputError("Choose a track, or press Record Track.")
+        path = Path(bpy.path.abspath(scene.hfx.live_track))
+        source = Path(bpy.data.filepath) if bpy.data.filepath else None
+        if path.suffix.lower() != SUFFIX:
+            raise InputError(f"{path}: is no track; choose a {SUFFIX} file.")
+        if is_elsewhere(path, source) and scene.hfx.live_track not in self.chosen:
+            raise InputError(f"{path}: is on another machine; choose it anew to play it.")
+        return path
+
+    def forget(self) -> None:
+        """Close the track; the scene may have become another one."""
+        if self.track is not None:
+            self.track.close()
+        self.track, self._key = None, ()
+        self._number += 1
+
+    def begin(self, client: LiveClient) -> None:
+        assert self.track is not None
+        self.track.begin(client)
+
+    def frame(
+        self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
+    ) -> LiveFrame:
+        assert self.track is not None
+        track, fps = self.track, fps_of(scene)
+        times_s = {ms: track.time_s(frame, fps) for ms, frame in later.items()}
+        now_s = track.time_s(scene.frame_current_final, fps)
+        return track.frame(now_s, later_s=times_s, gains=gains)
+
+    def summary(self, scene: bpy.types.Scene) -> str:
+        """Sentence about the open track for the panel; empty if none is open."""
+        track = self.track
+        if track is None:
+            return ""
+        length_s = track.end_s - track.start_s
+        last = track.time.scene_start + track.end_s * fps_of(scene)
+        first = track.time.scene_start + track.start_s * fps_of(scene)
+        count = len(track.header.effects)
+        return (
+            f"{count} effect{'' if count == 1 else 's'}, {length_s:.1f} s, "
+            f"frames {first:.0f}-{last - 1:.0f}"
+        )
