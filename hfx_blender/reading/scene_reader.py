@@ -151,7 +151,8 @@ class SceneReader:
         self._with_far = with_far
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
-        found = replace(found, dormant=_dormant(found, self.time))
+        states = zip(found.effects, found.activations, strict=True)
+        found = replace(found, dormant=dormant.asleep(scene, self.time, states))
         found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
@@ -484,14 +485,6 @@ class SceneReader:
             spots = np.array([row.index for row in truth])
             reading = self._pass(plan, stack, EXACT, spots)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
-
-
-def _dormant(found: scene_description.HapticObjects, time: TimeBase) -> dict[bpy.types.Object, str]:
-    """Effects without any possible sample, and the reasons."""
-    frames = dormant.frames_read(found.scene, time)
-    pairs = zip(found.effects, found.activations, strict=True)
-    reasons = ((effect, dormant.why_dormant(effect, state, frames)) for effect, state in pairs)
-    return {effect: why for effect, why in reasons if why is not None}
 
 
 def _simulation(

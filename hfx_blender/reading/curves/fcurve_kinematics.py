@@ -8,13 +8,13 @@ what else there is.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import bpy
 import numpy as np
 
 from ...blender import compat
-from ...engine.arrays import F64
+from ...engine.arrays import F64, I64
 from ...engine.kinematics.bone_hierarchy import rotations, transforms
 from ...engine.kinematics.keyed_rig import KeyedRig, rotation_channel
 from .animation_curves import AnimatedValues, NotModelledError
@@ -191,23 +191,11 @@ class PlainRig:
 
     def __init__(self, obj: bpy.types.Object, parents: Parents | None = None) -> None:
         self.body = (parents or Parents()).object(obj)
-        data = obj.data
-        if data.pose_position != "POSE":
-            raise NotModelledError(f"'{obj.name}' shows its rest position")
-        if data.animation_data is not None and (
-            data.animation_data.action is not None or len(data.animation_data.drivers)
-        ):
-            raise NotModelledError(f"the armature of '{obj.name}' is animated itself")
+        _refuse_other_poses(obj)
         self._names = [bone.name for bone in obj.pose.bones]
         index = {name: k for k, name in enumerate(self._names)}
+        data = obj.data
         bones = [data.bones[name] for name in self._names]
-        for posed, bone in zip(obj.pose.bones, bones, strict=True):
-            if any(not each.mute for each in posed.constraints):
-                raise NotModelledError(f"bone '{bone.name}' of '{obj.name}' has constraints")
-            if not bone.use_inherit_rotation or bone.inherit_scale != "FULL":
-                raise NotModelledError(
-                    f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
-                )
         matrices = np.empty((len(data.bones), 4, 4), np.float32)
         data.bones.foreach_get("matrix_local", matrices.ravel())
         order = [data.bones.find(name) for name in self._names]
@@ -216,20 +204,8 @@ class PlainRig:
         self._relative = {bone.name for bone in bones if bone.use_relative_parent}
         modes = [bone.rotation_mode for bone in obj.pose.bones]
         still = {name: self._current(name) for name in (*_rotations(modes), *_OTHERS)}
-        # Columns of the sampled values by bone and component.
-        places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in still}
         self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
-        for (path, number), column in self._values.columns.items():
-            match = BONE_PATH.match(path)
-            if match is None:
-                if not _HARMLESS.match(path):
-                    raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
-                continue
-            name = bpy.utils.unescape_identifier(match[1])
-            if match[2] == "rotation_mode":
-                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
-            if name in index and match[2] in places:
-                places[match[2]].append((column, index[name], number))
+        places = _channel_places(obj, self._values.columns, index)
         self.keyed = KeyedRig(
             tuple(-1 if bone.parent is None else index[bone.parent.name] for bone in bones),
             rest,
@@ -237,7 +213,7 @@ class PlainRig:
             tuple(modes),
             np.flatnonzero([b.use_connect and b.parent is not None for b in bones]),
             still,
-            {name: np.array(found).T for name, found in places.items() if found},
+            {name: places[name] for name in still if name in places},
         )
         self._kept_pose = _Kept(self._pose)
 
@@ -275,6 +251,57 @@ class PlainRig:
         seat = seat @ self.keyed.rest[k]
         seat[:, :3, 3] += seat[:, :3, 1] * along * self._lengths[bone]
         return seat
+
+
+def _refuse_other_poses(obj: bpy.types.Object) -> None:
+    """Refuse an armature whose bones move by more than their F-curves and their parents.
+
+    Raises
+    ------
+    NotModelledError
+    """
+    data = obj.data
+    if data.pose_position != "POSE":
+        raise NotModelledError(f"'{obj.name}' shows its rest position")
+    if data.animation_data is not None and (
+        data.animation_data.action is not None or len(data.animation_data.drivers)
+    ):
+        raise NotModelledError(f"the armature of '{obj.name}' is animated itself")
+    for posed in obj.pose.bones:
+        bone = data.bones[posed.name]
+        if any(not each.mute for each in posed.constraints):
+            raise NotModelledError(f"bone '{bone.name}' of '{obj.name}' has constraints")
+        if not bone.use_inherit_rotation or bone.inherit_scale != "FULL":
+            raise NotModelledError(
+                f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
+            )
+
+
+def _channel_places(
+    obj: bpy.types.Object, columns: Mapping[tuple[str, int], int], bones: Mapping[str, int]
+) -> dict[str, I64]:
+    """Places of sampled values by channel, (3, n): column, bone, and which of its numbers.
+
+    ``bones`` are the numbers of an armature's bones by their names.
+
+    Raises
+    ------
+    NotModelledError
+        An animated property of a bone moves it otherwise.
+    """
+    found: dict[str, list[tuple[int, int, int]]] = {}
+    for (path, number), column in columns.items():
+        match = BONE_PATH.match(path)
+        if match is None:
+            if not _HARMLESS.match(path):
+                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+            continue
+        name = bpy.utils.unescape_identifier(match[1])
+        if match[2] == "rotation_mode":
+            raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+        if name in bones:
+            found.setdefault(match[2], []).append((column, bones[name], number))
+    return {name: np.array(places).T for name, places in found.items()}
 
 
 _OTHERS = ("location", "scale")

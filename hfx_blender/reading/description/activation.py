@@ -7,6 +7,7 @@ writes it and it keeps its last value. So the animation data is asked first.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
@@ -78,12 +79,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         return Activation(ActivationSource.ANIMATED, clips=named)
     if not pairs:
         return Activation(ActivationSource.ALWAYS_ON)
-    solo = any(track.is_solo for track in data.nla_tracks)
-    playing = [
-        strip
-        for track, strip in pairs
-        if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
-    ]
+    playing = _playing_strips(data, pairs)
     if not playing:
         return Activation(ActivationSource.OFF, clips=named)
     if any(strip.extrapolation != "NOTHING" for strip in playing):
@@ -91,6 +87,18 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
     timed = tuple(Clip(strip.name, *span) for strip, span in zip(playing, spans, strict=True))
     return Activation(ActivationSource.ANIMATED, spans, named, timed)
+
+
+def _playing_strips(
+    data: bpy.types.AnimData, pairs: Iterable[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]
+) -> list[bpy.types.NlaStrip]:
+    """Strips, of those given with their tracks, that the NLA evaluates."""
+    solo = any(track.is_solo for track in data.nla_tracks)
+    return [
+        strip
+        for track, strip in pairs
+        if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
+    ]
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:

@@ -6,6 +6,8 @@ They keep their place in the scene's description and in the track, and the repor
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import bpy
 import numpy as np
 
@@ -39,6 +41,17 @@ def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
     beside = grid_step(time.rate_hz)
     indices = np.arange(-beside, time.sample_count + beside)
     return animation_frames(scene, sample_frames(time, indices))
+
+
+def asleep(
+    scene: bpy.types.Scene,
+    time: TimeBase,
+    states: Iterable[tuple[bpy.types.Object, activation.Activation]],
+) -> dict[bpy.types.Object, str]:
+    """Effects, of those given with when they are on, without any possible sample, and why."""
+    frames = frames_read(scene, time)
+    reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
+    return {effect: why for effect, why in reasons if why is not None}
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:

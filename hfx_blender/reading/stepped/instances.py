@@ -13,7 +13,7 @@ and the file may each have an object of the same name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -64,6 +64,18 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     found = reached_from(instancers) if instancers else set()
     named = {obj.name_full: obj for obj in found if _is_volume(obj)}
     return dict(sorted(named.items()))
+
+
+def _states(
+    scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
+) -> dict[str, activation.Activation]:
+    """When each of some volumes is on, by their full names; solo volumes silence all others."""
+    every = {obj.name_full: obj for obj in effects.effects_of(scene)}
+    silenced = effects.silenced({**every, **sources}.values())
+    return {
+        name: activation.SILENCED if source in silenced else activation.activation_of(source)
+        for name, source in sources.items()
+    }
 
 
 def _is_volume(obj: bpy.types.Object) -> bool:
@@ -147,21 +159,13 @@ class Sources:
         sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
         warned = (text for each in sound.values() for text in each)
         every = {name: source for name, source in every.items() if source in sound}
-        scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
-        silenced = effects.silenced({**scene, **every}.values())
-        states = {
-            name: activation.SILENCED if source in silenced else activation.activation_of(source)
-            for name, source in every.items()
-        }
+        states = _states(found.scene, every)
         self.warnings = (*warned, *soundness.left_out(bad))
         self.notes = soundness.non_finite_keyframes(every.values())
-        frames = None if time is None else dormant.frames_read(found.scene, time)
         self.activations = {every[name]: state for name, state in states.items()}
-        self.asleep: dict[bpy.types.Object, str] = {}
-        for name, state in states.items():
-            why = None if frames is None else dormant.why_dormant(every[name], state, frames)
-            if why is not None:
-                self.asleep[every[name]] = why
+        self.asleep = (
+            {} if time is None else dormant.asleep(found.scene, time, self.activations.items())
+        )
         self.states = {
             name: state
             for name, state in states.items()
