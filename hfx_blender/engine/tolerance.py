@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tolerance: the one setting of speed against accuracy.
 
-The engine and the scene reader choose the cheapest way that keeps it: samples in each cell of
-skin, level of detail, sub-steps in time, which poses are read and which are interpolated.
+The engine chooses the cheapest way that keeps it: samples in each cell of skin, level of detail,
+sub-steps in time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Tolerance:
     """
 
     name: str
-    time_s: float  # by which motion that is interpolated may be early or late
+    time_s: float  # by which motion may be early or late; every sample is read, so it never is
     spacing_share: float  # of the distance between neighbouring vertices
     distance_m: float
     amplitude: float  # at an actuator, share of its full scale

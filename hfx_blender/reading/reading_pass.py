@@ -7,10 +7,9 @@ near no skin only the places.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from functools import partial
 
 import bpy
 import numpy as np
@@ -18,18 +17,14 @@ import numpy as np
 from ..authoring.responses import responses
 from ..avatars import avatar_meshes
 from ..engine.arrays import F64, I64, Bool
-from ..engine.body.model import load_model
 from ..engine.response.paths import OVERLAP
 from ..engine.scene import (
     AnimationBlock,
     EffectBlock,
-    HapticSurface,
     PoseBlock,
     SceneDescription,
     SurfaceBinding,
 )
-from ..engine.tolerance import Tolerance
-from ..engine.volume.placing_matrix import world_bounds
 from .curves.animation_curves import NotModelledError
 from .curves.animation_time import animation_frames
 from .curves.curve_reading import EffectChunks
@@ -37,12 +32,10 @@ from .description import response_values
 from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
 from .reading_plan import Plan
 from .stepped import stepping
-from .stepped.adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .stepped.nearness import SkinBoxes, may_meet
 from .stepped.scene_rows import Row, effect_block, pose_block, silence
-from .stepped.slow_motion import is_shown_by
 from .stepped.stepped_reading import SteppedReading
-from .stepped.stepped_volumes import SteppedVolumes, near, over_time, swept
+from .stepped.stepped_volumes import SteppedVolumes, near, over_time
 
 
 def objects_of(
@@ -72,9 +65,7 @@ class Pass:
         scene: SceneDescription,
         reading: SteppedReading,
         *,
-        tolerance: Tolerance,
         always_posed: bool,
-        stretch_of: Callable[[int], tuple[int, int]],
         stack: ExitStack,
         spots: I64 | None = None,
         with_far: bool = False,
@@ -103,9 +94,6 @@ class Pass:
         self._outlined = self._skins_of_surfaces()
         self._unread = set(self._outlined)  # of these: near no volume, only bounds are read
         self._last: dict[int, Row] = {}  # the last ones, which the next block may begin with
-        self._rows: dict[int, Row] = {}
-        self._cell = (0, -1)
-        self._near: list[Volume] = []
         self._whole = self._light = None
         if plan.in_own_scene:
             self._whole = self._light = stack.enter_context(stepping.own_scene(found))
@@ -115,7 +103,6 @@ class Pass:
             self._whole = self._light = self._scratch(needed, stack)
             if stepped and self._bodies:
                 self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
-        self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 
     def _skins_of_surfaces(self) -> dict[int, SkinBoxes]:
         """Bodies that follow their mesh, whose bounds can tell that no volume reaches them."""
@@ -139,112 +126,17 @@ class Pass:
                 return stack.enter_context(stepping.scratch_scene(scene, others, rigs))
         return stack.enter_context(stepping.scratch_scene(scene, objects))
 
-    def _adaptive_poses(
-        self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
-    ) -> AdaptivePoses | None:
-        """None where every sample is to be read."""
-        if any(isinstance(e.area, HapticSurface) for e in self._scene.effects):
-            return None  # a stroke is its speed: nothing of it may be interpolated
-        step = grid_step(self._scene.time.rate_hz)
-        joint = self._effects and self._plan.in_own_scene
-        if not self._bodies or self._plan.is_exact or joint or step == 1:
-            return None
-        if tolerance.time_s == 0.0:
-            return None
-        if self._scene.time.rate_hz < 2 * self._scene.time.fps:
-            return None  # frames are that far apart that looking costs more than it saves
-        apart = float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)
-        if not is_shown_by(apart, [self._found.bodies[k] for k in self._bodies]):
-            return None  # what swings between two poses would be missed
-        motions: dict[tuple[int, str], VertexMotion] = {}
-        for k in self._bodies:
-            binding = self._scene.bodies[k].binding
-            if isinstance(binding, SurfaceBinding):
-                return None
-            for model_id in {self._scene.effects[each].model_id for each in self._volumes}:
-                model, fitted = load_model(model_id), binding.fitted.get(model_id)
-                placed = model if fitted is None else fitted.of(model)
-                motions[k, model_id] = VertexMotion(placed, binding, tolerance)
-        period_s = 1.0 / float(self._scene.time.rate_hz)
-
-        def allows(span: Span) -> bool:
-            volumes = self._volumes_over(span.cell)
-            return all(
-                motion.allows(
-                    span,
-                    partial(poses.bones, body=k),
-                    [volume for volume in volumes if volume.model_id == model_id],
-                    period_s,
-                )
-                for (k, model_id), motion in motions.items()
-            )
-
-        time = self._scene.time
-        offset = (time.frame_first - time.scene_start) * time.rate_hz / time.fps
-        poses = AdaptivePoses(self._read_shown, stretch_of, allows, step, int(offset // 1))
-        return poses
-
-    def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
-        """The volumes that may be felt over a part of the grid."""
-        if self._cell != cell:
-            self._cell, self._near = cell, []
-            indices = np.arange(cell[0], cell[1] + 1)
-            placed = self._places_over(indices)
-            for k in self._volumes:
-                described = self._scene.effects[k]
-                if k not in self._plan.effects:
-                    self._near.append(Volume(described.model_id, *placed[k]))
-                    continue
-                effect = self._chunks.read(k, indices)
-                if effect.matrices is None or not (effect.levels > 0.0).any():
-                    continue
-                box = world_bounds(effect.shapes[0], effect.matrices)
-                self._near.append(
-                    Volume(
-                        described.model_id,
-                        box[:, 0].min(axis=0),
-                        box[:, 1].max(axis=0),
-                        effect.matrices,
-                    )
-                )
-        return self._near
-
-    def _places_over(self, indices: I64) -> dict[int, tuple[F64, F64, F64]]:
-        """Boxes of volumes that are stepped, by their corners, and matrices."""
-        found: dict[int, tuple[F64, F64, F64]] = {}
-        if self._far and self._light is not None:
-            rows = [self._effects_at(index, self._light) for index in indices.tolist()]
-            places = over_time([row.places for row in rows if row.places is not None])
-            (low, high), matrices = swept(places, self._found.unit_m)
-            found = {k: (low[n], high[n], matrices[:, n]) for n, k in self._far.items()}
-        everywhere, still = np.full(3, np.inf), np.repeat(np.eye(4)[None], len(indices), axis=0)
-        for k in self._effects:
-            found.setdefault(k, (-everywhere, everywhere, still))
-        return found
-
     def _effects_at(self, index: int, stepper: stepping.Stepper) -> Row:
-        """Values of effects at one time; poses that are interpolated ask ahead for them."""
-        row = self._rows.get(index)
-        if row is not None:
-            self._complete([row], self._full)
-            return row
+        """Values of effects at one time."""
         row = self._reading.read(index, stepper, self._full, ())
         if self._far:
             row.places = self._placed.read(stepper)
             self._reading.counters.places_read += len(self._placed)
-        if self._adaptive is not None:
-            self._rows[index] = row
         return row
 
     def _frames(self, indices: I64) -> F64:
         """Frames of the animation at samples."""
         return animation_frames(self._found.scene, sample_frames(self._scene.time, indices))
-
-    def _read_shown(self, index: int) -> Poses:
-        """Poses of bodies that nothing hides."""
-        assert self._whole is not None
-        poses = self._reading.read(index, self._whole, (), self._bodies).poses
-        return {k: pose for k, pose in poses.items() if pose is not None}
 
     @np.errstate(invalid="ignore", over="ignore")  # what is no number is told by the engine
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
@@ -271,8 +163,6 @@ class Pass:
                 wanted |= ~(effects[k].levels <= 0.0)
         idle = self._idle(frames, wanted)
         self._full = [k for k in self._full if k not in idle]
-        beside = int(indices[0]) - grid_step(self._scene.time.rate_hz)
-        self._rows = {k: row for k, row in self._rows.items() if k > beside}
         is_stepped = len(idle) < len(self._effects)
         rows = [
             self._row(int(i), w, is_stepped) for i, w in zip(indices, wanted.tolist(), strict=True)
@@ -388,7 +278,7 @@ class Pass:
         if index in self._last:
             return self._last[index]
         row = Row(index)
-        joint = self._adaptive is None and (is_posed or self._light is self._whole)
+        joint = is_posed or self._light is self._whole
         stepper = self._whole if joint else self._light
         if is_stepped and stepper is not None:
             row = self._effects_at(index, stepper)
@@ -396,9 +286,6 @@ class Pass:
                 not row.effects[k].level <= 0.0 for k in self._full if k in self._volumes
             )
         if not is_posed or not self._bodies:
-            return row
-        if self._adaptive is not None:
-            row.poses = dict(self._adaptive.at(index))
             return row
         if self._whole is not None and not (is_stepped and joint):
             self._reading.read(index, self._whole, (), ())

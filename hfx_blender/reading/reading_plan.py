@@ -19,7 +19,6 @@ from .curves.animation_curves import NotModelledError
 from .curves.curve_reading import CurveBody, CurveEffect, is_steady
 from .curves.fcurve_kinematics import Parents
 from .curves.presampled_rig import PresampledRig
-from .description import visibility
 from .description.scene_description import HapticObjects
 from .stepped import stepping
 
@@ -35,7 +34,7 @@ class Plan:
     presampled: dict[int, PresampledRig] = field(
         default_factory=dict
     )  # bodies that only Blender can pose
-    is_exact: bool = False  # every sample that is stepped is read; none is interpolated
+    in_one_go: bool = False  # the own scene is read from its first sample on, one after another
     is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 
     @property
@@ -51,7 +50,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:
-        return Plan(reason=handler, in_own_scene=True, is_exact=True, is_sequential=True)
+        return Plan(reason=handler, in_own_scene=True, in_one_go=True, is_sequential=True)
     plan = Plan()
     reasons = []
     parents = Parents()
@@ -78,7 +77,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
         plan,
         reason=own or reasons[0],
         in_own_scene=own is not None,
-        is_exact=found.simulation is not None or any(map(visibility.is_keyed, found.bodies)),
+        in_one_go=found.simulation is not None,
         presampled={} if own else _presampled(found, scene, plan),
     )
 

@@ -104,7 +104,7 @@ class SceneReader:
     rate_hz : Fraction, optional
         Samples a second; the scene's own setting by default.
     tolerance : Tolerance
-        How exact motion must be between the times that are truly read.
+        That of the engine, which evaluates what is read; every sample is read exactly.
     with_positions : bool
         Also read the poses of bodies on which nothing but painted effects act.
     with_velocities : bool
@@ -314,7 +314,7 @@ class SceneReader:
         None: any part of them, of whole blocks, can be read alone and gives the same.
         """
         plan = self._plan_now()
-        return plan.reason if plan.in_own_scene and plan.is_exact else None
+        return plan.reason if plan.in_own_scene and plan.in_one_go else None
 
     def blocks(self, part: tuple[int, int] | None = None) -> Generator[AnimationBlock, None, None]:
         """Read blocks of :attr:`sample_indices`; scenes are left unchanged.
@@ -336,7 +336,7 @@ class SceneReader:
             wanted = wanted[(wanted >= part[0]) & (wanted < part[1])]
             wanted = np.concatenate([self._earlier(part[0]), wanted])
         with ExitStack() as stack:
-            reading = self._pass(plan, stack, self.tolerance)
+            reading = self._pass(plan, stack)
             own = None
             if self._instances.descriptions:
                 own = stack.enter_context(self._instances.stepper())
@@ -369,18 +369,13 @@ class SceneReader:
             self._plan = self._checked_plan()
         return self._plan
 
-    def _pass(
-        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, spots: I64 | None = None
-    ) -> Pass:
-        is_exact = self._with_velocities or bool(self._instances.descriptions)
+    def _pass(self, plan: Plan, stack: ExitStack, spots: I64 | None = None) -> Pass:
         return Pass(
             plan,
             self._found,
             self._described,
             self._reading,
-            tolerance=EXACT if is_exact else tolerance,
             always_posed=self._always_posed,
-            stretch_of=self._stretch_of,
             stack=stack,
             spots=spots,
             with_far=self._with_far,
@@ -413,23 +408,6 @@ class SceneReader:
         end = max(self._found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
 
-    def _stretch_of(self, index: int) -> tuple[int, int]:
-        """Samples around one over which volumes can be on, whatever range is exported.
-
-        They are looked for near it only: what is farther away is of other parts of the grid.
-        """
-        reach = int(self.time.rate_hz) + 1
-        near = np.arange(index - reach, index + reach + 1)
-        off = ~self._may_be_on(near, scene_description.IN_SCENE)
-        if self._always_posed:
-            off[:] = False
-        if off[reach]:
-            return index, index
-        below, above = np.flatnonzero(off[:reach]), np.flatnonzero(off[reach:])
-        first = int(near[below[-1]]) + 1 if len(below) else int(near[0])
-        last = index + int(above[0]) - 1 if len(above) else int(near[-1])
-        return first, last
-
     def _checked_plan(self) -> Plan:
         """Cheapest plan that agrees with the user's own scene at a few times."""
         plan = plan_of(self._found, self._described, self._shapes)
@@ -457,14 +435,14 @@ class SceneReader:
             stepped = Plan(
                 reason="a few frames came out differently from F-curves",
                 in_own_scene=plan.in_own_scene,
-                is_exact=plan.is_exact,
+                in_one_go=plan.in_one_go,
             )
             if plan.in_own_scene == in_own_scene or self._agrees(stepped, truth):
                 return stepped
         return Plan(
             reason="a few frames came out differently in a scratch scene",
             in_own_scene=True,
-            is_exact=True,
+            in_one_go=True,
         )
 
     def _as_evaluated(self, probes: list[int], in_own_scene: bool) -> list[Row]:
@@ -483,7 +461,7 @@ class SceneReader:
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
             spots = np.array([row.index for row in truth])
-            reading = self._pass(plan, stack, EXACT, spots)
+            reading = self._pass(plan, stack, spots)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
+from ...engine.response.paths import OVERLAP
 from ...engine.scene import TimeBase
 from ..curves.animation_time import animation_frames
 from ..stepped import stepping
-from ..stepped.adaptive_reading import grid_step
 from . import activation
 from .scene_description import sample_frames
 from .visibility import is_keyed
@@ -33,13 +33,8 @@ _INTENSITY = "hfx.intensity"
 
 
 def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
-    """Frames of the animation at all samples, and at those beside them for motion.
-
-    With the part of the grid of :mod:`.adaptive_reading` that goes over either end, what is felt
-    at a sample does not depend on the range that is read.
-    """
-    beside = grid_step(time.rate_hz)
-    indices = np.arange(-beside, time.sample_count + beside)
+    """Frames of the animation at all samples, and at those beside them for motion."""
+    indices = np.arange(-OVERLAP, time.sample_count + OVERLAP)
     return animation_frames(scene, sample_frames(time, indices))
 
 

@@ -69,7 +69,7 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
 def _states(
     scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
 ) -> dict[str, activation.Activation]:
-    """When each of some volumes is on, by their full names; solo volumes silence all others."""
+    """Activations of volumes, by their full names; solo volumes silence all others."""
     every = {obj.name_full: obj for obj in effects.effects_of(scene)}
     silenced = effects.silenced({**every, **sources}.values())
     return {

@@ -53,18 +53,6 @@ class PoseRow:
             )
         )
 
-    def between(self, other: PoseRow, share: float) -> PoseRow:
-        """Interpolate linearly to another pose."""
-
-        def blend(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-            return None if a is None or b is None else a + (b - a) * share
-
-        return PoseRow(
-            self.to_world + (other.to_world - self.to_world) * share,
-            blend(self.bones, other.bones),
-            blend(self.surface, other.surface),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Places:
