@@ -2,10 +2,11 @@
 """Make the pictures and the measured tables of the documentation anew.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
-``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those. ``assets``
-is the library of the Asset Browser, to be made anew when a sensation of ``effect_library``
-changes. The trade takes half an hour on an idle machine, a minute or two with ``--short``.
-``avatars`` fits models to a hundred avatars whose answer is known; it needs MakeHuman's data
+``schema``, ``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those.
+``schema`` is the JSON Schema of device configurations. ``assets`` is the library of the Asset
+Browser, to be made anew when a sensation of ``effect_library`` changes. The trade takes half an
+hour on an idle machine, a minute or two with ``--short``. ``avatars`` fits models to a hundred
+avatars whose answer is known; it needs MakeHuman's data
 (``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and is made only
 where it is named. The table of ``safety`` is made of what ``hfx bench safety --json`` printed,
 idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
@@ -35,7 +36,7 @@ def main() -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="pictures, devices, assets, bodies, tracks, surfaces, trade, safety, avatars",
+        help="pictures, devices, schema, assets, bodies, tracks, surfaces, trade, safety, avatars",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument(
@@ -43,13 +44,15 @@ def main() -> None:
     )
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
-    usual = "pictures devices assets bodies tracks surfaces trade"
+    usual = "pictures devices schema assets bodies tracks surfaces trade"
     subjects = options.subjects or usual.split()
     PICTURES.mkdir(exist_ok=True)
     if "pictures" in subjects:
         demo()
     if "devices" in subjects:
         devices()
+    if "schema" in subjects:
+        schema()
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
         module = "hfx_tools.demo.sensation_assets"
@@ -114,6 +117,15 @@ def devices() -> None:
         device_pictures.draw(name, folder / f"{name}.png")
     gallery = "\n".join(f"| `{n}` | ![{n}](../device_configs/pictures/{n}.png) |" for n in names)
     replace_part(DOCS / "devices.md", "gallery", f"| device | worn |\n|---|---|\n{gallery}")
+
+
+def schema() -> None:
+    """Write the JSON Schema of device configurations, for editors."""
+    from hfx_blender.files import resources
+    from hfx_tools.json_schema import device_schema
+
+    path = resources.device_configs() / "schema" / "device.schema.json"
+    path.write_text(device_schema(), encoding="utf-8")
 
 
 def trade(scene: str, short: bool) -> None:

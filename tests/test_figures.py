@@ -82,7 +82,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     (
         "formats/index.md",
         r"JSON \| (\d+) MiB; a device, a path or a layout (\d+) MiB",
-        lambda: (json_shapes.MAX_BYTES / 2**20, strict_json.MAX_BYTES / 2**20),
+        lambda: (strict_json.MAX_BYTES / 2**20, json_shapes.MAX_OWN_BYTES / 2**20),
     ),
     (
         "formats/index.md",
@@ -118,7 +118,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     (
         "device-configuration.md",
         r"at most (\d+) MiB of UTF-8, nested at most (\d+) deep",
-        lambda: (strict_json.MAX_BYTES / 2**20, strict_json.MAX_DEPTH),
+        lambda: (json_shapes.MAX_OWN_BYTES / 2**20, json_shapes.MAX_OWN_DEPTH),
     ),
     ("batch.md", r"replaced after (\d+) pieces", lambda: worker_process.RENEW_AFTER),
     ("live.md", r"a frame takes longer \| (\d+) ms", lambda: 1000 * host.HEARTBEAT_S),

@@ -154,7 +154,7 @@ def _model(path: Path) -> dict[str, Any]:
 
 def _device(path: Path) -> dict[str, Any]:
     from ..devices.configuration import load_device
-    from ..files.strict_json import read
+    from ..files.json_shapes import read
 
     content = read(path).value
     if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):

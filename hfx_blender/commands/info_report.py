@@ -6,14 +6,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from ..errors import InputError
 from ..export.result_files import listed
+from ..files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Record, Table, Text, read
 from ..files.kinds import refuse_another
-from ..files.strict_json import Node, read
 
 SUFFIX: Final = ".report.json"
 _MOST_BYTES: Final = 64 << 20
-_LISTS: Final = ("files", "felt", "effects", "unrendered", "warnings", "notes")
+_LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
+_MOST: Final = 1 << 20  # of a list
+_FILE: Final = Record(
+    {"name": PRINTABLE, "bytes": Number(0, 1 << 50, is_whole=True)},
+    unknown="ignore",
+    title="an object with 'name' and 'bytes'",
+)
+_PLAIN: Final = Items(Table(Anything(), 1, title="an object with at least one member"), 0, _MOST)
+_SENTENCES: Final = Items(Text(pattern=r"[^\x00-\x1f]*", note="a sentence"), 0, _MOST)
+_REPORT: Final = Record(
+    {"scene": Anything(), "files": Items(_FILE, 0, _MOST)},
+    {key: _SENTENCES if key in ("warnings", "notes") else _PLAIN for key in _LISTS},
+    unknown="ignore",
+    title="an export's report",
+)
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:
@@ -26,40 +39,22 @@ def facts_of_report(path: Path) -> dict[str, Any]:
     """
     document = read(path, _MOST_BYTES)
     refuse_another(document.value, document.file, "report")
-    members = document.entries(allowed="an export's report")
-    if "scene" not in members or "files" not in members:
-        raise InputError(f"{path}: is not a report of an export: it has no 'scene' or no 'files'.")
-    lists = {key: members[key] for key in _LISTS if key in members}
-    files = [_file(each, path.parent) for each in lists["files"].items(least=0, most=1 << 20)]
-    facts: dict[str, Any] = {
+    report = document.hold(_REPORT)
+    files = [_file(each, path.parent) for each in report["files"].items()]
+    return {
         "file": str(path),
-        "scene": members["scene"].value,
+        "scene": report.get("scene"),
         "complete": "yes" if all(each["state"] == "there" for each in files) else "no",
         "files": files,
+        **{key: report.get(key, []) for key in _LISTS},
     }
-    for key in _LISTS[1:]:
-        for each in lists[key].items(least=0, most=1 << 20) if key in lists else ():
-            is_sentence = key in ("warnings", "notes")
-            found = each.text(r"[^\x00-\x1f]*") if is_sentence else _plain(each)
-            facts.setdefault(key, []).append(found)
-        facts.setdefault(key, [])
-    return facts
-
-
-def _plain(node: Node) -> dict[str, Any]:
-    members = node.entries(allowed="an object with at least one member", least=1)
-    return {key: each.value for key, each in members.items()}
 
 
 def _file(node: Node, folder: Path) -> dict[str, Any]:
-    members = node.entries(allowed="an object with 'name' and 'bytes'")
-    if "name" not in members or "bytes" not in members:
-        node.fail("an object with 'name' and 'bytes'")
-    name = members["name"].text()
+    name, size = node.get("name"), node.get("bytes")
     path = listed(folder, name)
     if path is None:
-        members["name"].fail("the name of a file in its folder, or in folders below")
-    size = members["bytes"].integer(0, 1 << 50)
+        node["name"].fail("the name of a file in its folder, or in folders below")
     if not path.is_file():
         state = "missing"
     else:

@@ -14,7 +14,7 @@ from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import columns_of
 from ..errors import InputError
-from ..files.json_shapes import read_bytes
+from ..files.strict_json import read_bytes
 from ..formats.clip import baked, rules
 from ..formats.clip.container import Records, Sections, texts_at
 

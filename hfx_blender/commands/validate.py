@@ -95,7 +95,7 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
 
 def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
     """Check a file of ours; of a report also that the files that it names are beside it."""
-    from ..files.json_shapes import Finding
+    from ..files.findings import Finding
 
     try:
         facts = kind.facts(path)

@@ -19,10 +19,10 @@ from ..engine.rendering.actuator_vertices import vertices_of
 from ..engine.rendering.device import Actuator, DeviceConfig, ScriptFiles, VertexPlace
 from ..errors import InputError
 from ..files import resources
-from ..files.strict_json import read
+from ..files.json_shapes import read
 from .configurations import surface_calibration
-from .configurations.configuration_reader import WEARABLE_SIDES, device_from
-from .configurations.layout_reader import ID_PATTERN
+from .configurations.configuration_reader import device_from
+from .configurations.device_shape import ID, WEARABLE_SIDES
 
 SUFFIX: Final = ".json"
 SCRIPT_SUFFIX: Final = ".py"
@@ -104,7 +104,7 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if is_file(name_or_path):
         return _on_side(Path(text)) or _read(Path(text))
-    for each in _folders(folder) if re.fullmatch(ID_PATTERN, text) else ():
+    for each in _folders(folder) if re.fullmatch(ID.pattern, text) else ():
         device = _on_side(each / (text + SUFFIX))
         if device is not None:
             return device

@@ -64,6 +64,23 @@ class Modality:
     def parameter_names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
 
+    @cached_property
+    def strength_parameter(self) -> Parameter:
+        return next(each for each in self.parameters if each.name == self.strength)
+
+    @cached_property
+    def controls(self) -> tuple[Parameter, ...]:
+        """Parameters that a device has and a file holds, the strength first.
+
+        A direction is that of the volume.
+        """
+        return tuple(each for each in self.parameters if not each.name.startswith("direction_"))
+
+    @property
+    def is_silent_at_0(self) -> bool:
+        """Silence at strength 0; a temperature has a neutral value instead."""
+        return self.strength_parameter.minimum >= 0.0
+
 
 MODALITIES: Final[dict[str, Modality]] = {
     modality.name: modality

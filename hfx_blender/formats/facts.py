@@ -9,7 +9,8 @@ from typing import Any, Final
 
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
-from ..files.json_shapes import mapped, parse, read_bytes, refuse_errors
+from ..files.findings import refuse_errors
+from ..files.strict_json import mapped, parse, read_bytes
 from .clip.writing import facts as clip_facts
 from .files import FileFormat, format_of, read_signals, validate
 from .glb import glb_rules

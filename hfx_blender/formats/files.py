@@ -15,8 +15,9 @@ from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, refuse_no_file
 from ..files import limits
-from ..files.json_shapes import Finding, mapped, read_bytes
+from ..files.findings import Finding
 from ..files.kinds import title_of
+from ..files.strict_json import mapped, read_bytes
 from .ahap import ahap, ahap_rules
 from .clip import rules as clip_rules
 from .clip.container import SUFFIX as CLIP_SUFFIX

@@ -8,7 +8,8 @@ from collections.abc import Callable, Container
 from typing import Any, Final
 
 from ..errors import InputError
-from ..files.json_shapes import Finding, refuse_errors, shown
+from ..files.findings import Finding, refuse_errors
+from ..files.json_shapes import shown
 
 ToleratedFaults = tuple[str, ...]
 """Sentences about a file that was read."""

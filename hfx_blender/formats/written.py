@@ -11,7 +11,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from ..files.atomic import atomic_file
-from ..files.json_shapes import clean, encoded
+from ..files.strict_json import clean, encoded
 from ..text import named
 
 _LONGEST: Final = 100

@@ -18,9 +18,9 @@ from ..engine.texture.height_field import HeightField, from_image
 from ..errors import InputError, refuse_no_file
 from ..files import staging, suffixes
 from ..files.hashes import sha256_of
+from ..files.json_shapes import Anything, Flag, Items, Number, Record, Table, Text, numbers
+from ..files.json_shapes import read as read_json
 from ..files.kinds import refuse_another
-from ..files.strict_json import Node
-from ..files.strict_json import read as read_json
 from ..formats.pictures import png, texture_map
 from ..formats.written import Written, write_json
 from .word_forms import tokens
@@ -31,6 +31,19 @@ VERSION: Final = 1
 _LONGEST_NAME: Final = 48
 _FULL: Final = 65535
 _MOST_BYTES: Final = 8 << 20  # of a record: a ComfyUI workflow may be in it
+_RECORD: Final = Record(
+    {
+        "format": Text((FORMAT,)),
+        "version": Number(VERSION, VERSION, is_whole=True),
+        "name": Text(pattern=r"[^/\\:\x00-\x1f]{1,200}", note="1 to 200 characters, no path"),
+        "size_mm": numbers(2, 1e-3, 1e6, "mm"),
+        "height_mm": Number(0.0, 1e5, "mm"),
+        "tiles": Flag(),
+        "files": Table(Anything(), title="files with their SHA-256"),
+    },
+    {"full_slope": Anything(), "notes": Items(Anything(), 0, 1000), "is_metal": Flag()},
+    unknown="ignore",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,48 +164,41 @@ def read(path: Path) -> GeneratedFiles:
     """
     document = read_json(path, _MOST_BYTES)
     refuse_another(document.value, document.file, FORMAT)
-    entries = document.entries(allowed="an object")
-    for key in ("format", "version", "name", "size_mm", "height_mm", "tiles", "files"):
-        if key not in entries:
-            raise InputError(f"{path}: '{key}' is missing.")
-    entries["format"].choice((FORMAT,))
-    entries["version"].integer(VERSION, VERSION)
-    name = entries["name"].text(r"[^/\\:\x00-\x1f]{1,200}")
-    files = entries["files"].entries(allowed="files with their SHA-256")
+    record = document.hold(_RECORD)
+    name, files = record.get("name"), record.get("files")
     for part in ("colour", "height", "roughness"):
         _check(path, f"{name}.{part}.png", files)
-    width, height = (each.number(1e-3, 1e6) for each in entries["size_mm"].items(least=2, most=2))
-    depth_mm = entries["height_mm"].number(0.0, 1e5)
+    width, height = record.numbers("size_mm")
     share, rough = (
         _share(path.with_name(f"{name}.{part}.png")) for part in ("height", "roughness")
     )
-    tiles = entries["tiles"].boolean()
     slope = None
-    if "full_slope" in entries and entries["full_slope"].value is not None:
+    if record.get("full_slope") is not None:
         _check(path, f"{name}.slope.png", files)
-        full = entries["full_slope"].number(0.0, 1e6)
+        record["full_slope"].hold(Number(0.0, 1e6))
+        full = record.number("full_slope")
         slope = (full * _share(path.with_name(f"{name}.slope.png"))).astype(np.float32)
-    notes = entries["notes"].items(least=0, most=1000) if "notes" in entries else []
+    size_m, depth_m = (1e-3 * width, 1e-3 * height), 1e-3 * record.number("height_mm")
     return GeneratedFiles(
         path,
         name,
-        from_image(share, 1e-3 * depth_mm, (1e-3 * width, 1e-3 * height), tiles=tiles),
+        from_image(share, depth_m, size_m, tiles=record.get("tiles")),
         rough,
         texture_map.read(path.with_name(name + texture_map.SUFFIX)),
-        "is_metal" in entries and entries["is_metal"].boolean(),
-        str(entries["words"].value) if "words" in entries else "",
-        tuple(str(each.value) for each in notes),
+        record.get("is_metal", False),
+        str(record.get("words", "")),
+        tuple(map(str, record.get("notes", ()))),
         slope,
     )
 
 
-def _check(record: Path, name: str, files: Mapping[str, Node]) -> None:
+def _check(record: Path, name: str, files: Mapping[str, Any]) -> None:
     """Refuse a picture that is not the one that the record names: :class:`InputError`."""
     path = record.with_name(name)
     if name not in files:
         raise InputError(f"{record}: files: '{name}' is missing.")
     refuse_no_file(path)
-    if sha256_of(path) != files[name].value:
+    if sha256_of(path) != files[name]:
         raise InputError(f"{path}: is not the picture that {record.name} names; its hash differs.")
 
 

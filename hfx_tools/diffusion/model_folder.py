@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from hfx_blender.engine.arrays import F32, U8
 from hfx_blender.errors import HfxError, InputError
-from hfx_blender.files.strict_json import read as read_json
+from hfx_blender.files.json_shapes import Anything, Record, Row, Text
+from hfx_blender.files.json_shapes import read as read_json
 
 PIPELINES: Final = (
     "StableDiffusionPipeline",
@@ -58,6 +59,11 @@ class Latents:
     values: Any  # torch tensor (1, C, h, w), scaled as the pipeline's denoiser sees it
 
 
+_INDEX: Final = Record({"_class_name": Text(PIPELINES)}, unknown="ignore")
+_ORIGIN: Final = Row((Anything(), Anything()))
+"""Library and class of a part."""
+
+
 def check_folder(folder: Path) -> str:
     """Class of the pipeline in a folder, which brings weights as safetensors only and no code.
 
@@ -69,14 +75,11 @@ def check_folder(folder: Path) -> str:
     index = folder / "model_index.json"
     if not index.is_file():
         raise InputError(f"{folder}: has no model_index.json; expected a folder of diffusers.")
-    entries = read_json(index).entries(allowed="an object")
-    if "_class_name" not in entries:
-        raise InputError(f"{index}: '_class_name' is missing.")
-    name = entries["_class_name"].choice(PIPELINES)
-    for part, node in entries.items():
+    entries = read_json(index).hold(_INDEX)
+    for part, node in entries.members().items():
         if part.startswith("_") or not isinstance(node.value, list):
             continue
-        library, kind = (each.value for each in node.items(least=2, most=2))
+        library, kind = node.hold(_ORIGIN).value
         if library is not None and library not in _LIBRARIES:
             raise InputError(
                 f"{index}: {part} comes from '{library}', allowed are {', '.join(_LIBRARIES)}: "
@@ -89,13 +92,13 @@ def check_folder(folder: Path) -> str:
             )
         if kind is not None:
             _check_weights(folder / part)
-    return name
+    return str(entries.get("_class_name"))
 
 
 def _absent(folder: Path) -> list[str]:
     """Parts that a folder says it has not, such as the largest text encoder of version 3."""
-    entries = read_json(folder / "model_index.json").entries(allowed="an object")
-    return [name for name, node in entries.items() if node.value == [None, None]]
+    entries = read_json(folder / "model_index.json").hold(_INDEX).value
+    return [name for name, value in entries.items() if value == [None, None]]
 
 
 def _check_weights(part: Path) -> None:

@@ -9,13 +9,21 @@ from typing import Any, Final
 
 from hfx_blender.errors import InputError
 from hfx_blender.files.hashes import sha256_of
-from hfx_blender.files.strict_json import read as read_json
+from hfx_blender.files.json_shapes import Anything, Record, Text, strict
+from hfx_blender.files.json_shapes import read as read_json
 
 from .model_folder import libraries
 
 WEIGHTS: Final = "decoder.safetensors"
 CONFIG: Final = "decoder.json"
 FORMAT: Final = "hfx-touch-decoder"
+_CONFIG: Final = strict(
+    {
+        "format": Text((FORMAT,)),
+        "config": Record(unknown="ignore", title="the decoder's sizes"),
+        **dict.fromkeys(("version", "sha256", "record"), Anything()),
+    }
+)
 _KEYS: Final = (
     "latent_channels", "block_out_channels", "layers_per_block", "norm_num_groups", "act_fn",
     "up_block_types", "mid_block_add_attention",
@@ -95,18 +103,15 @@ def load(folder: Path, vae: Any, *, tiling: bool) -> Any:
     torch, _ = libraries()
     from safetensors.torch import load_file
 
-    node = read_json(folder / CONFIG)
-    entries = node.members(("format", "version", "config", "sha256", "record"))
-    entries["format"].choice((FORMAT,))
-    config = dict(entries["config"].entries(allowed="the decoder's sizes"))
-    sizes = {key: each.value for key, each in config.items()}
+    document = read_json(folder / CONFIG).hold(_CONFIG)
+    sizes = dict(document.get("config"))
     if sizes.get("latent_channels") != vae.config.latent_channels:
         raise InputError(
             f"{folder}: a decoder of {sizes.get('latent_channels')} latent channels; this model "
             f"has {vae.config.latent_channels}."
         )
     path = folder / WEIGHTS
-    if not path.is_file() or sha256_of(path) != entries["sha256"].value:
+    if not path.is_file() or sha256_of(path) != document.get("sha256"):
         raise InputError(f"{path}: is not the file that {CONFIG} names.")
     has_quantization = bool(sizes.pop("has_quantization", False))
     decoder = _module(sizes, has_quantization=has_quantization)

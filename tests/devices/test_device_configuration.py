@@ -293,7 +293,7 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
 
 def test_a_type_of_actuators_has_a_name_like_any_other(full, stored):
     full["actuator_types"]["The Motor"] = full["actuator_types"]["motor"]
-    with pytest.raises(InputError, match="the name of an actuator type is"):
+    with pytest.raises(InputError, match='the name is "The Motor", allowed is 1 to 64'):
         load_device(stored(full))
 
 
@@ -324,7 +324,7 @@ def test_an_element_that_is_always_hotter_than_allowed_is_refused(full, stored):
     peltier = full["actuator_types"]["peltier"]
     del peltier["limits"]
     peltier["parameters"]["temperature_c"] |= {"minimum": 41, "neutral": 42}
-    with pytest.raises(InputError, match="below 40 degC"):
+    with pytest.raises(InputError, match="from -20 to 40 degC, the hottest allowed"):
         load_device(stored(full))
 
 

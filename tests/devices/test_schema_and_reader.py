@@ -23,7 +23,8 @@ from test_output_configuration import GOOD, with_output
 from hfx_blender.devices.configurations.configuration_reader import device_from
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.strict_json import parse
+from hfx_blender.files.json_shapes import node_of
+from hfx_tools.json_schema import device_schema
 
 SCHEMA = json.loads(
     (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")
@@ -115,7 +116,7 @@ def refusal(document: Any) -> str | None:
     """Reader's message about a document; None without any."""
     content = document if isinstance(document, bytes) else json.dumps(document).encode()
     try:
-        device_from(parse(content, "device.json"))
+        device_from(node_of(content, "device.json"))
     except InputError as error:
         return str(error)
     return None
@@ -254,3 +255,9 @@ def test_schema_and_reader_agree_on_anything(path, value, action):
         assert told is None or reader_only(told), told
     else:
         assert told is not None, "only the schema refuses this"
+
+
+def test_the_published_schema_is_the_one_that_the_shapes_give():
+    told = "made by 'python docs/regenerate.py schema'"
+    path = resources.device_configs() / "schema" / "device.schema.json"
+    assert path.read_text(encoding="utf-8") == device_schema(), told

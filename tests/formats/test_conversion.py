@@ -263,7 +263,7 @@ def test_validate_tells_each_finding_with_its_code(tmp_path, capsys):
     assert run(capsys, "validate", "--strict", bad)[0] == 3
     bad.write_bytes(good.read_bytes().replace(b'"major":1', b'"major":9'))
     code, out, _ = run(capsys, "validate", bad)
-    assert code == 3 and "error HAPTIC-RANGE version.major: 9 is out of range" in out
+    assert code == 3 and "error HAPTIC-RANGE version.major: is 9, allowed is 1" in out
     assert run(capsys, "validate", good, bad)[0] == 5
     code, out, _ = run(capsys, "validate", "--json", bad)
     assert json.loads(out)["findings"][0]["code"] == "HAPTIC-RANGE"

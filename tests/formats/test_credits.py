@@ -10,7 +10,7 @@ from test_hjif_foreign import channel_with
 
 from hfx_blender import cli
 from hfx_blender.commands.conversion import convert
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 
 METADATA = {
     "editor": "Studio",

@@ -28,7 +28,7 @@ from hfx_blender.engine.track import (
 )
 from hfx_blender.errors import InputError
 from hfx_blender.files import limits
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.glb import glb_rules
 from hfx_blender.formats.hjif import (
     document as model,
@@ -412,7 +412,7 @@ def test_what_is_wrong_is_found_among_a_thousand_unknown_members():
     found = {**{f"more{k}": 1 for k in range(1200)}, **sample()}
     assert reader.decode(encoded(found), "x") == reader.decode(encoded(sample()), "x")
     found["perceptions"][0]["channels"][0]["vertices"] = "all"
-    with pytest.raises(InputError, match="vertices: expected a list"):
+    with pytest.raises(InputError, match='vertices is "all", allowed is a list'):
         reader.decode(encoded(found), "x")
 
 

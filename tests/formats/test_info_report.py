@@ -53,14 +53,14 @@ def test_a_report_tells_what_was_written_and_whether_it_is_there(
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ({}, "is not a report of an export"),
+        ({}, "'scene' is missing"),
         ([], "allowed is an export's report"),
         (REPORT | {"files": 1}, "files is 1"),
         (REPORT | {"files": [{"name": "../a", "bytes": 1}]}, "files[0].name"),
         (REPORT | {"files": [{"name": "a" * 256, "bytes": 1}]}, "files[0].name"),
         (REPORT | {"files": [{"name": "ä" * 128, "bytes": 1}]}, "files[0].name"),
         (REPORT | {"files": [{"name": "/".join(["a" * 200] * 6), "bytes": 1}]}, "files[0].name"),
-        (REPORT | {"files": [{"name": "a"}]}, "files[0] is"),
+        (REPORT | {"files": [{"name": "a"}]}, "files[0]: 'bytes' is missing"),
         (REPORT | {"felt": [{}]}, "felt[0] is {}"),
         (REPORT | {"felt": [1]}, "felt[0] is 1"),
         (REPORT | {"warnings": [None]}, "warnings[0] is null"),

@@ -15,8 +15,8 @@ from hfx_blender.commands import conversion
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.errors import InputError
-from hfx_blender.files import json_shapes
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files import strict_json
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import registry
 from hfx_blender.formats.ahap import ahap
 from hfx_blender.formats.device_files import haptic
@@ -317,7 +317,7 @@ def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_
 
 
 def test_a_file_too_large_to_be_read_again_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(json_shapes, "MAX_BYTES", 100)
+    monkeypatch.setattr(strict_json, "MAX_BYTES", 100)
     found = written("haptic", [signal(LOUD)], tmp_path)
     assert len(found.files) == 1
     assert any("is not measured" in each and "larger than" in each for each in found.notes)

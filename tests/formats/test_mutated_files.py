@@ -15,7 +15,7 @@ from test_signal_formats import AHAP as CURVED
 from test_signal_formats import HE2
 
 from hfx_blender.errors import InputError
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.files import FILE_FORMATS
 
 VALUES = (None, True, -1, 1.5, 1e308, 10**400, "", "x", "NaN", "1e999", [], {}, [0], ["x"], [{}])

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.errors import InputError
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
 from hfx_blender.formats.ahap import ahap, ahap_rules
 from hfx_blender.formats.device_files import haptic, openxr

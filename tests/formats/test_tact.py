@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.device_output import BhapticsEncoder
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import registry
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.tact import tact, tact_rules

@@ -27,7 +27,7 @@ from hfx_blender.engine.track import (
 )
 from hfx_blender.errors import InputError
 from hfx_blender.files import limits
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.glb import glb, glb_rules
 from hfx_blender.formats.jsonl import jsonl_samples
 

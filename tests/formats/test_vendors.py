@@ -11,7 +11,7 @@ import pytest
 from hfx_blender import cli
 from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
-from hfx_blender.files.json_shapes import encoded
+from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
 from hfx_blender.formats.ahap import ahap, ahap_rules
 from hfx_blender.formats.device_files import haptic

@@ -15,6 +15,7 @@ from ...blender import compat
 from ...blender.scene_units import fps_of, metres_of
 from ...engine.body import areas
 from ...engine.body.model import load_model
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
 from ..areas import painting
@@ -33,7 +34,6 @@ from .effect_file import (
     VertexArea,
     VolumeRecipe,
     load,
-    parameter_names,
 )
 from .effect_values import PARAMETER_PROPERTIES
 
@@ -103,10 +103,9 @@ def place(
             assert body is not None
             effect = effects.add_painted(scene, recipe.modality, body, name)
             painting.set_weights(effect, _weights(recipe))
-        for key, prop in zip(
-            parameter_names(recipe.modality), PARAMETER_PROPERTIES[recipe.modality], strict=True
-        ):
-            setattr(effect.hfx, prop, recipe.parameters[key])
+        controls = MODALITIES[recipe.modality].controls
+        for control, prop in zip(controls, PARAMETER_PROPERTIES[recipe.modality], strict=True):
+            setattr(effect.hfx, prop, recipe.parameters[control.name])
         effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
         effect.hfx.temperature_reference = recipe.temperature_reference
         for clip in recipe.clips:
@@ -286,7 +285,7 @@ def _recipe(
 ) -> EffectRecipe:
     hfx = effect.hfx
     properties = PARAMETER_PROPERTIES[hfx.modality]
-    names = parameter_names(hfx.modality)
+    names = [control.name for control in MODALITIES[hfx.modality].controls]
     return EffectRecipe(
         name=effect.name,
         modality=hfx.modality,

@@ -9,20 +9,36 @@ code and names no path.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from ...engine.body.parts import PARTS
-from ...engine.modality import MODALITIES
+from ...engine.modality import MODALITIES, Modality
 from ...files import suffixes
 from ...files.atomic import atomic_file
+from ...files.json_shapes import (
+    PRINTABLE,
+    SHA256,
+    Either,
+    Items,
+    Node,
+    Number,
+    Record,
+    Text,
+    curve,
+    node_of,
+    numbers,
+    read,
+    strict,
+    tagged,
+)
 from ...files.kinds import refuse_another
-from ...files.strict_json import Node, parse, read
 from ..paths import path_file
 from ..paths.path_file import PathRecipe
 from .response_recipes import (
+    RESPONSE,
+    SWARM,
     FilterRecipe,
     SwarmRecipe,
     response_document,
@@ -46,9 +62,103 @@ _SHAPES: Final = {
     "CYLINDER": ("radius_m", "height_m"),
     "CAPSULE": ("radius_m", "height_m"),
 }
-_FALLOFFS: Final = ("none", "linear", "smooth")
-_REFERENCES: Final = ("AMBIENT", "CONTACT")
-_SIDES: Final = ("both", "left", "right")
+_SHARE: Final = Number(0.0, 1.0)
+_FALLOFF: Final = {"falloff": Text(("none", "linear", "smooth")), "falloff_share": _SHARE}
+_DIMENSIONS: Final = {
+    "radius_m": Number(0.0, 1000.0, "m"),
+    "height_m": Number(0.0, 1000.0, "m"),
+    "size_m": numbers(3, -1000.0, 1000.0, "m"),
+}
+_LOCATION: Final = numbers(3, -1000.0, 1000.0, "m")
+_VOLUME: Final = tagged(
+    "shape",
+    {
+        shape: strict(
+            {name: _DIMENSIONS[name] for name in dimensions},
+            {
+                **_FALLOFF,
+                "response": RESPONSE,
+                "location_m": _LOCATION,
+                "rotation_deg": numbers(3, -360.0, 360.0, "degrees"),
+                "path": Items(
+                    strict({"time_s": Number(0.0, 86_400.0, "s"), "location_m": _LOCATION}),
+                    1,
+                    100_000,
+                ),
+                "swarm": SWARM,
+            },
+        )
+        for shape, dimensions in _SHAPES.items()
+    },
+)
+_AREA: Final = Either(
+    "parts",
+    strict(
+        {"parts": Items(Text(PARTS), 0, len(PARTS))},
+        {"side": Text(("both", "left", "right")), "smooth": Number(0, 100, is_whole=True)},
+    ),
+    strict(
+        {
+            "model": PRINTABLE,
+            "hash": SHA256,
+            "vertices": Items(Number(0, 2**31 - 1, is_whole=True), 0, 1_000_000),
+            "weights": Items(_SHARE, 0, 1_000_000),
+        }
+    ),
+)
+_SPOT: Final = strict(
+    {
+        "points_m": path_file.POINTS,
+        "path": Text(path_file.KINDS),
+        "radius_m": Number(0.0, 10.0, "m"),
+    },
+    {"closed": path_file.CLOSED, "motion": curve(), **_FALLOFF, "position": _SHARE},
+)
+_ACTUATORS: Final = strict(
+    {
+        "device": PRINTABLE,
+        "curves": Items(strict({"actuator": PRINTABLE, "keys": curve()}), 1, 4096),
+    }
+)
+_WHERES: Final = {"area": _AREA, "volume": _VOLUME, "spot": _SPOT, "actuators": _ACTUATORS}
+_CLIP: Final = strict(
+    {"start_s": Number(0.0, 86_400.0, "s"), "duration_s": Number(0.001, 86_400.0, "s")},
+    {
+        "name": PRINTABLE,
+        **dict.fromkeys(("fade_in_s", "fade_out_s"), Number(0.0, 86_400.0, "s")),
+        "repeat": Number(0.1, 1000.0),
+        **dict.fromkeys(("profile", "drawn_fades"), curve(least=2)),
+    },
+)
+
+
+def _effect_shape(modality: Modality) -> Record:
+    parameters = {p.name: Number(p.minimum, p.maximum, p.unit) for p in modality.controls}
+    return strict(
+        {"name": PRINTABLE, "parameters": strict(parameters)},
+        {
+            **_WHERES,
+            "intensity": _SHARE,
+            "temperature_reference": Text(("AMBIENT", "CONTACT")),
+            "clips": Items(_CLIP, 0, 10_000),
+        },
+        one_of=tuple(_WHERES),
+    )
+
+
+_FILE: Final = strict(
+    {
+        "schema": Text((SCHEMA,)),
+        "version": Number(VERSION, VERSION, is_whole=True),
+        "name": PRINTABLE,
+        "effects": Items(
+            tagged("modality", {name: _effect_shape(each) for name, each in MODALITIES.items()}),
+            1,
+            256,
+        ),
+    },
+    {"description": PRINTABLE},
+)
 
 
 @dataclass(frozen=True)
@@ -158,7 +268,7 @@ def load(path: Path) -> Sensation:
 
 def from_text(text: str) -> Sensation:
     """Read a sensation from the text of a file, as it is copied and pasted."""
-    return _sensation(parse(text.encode(), "What was copied", _MOST_BYTES))
+    return _sensation(node_of(text.encode(), "What was copied", _MOST_BYTES))
 
 
 def text_of(sensation: Sensation) -> str:
@@ -168,13 +278,11 @@ def text_of(sensation: Sensation) -> str:
 
 def _sensation(node: Node) -> Sensation:
     refuse_another(node.value, node.file, SCHEMA)
-    top = node.members(required=("schema", "version", "name", "effects"), optional=("description",))
-    top["schema"].choice((SCHEMA,))
-    top["version"].integer(VERSION, VERSION)
+    top = node.hold(_FILE)
     return Sensation(
-        top["name"].text(),
-        top["description"].text() if "description" in top else "",
-        tuple(_effect(node) for node in top["effects"].items(least=1, most=256)),
+        top.get("name"),
+        top.get("description", ""),
+        tuple(_effect(each) for each in top["effects"].items()),
     )
 
 
@@ -190,143 +298,72 @@ def save(sensation: Sensation, path: Path) -> None:
         file.write(text_of(sensation).encode())
 
 
-def parameter_names(modality: str) -> tuple[str, ...]:
-    """Parameters that a file holds; a wind's direction is that of its volume."""
-    names = MODALITIES[modality].parameter_names
-    return tuple(name for name in names if not name.startswith("direction_"))
-
-
 def _effect(node: Node) -> EffectRecipe:
-    members = node.members(
-        required=("name", "modality", "parameters"),
-        optional=(*_WHERES, "intensity", "temperature_reference", "clips"),
-    )
-    modality = members["modality"].choice(tuple(MODALITIES))
-    places = [name for name in _WHERES if name in members]
-    if len(places) != 1:
-        node.fail("an effect with either an 'area' or a 'volume', or a 'spot', or 'actuators'")
-    (kind,) = places
-    reference = "AMBIENT"
-    if "temperature_reference" in members:
-        reference = members["temperature_reference"].choice(_REFERENCES)
-    clips = members["clips"].items(least=0, most=10_000) if "clips" in members else []
+    kind = next(name for name in _WHERES if name in node)
+    readers = {"area": _area, "volume": _volume, "spot": _spot, "actuators": _actuators}
+    parameters = node["parameters"]
     return EffectRecipe(
-        name=members["name"].text(),
-        modality=modality,
-        parameters=_parameters(modality, members["parameters"]),
-        where=_WHERES[kind](members[kind]),
-        intensity=members["intensity"].number(0.0, 1.0) if "intensity" in members else 1.0,
-        temperature_reference=reference,
-        clips=tuple(_clip(each) for each in clips),
+        name=node.get("name"),
+        modality=node.get("modality"),
+        parameters={name: parameters.number(name) for name in parameters.value},
+        where=readers[kind](node[kind]),
+        intensity=node.number("intensity", 1.0),
+        temperature_reference=node.get("temperature_reference", "AMBIENT"),
+        clips=tuple(_clip(each) for each in node["clips"].items()) if "clips" in node else (),
     )
-
-
-def _parameters(modality: str, node: Node) -> dict[str, float]:
-    names = parameter_names(modality)
-    known = {each.name: each for each in MODALITIES[modality].parameters}
-    return {
-        name: value.number(known[name].minimum, known[name].maximum, known[name].unit)
-        for name, value in node.members(required=names).items()
-    }
 
 
 def _area(node: Node) -> PartsArea | VertexArea:
-    if isinstance(node.value, dict) and "parts" in node.value:
-        members = node.members(required=("parts",), optional=("side", "smooth"))
-        parts = members["parts"].items(least=0, most=len(PARTS))
-        return PartsArea(
-            tuple(part.choice(PARTS) for part in parts),
-            members["side"].choice(_SIDES) if "side" in members else "both",
-            members["smooth"].integer(0, 100) if "smooth" in members else 0,
-        )
-    members = node.members(required=("model", "hash", "vertices", "weights"))
-    vertices = members["vertices"].items(least=0, most=1_000_000)
-    weights = members["weights"].items(least=len(vertices), most=len(vertices))
-    return VertexArea(
-        members["model"].text(),
-        members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
-        tuple(each.integer(0, 2**31 - 1) for each in vertices),
-        tuple(each.number(0.0, 1.0) for each in weights),
-    )
+    if "parts" in node:
+        parts = tuple(node.get("parts"))
+        return PartsArea(parts, node.get("side", "both"), node.get("smooth", 0))
+    vertices = tuple(node.get("vertices"))
+    if len(node.get("weights")) != len(vertices):
+        node["weights"].fail(f"{len(vertices)} items")
+    return VertexArea(node.get("model"), node.get("hash"), vertices, node.numbers("weights"))
 
 
 def _volume(node: Node) -> VolumeRecipe:
-    placed = ("location_m", "rotation_deg", "path", "swarm")
-    optional = ("falloff", "falloff_share", "response", *placed)
-    shape = node.entries(allowed="an object")
-    name = shape["shape"].choice(tuple(_SHAPES)) if "shape" in shape else "SPHERE"
-    members = node.members(required=("shape", *_SHAPES[name]), optional=optional)
-    found: dict[str, Any] = {}
-    for key in ("radius_m", "height_m"):
-        if key in members:
-            found[key] = members[key].number(0.0, 1000.0, "m")
-    for key, most, unit in (
-        ("size_m", 1000.0, "m"),
-        ("location_m", 1000.0, "m"),
-        ("rotation_deg", 360.0, "degrees"),
-    ):
-        if key in members:
-            found[key] = members[key].triple(-most, most, unit)
-    if "falloff" in members:
-        found["falloff"] = members["falloff"].choice(_FALLOFFS)
-    if "falloff_share" in members:
-        found["falloff_share"] = members["falloff_share"].number(0.0, 1.0)
-    if "path" in members:
-        places = [
-            each.members(required=("time_s", "location_m"))
-            for each in members["path"].items(least=1, most=100_000)
-        ]
-        found["path"] = tuple(
-            (
-                place["time_s"].number(0.0, 86_400.0, "s"),
-                place["location_m"].triple(-1000.0, 1000.0, "m"),
-            )
-            for place in places
-        )
-    if "response" in members:
-        found["response"] = response_of(members["response"])
-    if "swarm" in members:
-        found["swarm"] = swarm_of(members["swarm"])
-    return VolumeRecipe(name, **found)
+    members: dict[str, Any] = {
+        key: node.number(key) for key in ("radius_m", "height_m", "falloff_share") if key in node
+    }
+    for key in ("size_m", "location_m", "rotation_deg"):
+        if key in node:
+            members[key] = node.numbers(key)
+    if "response" in node:
+        members["response"] = response_of(node["response"])
+    if "swarm" in node:
+        members["swarm"] = swarm_of(node["swarm"])
+    return VolumeRecipe(
+        node.get("shape"),
+        falloff=node.get("falloff", "none"),
+        path=tuple(
+            (float(each["time_s"]), tuple(map(float, each["location_m"])))
+            for each in node.get("path", ())
+        ),
+        **members,
+    )
 
 
 def _spot(node: Node) -> SpotRecipe:
-    members = node.members(
-        required=("points_m", "path", "radius_m"),
-        optional=("closed", "motion", "falloff", "falloff_share", "position"),
-    )
-    points = members["points_m"].items(least=1, most=path_file.MAX_POINTS)
-    share = members["falloff_share"].number(0.0, 1.0) if "falloff_share" in members else 1.0
     return SpotRecipe(
         PathRecipe(
             name="",
-            points_m=tuple(path_file.place_of(each) for each in points),
-            kind=members["path"].choice(path_file.KINDS),
-            is_closed="closed" in members and members["closed"].integer(0, 1) == 1,
-            motion=members["motion"].curve() if "motion" in members else (),
+            points_m=path_file.places_of(node["points_m"]),
+            kind=node.get("path"),
+            is_closed=node.get("closed", 0) == 1,
+            motion=node.curve("motion"),
         ),
-        radius_m=members["radius_m"].number(0.0, 10.0, "m"),
-        falloff=members["falloff"].choice(_FALLOFFS) if "falloff" in members else "none",
-        falloff_share=share,
-        position=members["position"].number(0.0, 1.0) if "position" in members else 0.0,
+        radius_m=node.number("radius_m"),
+        falloff=node.get("falloff", "none"),
+        falloff_share=node.number("falloff_share", 1.0),
+        position=node.number("position", 0.0),
     )
 
 
 def _actuators(node: Node) -> ActuatorsRecipe:
-    members = node.members(required=("device", "curves"))
-    curves = []
-    for each in members["curves"].items(least=1, most=4096):
-        curve = each.members(required=("actuator", "keys"))
-        curves.append((curve["actuator"].text(), curve["keys"].curve()))
-    return ActuatorsRecipe(members["device"].text(), tuple(curves))
-
-
-_WHERES: Final[dict[str, Callable[[Node], Any]]] = {
-    "area": _area,
-    "volume": _volume,
-    "spot": _spot,
-    "actuators": _actuators,
-}
+    curves = ((each.get("actuator"), each.curve("keys")) for each in node["curves"].items())
+    return ActuatorsRecipe(node.get("device"), tuple(curves))
 
 
 def where_of(effect: EffectRecipe) -> str:
@@ -338,21 +375,19 @@ def where_of(effect: EffectRecipe) -> str:
 
 
 def _clip(node: Node) -> ClipRecipe:
-    times = ("fade_in_s", "fade_out_s")
-    members = node.members(
-        required=("start_s", "duration_s"),
-        optional=("name", *times, "repeat", "profile", "drawn_fades"),
-    )
-    duration = members["duration_s"].number(0.001, 86_400.0, "s")
-    fades = {key: members[key].number(0.0, duration, "s") for key in times if key in members}
+    duration_s = node.number("duration_s")
+    for key in ("fade_in_s", "fade_out_s"):
+        if key in node:
+            node[key].hold(Number(0.0, duration_s, "s"))
     return ClipRecipe(
-        name=members["name"].text() if "name" in members else "Clip",
-        start_s=members["start_s"].number(0.0, 86_400.0, "s"),
-        duration_s=duration,
-        repeat=members["repeat"].number(0.1, 1000.0) if "repeat" in members else 1.0,
-        profile=members["profile"].curve(least=2) if "profile" in members else (),
-        drawn_fades=members["drawn_fades"].curve(least=2) if "drawn_fades" in members else (),
-        **fades,
+        name=node.get("name", "Clip"),
+        start_s=node.number("start_s"),
+        duration_s=duration_s,
+        fade_in_s=node.number("fade_in_s", 0.0),
+        fade_out_s=node.number("fade_out_s", 0.0),
+        repeat=node.number("repeat", 1.0),
+        profile=node.curve("profile"),
+        drawn_fades=node.curve("drawn_fades"),
     )
 
 

@@ -15,7 +15,7 @@ from ...blender.scene_units import fps_of
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
-from ...files.json_shapes import read_bytes
+from ...files.strict_json import read_bytes
 from ...formats.glb import glb_rules
 from ...formats.hjif import reader
 from ...formats.hjif.body_parts import vertex_masks

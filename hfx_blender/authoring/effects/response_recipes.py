@@ -12,7 +12,18 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from ...engine.response_filters.controls import CONTROLS, About, FilterKind, Operation
-from ...files.strict_json import MAX_S, Node
+from ...files.json_shapes import (
+    Flag,
+    Items,
+    Node,
+    Number,
+    Record,
+    Text,
+    curve,
+    numbers,
+    strict,
+    tagged,
+)
 
 MOST_FILTERS: Final = 32
 MOST_PARTICLES: Final = 4096
@@ -52,17 +63,28 @@ class SwarmRecipe:
     gravity: float = 1.0  # share of the scene's
 
 
-_RANGES: Final[dict[str, tuple[float, float, str]]] = {
-    "born_from_s": (-86_400.0, 86_400.0, "s"),
-    "born_until_s": (-86_400.0, 86_400.0, "s"),
-    "lifetime_s": (0.001, 86_400.0, "s"),
-    "normal_speed_m_s": (-1000.0, 1000.0, "m/s"),
-    "random_speed_m_s": (0.0, 1000.0, "m/s"),
-    "brownian": (0.0, 200.0, ""),
-    "drag": (0.0, 1.0, ""),
-    "damping": (0.0, 1.0, ""),
-    "gravity": (-200.0, 200.0, ""),
+_NUMBERS: Final = {
+    "born_from_s": Number(-86_400.0, 86_400.0, "s"),
+    "born_until_s": Number(-86_400.0, 86_400.0, "s"),
+    "lifetime_s": Number(0.001, 86_400.0, "s"),
+    "normal_speed_m_s": Number(-1000.0, 1000.0, "m/s"),
+    "random_speed_m_s": Number(0.0, 1000.0, "m/s"),
+    "brownian": Number(0.0, 200.0),
+    "drag": Number(0.0, 1.0),
+    "damping": Number(0.0, 1.0),
+    "gravity": Number(-200.0, 200.0),
 }
+
+
+SWARM: Final = strict(
+    {"count": Number(1, MOST_PARTICLES, is_whole=True)},
+    {
+        "seed": Number(-(2**31), 2**31 - 1, is_whole=True),
+        "location_m": numbers(3, -1000.0, 1000.0, "m"),
+        "radii_m": numbers(3, 0.0, 1000.0, "m"),
+        **_NUMBERS,
+    },
+)
 
 
 def references_of(kind: FilterKind) -> tuple[str, ...]:
@@ -74,44 +96,47 @@ def references_of(kind: FilterKind) -> tuple[str, ...]:
     return (About.TIME, About.CENTRE, About.AXIS) if kind is FilterKind.SINE else ()
 
 
-def response_of(node: Node) -> tuple[FilterRecipe, ...]:
-    """A stack of filters, every field checked.
+def _filter_shape(kind: FilterKind) -> Record:
+    controls = CONTROLS[kind]
+    references = references_of(kind)
+    keys = {
+        each.name: curve(earliest_s=-86_400.0, lowest=each.minimum, highest=each.maximum)
+        for each in controls
+    }
+    return strict(
+        {
+            "controls": strict(
+                {each.name: Number(each.minimum, each.maximum, each.unit) for each in controls}
+            ),
+            **({"about": Text(references)} if references else {}),
+        },
+        {
+            "operation": Text(tuple(each.value for each in Operation)),
+            "muted": Flag(),
+            "keys": strict({}, keys),
+        },
+    )
 
-    Raises
-    ------
-    InputError
-        For the first fault.
-    """
-    return tuple(_filter(each) for each in node.items(least=0, most=MOST_FILTERS))
+
+RESPONSE: Final = Items(
+    tagged("kind", {kind.value: _filter_shape(kind) for kind in FilterKind}), 0, MOST_FILTERS
+)
+
+
+def response_of(node: Node) -> tuple[FilterRecipe, ...]:
+    """A stack of filters, of a document that has their shape."""
+    return tuple(_filter(each) for each in node.items())
 
 
 def _filter(node: Node) -> FilterRecipe:
-    entries = node.entries(allowed="an object")
-    kinds = tuple(each.value for each in FilterKind)
-    kind = FilterKind(entries["kind"].choice(kinds)) if "kind" in entries else FilterKind.IMPACT
-    abouts = references_of(kind)
-    required = ("kind", "controls", *(("about",) if abouts else ()))
-    members = node.members(required=required, optional=("operation", "muted", "keys"))
-    operations = tuple(each.value for each in Operation)
-    controls = {each.name: each for each in CONTROLS[kind]}
-    values = {
-        name: value.number(controls[name].minimum, controls[name].maximum, controls[name].unit)
-        for name, value in members["controls"].members(required=tuple(controls)).items()
-    }
-    keys = []
-    animated = members["keys"].entries(allowed="an object") if "keys" in members else {}
-    for name, curve in animated.items():
-        if name not in controls:
-            curve.fail("keys of one of " + ", ".join(controls))
-        low, high = controls[name].minimum, controls[name].maximum
-        keys.append((name, curve.curve(earliest_s=-MAX_S, lowest=low, highest=high)))
+    controls, keys = node["controls"], node["keys"] if "keys" in node else None
     return FilterRecipe(
-        kind.value,
-        values,
-        members["operation"].choice(operations) if "operation" in members else "multiply",
-        members["about"].choice(abouts) if abouts else "centre",
-        "muted" in members and members["muted"].boolean(),
-        tuple(keys),
+        node.get("kind"),
+        {name: controls.number(name) for name in controls.value},
+        node.get("operation", "multiply"),
+        node.get("about", "centre"),
+        node.get("muted", False),
+        () if keys is None else tuple((name, keys.curve(name)) for name in keys.value),
     )
 
 
@@ -132,25 +157,16 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
 
 
 def swarm_of(node: Node) -> SwarmRecipe:
-    """A swarm, every field checked.
+    """A swarm, of a document that has its shape.
 
     Raises
     ------
     InputError
-        For the first fault.
+        It is born until before it is born from.
     """
-    members = node.members(
-        required=("count",), optional=("seed", "location_m", "radii_m", *_RANGES)
-    )
-    found: dict[str, Any] = {
-        name: members[name].number(*limits) for name, limits in _RANGES.items() if name in members
-    }
-    if "seed" in members:
-        found["seed"] = members["seed"].integer(-(2**31), 2**31 - 1)
-    for name, least in (("location_m", -1000.0), ("radii_m", 0.0)):
-        if name in members:
-            found[name] = members[name].triple(least, 1000.0, "m")
-    recipe = SwarmRecipe(members["count"].integer(1, MOST_PARTICLES), **found)
+    members: dict[str, Any] = {key: node.number(key) for key in _NUMBERS if key in node}
+    members |= {key: node.numbers(key) for key in ("location_m", "radii_m") if key in node}
+    recipe = SwarmRecipe(node.get("count"), node.get("seed", 0), **members)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")
     return recipe

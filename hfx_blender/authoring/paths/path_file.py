@@ -15,8 +15,8 @@ from typing import Any, Final
 from ...errors import InputError
 from ...files import resources, suffixes
 from ...files.atomic import atomic_file
+from ...files.json_shapes import PRINTABLE, Items, Node, Number, Text, curve, numbers, read, strict
 from ...files.kinds import refuse_another
-from ...files.strict_json import Node, read
 
 SUFFIX: Final = suffixes.PATH
 SCHEMA: Final = "hfx-path"
@@ -24,7 +24,18 @@ VERSION: Final = 1
 
 KINDS: Final = ("straight", "curve", "traced")
 MAX_POINTS: Final = 100_000
-_FARTHEST_M: Final = 3.0
+POINTS: Final = Items(numbers(3, -3.0, 3.0, "m"), 1, MAX_POINTS)
+CLOSED: Final = Number(0, 1, is_whole=True)
+_PATH: Final = strict(
+    {
+        "schema": Text((SCHEMA,)),
+        "version": Number(VERSION, VERSION, is_whole=True),
+        "name": PRINTABLE,
+        "kind": Text(KINDS),
+        "points_m": POINTS,
+    },
+    {"description": PRINTABLE, "closed": CLOSED, "motion": curve()},
+)
 
 Place = tuple[float, float, float]
 
@@ -55,26 +66,20 @@ def load(path: Path) -> PathRecipe:
 def recipe_of(document: Node) -> PathRecipe:
     """Read a path from a parsed document."""
     refuse_another(document.value, document.file, SCHEMA)
-    top = document.members(
-        required=("schema", "version", "name", "kind", "points_m"),
-        optional=("description", "closed", "motion"),
-    )
-    top["schema"].choice((SCHEMA,))
-    top["version"].integer(VERSION, VERSION)
-    points = top["points_m"].items(least=1, most=MAX_POINTS)
+    top = document.hold(_PATH)
     return PathRecipe(
-        name=top["name"].text(),
-        points_m=tuple(place_of(each) for each in points),
-        kind=top["kind"].choice(KINDS),
-        is_closed="closed" in top and top["closed"].integer(0, 1) == 1,
-        description=top["description"].text() if "description" in top else "",
-        motion=top["motion"].curve() if "motion" in top else (),
+        name=top.get("name"),
+        points_m=places_of(top["points_m"]),
+        kind=top.get("kind"),
+        is_closed=top.get("closed", 0) == 1,
+        description=top.get("description", ""),
+        motion=top.curve("motion"),
     )
 
 
-def place_of(node: Node) -> Place:
-    """Three numbers of metres."""
-    return node.triple(-_FARTHEST_M, _FARTHEST_M, "m")
+def places_of(points: Node) -> tuple[Place, ...]:
+    """Places of a list of points, metres."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in points.value)
 
 
 def save(recipe: PathRecipe, path: Path) -> None:

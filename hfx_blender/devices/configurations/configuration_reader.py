@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device configuration's JSON as plain data, every field checked."""
+"""A device configuration's JSON as plain data: its shape, and conditions between its fields."""
 
 from __future__ import annotations
 
 import itertools
-import re
-from typing import Any, Final
+from typing import Final
 
-from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
-from ...engine.modality import Parameter as ModalityParameter
+from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES, Modality, Parameter
 from ...engine.rendering.conditioning.drive import DriveCurve
-from ...engine.rendering.conditioning.waveform import WAVEFORMS, Waveform
 from ...engine.rendering.device import (
     Actuator,
     ActuatorType,
@@ -22,43 +19,13 @@ from ...engine.rendering.device import (
     Substitution,
 )
 from ...errors import InputError
+from ...files.json_shapes import Node, Number
 from ...files.kinds import refuse_another
-from ...files.strict_json import Node
 from . import layout_reader, output_reader
-from .layout_reader import ID_DESCRIBED, ID_PATTERN
+from .device_shape import DEVICE, MAX_TEMPERATURE_C, SCHEMA
 
-SCHEMA: Final = "hfx-device"
-VERSION: Final = 1
-
-MAX_ACTUATORS: Final = 1000
-MAX_TEMPERATURE_C: Final = 40.0
-"""Highest temperature of any device: a conservative default for heat near skin, not a certified
-one."""
-
-WEARABLE_SIDES: Final = ("left", "right")
-
-_CONTROLS: Final = {
-    "vibration": ("amplitude_m_s2", "frequency_hz"),
-    "pressure": ("pressure_kpa",),
-    "temperature": ("temperature_c",),
-    "wind": ("speed_m_s",),
-}
-"""Controls of an actuator by modality, its strength first."""
-
-
-_IN_TIME: Final = {
-    "slew_per_s": (0.001, 1e6),
-    "maximum_on_s": (0.01, 86_400.0),
-    "rest_s": (0.0, 86_400.0),
-}
-"""Limits in time that an actuator type may have, and their ranges."""
-
-_MEASURED: Final = ("resonance_hz", "drive", "detection_thresholds")
-"""Optional measured properties of a vibration actuator type."""
-
-_FREQUENCIES_HZ: Final = (0.1, 1000.0)
-_SERIAL: Final = r"[A-Za-z0-9_.:*?-]{1,64}"
-_SERIAL_DESCRIBED: Final = "1 to 64 of letters, digits, _ . : -, and * and ? for any"
+_NEUTRAL: Final = {"temperature_c": AMBIENT_NEUTRAL_C, "frequency_hz": 100.0}
+"""Neutral values of controls that are not silent at 0 and whose configuration names none."""
 
 
 def device_from(document: Node) -> DeviceConfig:
@@ -70,268 +37,140 @@ def device_from(document: Node) -> DeviceConfig:
         For the first fault: file, place in it, what was found and what is allowed.
     """
     refuse_another(document.value, document.file, SCHEMA)
-    top = document.members(
-        required=("schema", "version", "id", "name", "actuator_types", "actuators"),
-        optional=(
-            "description",
-            "brand",
-            "size_m",
-            "mount",
-            "side",
-            "rendering",
-            "substitutions",
-            "defaults",
-            "output",
-        ),
-    )
-    top["schema"].choice((SCHEMA,))
-    top["version"].integer(VERSION, VERSION)
+    top = document.hold(DEVICE)
     types = {
-        name: _actuator_type(name, node)
-        for name, node in top["actuator_types"]
-        .entries(allowed="an object with at least one actuator type", least=1)
-        .items()
+        name: _actuator_type(name, node) for name, node in top["actuator_types"].members().items()
     }
     mount = layout_reader.mount(top["mount"]) if "mount" in top else None
-    actuators = tuple(
-        _actuator(node, types, mount)
-        for node in top["actuators"].items(least=1, most=MAX_ACTUATORS)
-    )
-    _refuse_repeated_ids(top["actuators"], actuators)
+    actuators = tuple(_actuator(node, types, mount) for node in top["actuators"].items())
+    _refuse_repeated_ids(top["actuators"])
     if mount is not None:
         layout_reader.refuse_overlap(top["mount"], mount, top["actuators"])
-    side = top["side"].choice(WEARABLE_SIDES) if "side" in top else None
-    width_m, height_m = _size(top["size_m"]) if "size_m" in top else (None, None)
-    device_id, name = top["id"].text(ID_PATTERN, ID_DESCRIBED), top["name"].text()
+    side = top.get("side")
+    size = top["size_m"] if "size_m" in top else None
+    device_id, name = top.get("id"), top.get("name")
     return DeviceConfig(
         id=device_id if side is None else f"{device_id}_{side}",
         name=name if side is None else f"{name} ({side})",
-        description=top["description"].text() if "description" in top else "",
+        description=top.get("description", ""),
         actuator_types=types,
         actuators=actuators,
         scheme=layout_reader.scheme(top["rendering"]) if "rendering" in top else Scheme(),
         mount=mount,
-        substitutions=_substitutions(top.get("substitutions"), actuators),
-        gain=_gain(top["defaults"]) if "defaults" in top else 1.0,
+        substitutions=_substitutions(top["substitutions"], actuators)
+        if "substitutions" in top
+        else {},
+        gain=top["defaults"].number("gain", 1.0) if "defaults" in top else 1.0,
         brand=_brand(top["brand"]) if "brand" in top else None,
-        width_m=width_m,
-        height_m=height_m,
+        width_m=None if size is None else size.number("width"),
+        height_m=None if size is None else size.number("height"),
         side=side,
         output=output_reader.output(top["output"], actuators) if "output" in top else None,
     )
 
 
-def _refuse_repeated_ids(node: Node, actuators: tuple[Actuator, ...]) -> None:
+def _refuse_repeated_ids(actuators: Node) -> None:
     seen: set[str] = set()
-    for i, actuator in enumerate(actuators):
-        if actuator.id in seen:
+    for actuator in actuators.items():
+        node = actuator["id"]
+        if node.value in seen:
             raise InputError(
-                f'{node.file}: {node.path}[{i}].id is "{actuator.id}", which an actuator before '
+                f'{node.file}: {node.path} is "{node.value}", which an actuator before '
                 "it has; allowed is a name of its own."
             )
-        seen.add(actuator.id)
-
-
-def _size(node: Node) -> tuple[float, float]:
-    members = node.members(required=("width", "height"))
-    return members["width"].number(0.001, 10.0, "m"), members["height"].number(0.001, 10.0, "m")
+        seen.add(node.value)
 
 
 def _brand(node: Node) -> Brand:
-    members = node.members(required=("vendor",), optional=("model", "usb", "serial"))
-    usb = []
-    for item in members["usb"].items(least=1, most=16) if "usb" in members else ():
-        ids = item.members(required=("vendor_id", "product_id"))
-        usb.append((_usb_id(ids["vendor_id"]), _usb_id(ids["product_id"])))
-    model = members["model"].text() if "model" in members else ""
-    serial = members["serial"].text(_SERIAL, _SERIAL_DESCRIBED) if "serial" in members else ""
-    return Brand(members["vendor"].text(), model, tuple(usb), serial)
-
-
-def _usb_id(node: Node) -> int:
-    return int(node.text(r"0x[0-9a-f]{4}", 'four hexadecimal digits such as "0x2341"'), 16)
-
-
-def _gain(node: Node) -> float:
-    members = node.members(required=(), optional=("gain",))
-    return members["gain"].number(0.0, 10.0) if "gain" in members else 1.0
+    usb = (
+        (int(each["vendor_id"], 16), int(each["product_id"], 16)) for each in node.get("usb", ())
+    )
+    return Brand(node.get("vendor"), node.get("model", ""), tuple(usb), node.get("serial", ""))
 
 
 def _actuator_type(name: str, node: Node) -> ActuatorType:
-    if not re.fullmatch(ID_PATTERN, name):
-        raise InputError(
-            f"{node.file}: {node.path}: the name of an actuator type is {ID_DESCRIBED}."
-        )
-    members = node.members(
-        required=("modality", "parameters"),
-        optional=(
-            "latency_ms",
-            "update_interval_ms",
-            "limits",
-            "takes_waveform",
-            "waveform",
-            *_IN_TIME,
-            *_MEASURED,
-        ),
-    )
-    modality = members["modality"].choice(tuple(MODALITIES))
-    takes_waveform = "takes_waveform" in members and members["takes_waveform"].boolean()
-    if takes_waveform and modality != "vibration":
-        members["takes_waveform"].fail("left out: only vibration is played as a waveform")
-    if "waveform" in members and not takes_waveform:
-        members["waveform"].fail('left out: it needs "takes_waveform": true')
-    for each in _MEASURED:
-        if each in members and modality != "vibration":
-            members[each].fail("left out: it is a property of vibration only")
-    names = _CONTROLS[modality]
-    ranges = members["parameters"].members(required=names)
-    limits = members["limits"].members(required=(), optional=names) if "limits" in members else {}
-    latency = members.get("latency_ms")
-    interval = members.get("update_interval_ms")
+    modality = MODALITIES[node.get("modality")]
+    drive = _drive(node["drive"]) if "drive" in node else ()
     return ActuatorType(
         name=name,
-        modality=modality,
-        controls=tuple(_control(modality, each, ranges[each], limits.get(each)) for each in names),
-        latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
-        update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
-        takes_waveform=takes_waveform,
-        waveform=_waveform(members.get("waveform")),
-        **_in_time_and_measured(members),
+        modality=modality.name,
+        controls=tuple(_control(modality, each, node) for each in modality.controls),
+        latency_ms=node.number("latency_ms", 0.0),
+        update_interval_ms=node.number("update_interval_ms", 10.0),
+        takes_waveform=node.get("takes_waveform", False),
+        waveform=node.get("waveform", "sine"),
+        drive=drive,
+        thresholds=node.curve("detection_thresholds"),
+        **{
+            key: node.number(key)
+            for key in ("slew_per_s", "maximum_on_s", "rest_s", "resonance_hz")
+            if key in node
+        },
     )
 
 
-def _waveform(node: Node | None) -> Waveform:
-    if node is None:
-        return "sine"
-    chosen = node.choice(WAVEFORMS)
-    return next(each for each in WAVEFORMS if each == chosen)
+def _drive(node: Node) -> tuple[DriveCurve, ...]:
+    curves = []
+    for each in node.items():
+        points = each.curve("points")
+        is_rising = all(a[0] < b[0] and a[1] < b[1] for a, b in itertools.pairwise(points))
+        if points[0] != (0.0, 0.0) or not is_rising:
+            each["points"].fail("pairs of drive and output that both rise from [0, 0]")
+        curves.append(DriveCurve(each.number("frequency_hz"), points))
+    if any(b.frequency_hz <= a.frequency_hz for a, b in itertools.pairwise(curves)):
+        node.fail("curves of ascending frequency")
+    return tuple(curves)
 
 
-def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:
-    """Time limits and measured curves of an actuator type."""
-    found: dict[str, Any] = {
-        name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members
-    }
-    if "resonance_hz" in members:
-        found["resonance_hz"] = members["resonance_hz"].number(*_FREQUENCIES_HZ, "Hz")
-    if "drive" in members:
-        curves = [_curve(node) for node in members["drive"].items(least=1, most=32)]
-        if any(b.frequency_hz <= a.frequency_hz for a, b in itertools.pairwise(curves)):
-            members["drive"].fail("curves of ascending frequency")
-        found["drive"] = tuple(curves)
-    if "detection_thresholds" in members:
-        node = members["detection_thresholds"]
-        pairs = [
-            _pair(each, _FREQUENCIES_HZ, (0.0, 1000.0)) for each in node.items(least=1, most=64)
-        ]
-        if any(b[0] <= a[0] for a, b in itertools.pairwise(pairs)):
-            node.fail("pairs of ascending frequency")
-        found["thresholds"] = tuple(pairs)
-    return found
-
-
-def _curve(node: Node) -> DriveCurve:
-    members = node.members(required=("frequency_hz", "points"))
-    points = [
-        _pair(each, (0.0, 1.0), (0.0, 1000.0))
-        for each in members["points"].items(least=2, most=256)
-    ]
-    is_rising = all(a[0] < b[0] and a[1] < b[1] for a, b in itertools.pairwise(points))
-    if points[0] != (0.0, 0.0) or not is_rising:
-        members["points"].fail("pairs of drive and output that both rise from [0, 0]")
-    return DriveCurve(members["frequency_hz"].number(*_FREQUENCIES_HZ, "Hz"), tuple(points))
-
-
-def _pair(
-    node: Node, first: tuple[float, float], second: tuple[float, float]
-) -> tuple[float, float]:
-    one, other = node.items(least=2, most=2)
-    return one.number(*first), other.number(*second)
-
-
-def _control(modality: str, name: str, node: Node, limits: Node | None) -> Control:
-    known = next(each for each in MODALITIES[modality].parameters if each.name == name)
-    is_strength = name == MODALITIES[modality].strength
-    # Strengths but temperature are silent at 0, which therefore must be in their range.
-    is_silent_at_0 = is_strength and modality != "temperature"
-    minimum, maximum = _range(node, known, may_be_fixed=not is_strength)
-    if is_silent_at_0 and minimum != 0.0:
-        node.member("minimum").fail("0, at which the actuator is silent")
+def _control(modality: Modality, known: Parameter, kind: Node) -> Control:
+    """Range, limits and neutral value of a parameter of an actuator type."""
+    node = kind["parameters"][known.name]
+    if "fixed" in node:
+        minimum = maximum = node.number("fixed")
+    else:
+        minimum, maximum = node.number("minimum"), node.number("maximum")
+        node["maximum"].hold(Number(minimum, known.maximum, known.unit))
     lowest, highest = minimum, maximum
-    if limits is not None:
-        bounds = limits.members(required=(), optional=("minimum", "maximum"))
+    if "limits" in kind and known.name in kind["limits"]:
+        bounds = kind["limits"][known.name]
         if "minimum" in bounds:
-            high = 0.0 if is_silent_at_0 else maximum
-            lowest = bounds["minimum"].number(minimum, high, known.unit)
+            bounds["minimum"].hold(Number(minimum, maximum, known.unit))
+            lowest = bounds.number("minimum")
         if "maximum" in bounds:
-            highest = bounds["maximum"].number(lowest, maximum, known.unit)
-    if modality == "temperature":
+            bounds["maximum"].hold(Number(lowest, maximum, known.unit))
+            highest = bounds.number("maximum")
+    if modality.name == "temperature":
         highest = min(highest, MAX_TEMPERATURE_C)
         if lowest > highest:
             node.fail(f"a range that reaches below {MAX_TEMPERATURE_C:g} degC, the hottest allowed")
-    neutral = 0.0 if is_silent_at_0 else min(max(_default(name), lowest), highest)
-    if "neutral" in node.value:
-        high = 0.0 if is_silent_at_0 else highest
-        neutral = node.member("neutral").number(lowest, high, known.unit)
-    return Control(name, minimum, maximum, lowest, highest, neutral)
-
-
-def _default(name: str) -> float:
-    """Neutral value of a control whose configuration names none."""
-    return {"temperature_c": AMBIENT_NEUTRAL_C, "frequency_hz": 100.0}[name]
-
-
-def _range(node: Node, known: ModalityParameter, *, may_be_fixed: bool) -> tuple[float, float]:
-    if may_be_fixed and isinstance(node.value, dict) and "fixed" in node.value:
-        members = node.members(required=("unit", "fixed"))
-        members["unit"].choice((known.unit,))
-        fixed = members["fixed"].number(known.minimum, known.maximum, known.unit)
-        return fixed, fixed
-    members = node.members(required=("unit", "minimum", "maximum"), optional=("neutral",))
-    members["unit"].choice((known.unit,))
-    minimum = members["minimum"].number(known.minimum, known.maximum, known.unit)
-    return minimum, members["maximum"].number(minimum, known.maximum, known.unit)
+    neutral = min(max(_NEUTRAL.get(known.name, 0.0), lowest), highest)
+    if "neutral" in node:
+        node["neutral"].hold(Number(lowest, highest, known.unit))
+        neutral = node.number("neutral")
+    return Control(known.name, minimum, maximum, lowest, highest, neutral)
 
 
 def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -> Actuator:
-    members = node.members(required=("id", "type", "place"))
-    return Actuator(
-        id=members["id"].text(ID_PATTERN, ID_DESCRIBED),
-        type=types[members["type"].choice(tuple(types))],
-        place=layout_reader.place(members["place"], mount),
-    )
+    kind = types.get(node.get("type"))
+    if kind is None:
+        node["type"].fail("one of " + ", ".join(types))
+    return Actuator(node.get("id"), kind, layout_reader.place(node["place"], mount))
 
 
-def _substitutions(node: Node | None, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
-    if node is None:
-        return {}
+def _substitutions(node: Node, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
     types = tuple(each.type for each in actuators)
-    sources = node.members(required=(), optional=tuple(MODALITIES))
-    return {name: _substitution(name, each, types) for name, each in sources.items()}
+    return {name: _substitution(name, each, types) for name, each in node.members().items()}
 
 
 def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> Substitution:
+    target = node.get("as")
     targets = tuple(dict.fromkeys(each.modality for each in types if each.modality != source))
-    value: Any = node.value
-    is_vibration = isinstance(value, dict) and value.get("as") == "vibration"
-    optional = ("frequency_hz",) if is_vibration else ()
-    members = node.members(required=("as", "scale"), optional=optional)
-    target = members["as"].choice(targets)
+    if target not in targets:
+        node["as"].fail("one of " + ", ".join(targets))
     frequency_hz = None
-    if "frequency_hz" in members:
-        frequency_hz = members["frequency_hz"].number(0.1, 1000.0, "Hz")
-    elif is_vibration:
-        frequency_hz = _own_frequency_hz(types)
-    scale = members["scale"].members(required=("value", "unit"))
-    units = {name: _strength_unit(name) for name in (source, target)}
-    scale["unit"].choice((f"{units[target]} per {units[source]}",))
-    return Substitution(
-        source,
-        target,
-        # A negative scale makes sense only where a strength can be negative: wind that cools.
-        scale["value"].number(-1000.0 if target == "temperature" else 0.0, 1000.0),
-        frequency_hz,
-    )
+    if target == "vibration":
+        frequency_hz = node.number("frequency_hz", _own_frequency_hz(types))
+    return Substitution(source, target, node["scale"].number("value"), frequency_hz)
 
 
 def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
@@ -339,8 +178,3 @@ def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
     vibrating = [each for each in types if each.modality == "vibration"]
     resonances = (each.resonance_hz for each in vibrating if each.resonance_hz is not None)
     return next(resonances, vibrating[0].controls[1].neutral)
-
-
-def _strength_unit(modality: str) -> str:
-    found = MODALITIES[modality]
-    return next(each.unit for each in found.parameters if each.name == found.strength)

@@ -4,83 +4,55 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Final, cast, get_args
 
 import numpy as np
 
-from ...engine.body.parts import PARTS, SIDES
+from ...engine.arrays import F64
+from ...engine.body.parts import PARTS
 from ...engine.rendering.device import (
     BodyPlace,
     Mount,
     Place,
     RoomPlace,
     Scheme,
-    SchemeName,
-    Statistic,
     VertexPlace,
     VertexSet,
 )
 from ...engine.rendering.mounts import place_on
-from ...engine.rendering.panning.laws import LAWS, Law
-from ...files.strict_json import Node
-
-ID_PATTERN: Final = r"[a-z0-9][a-z0-9_-]{0,63}"
-ID_DESCRIBED: Final = "1 to 64 of a-z, 0-9, _ and -, the first a letter or digit"
-
-_OPTIONS: Final = {
-    "coverage": ("statistic",),
-    "barycentric": ("law",),
-    "surface": ("law",),
-    "splat": ("sigma_m",),
-}
-"""Options of each rendering scheme."""
-
-_BEND_MM: Final = (3.0, 10_000.0)
-"""Range of bend radii: from a fingertip's curve to one that cannot be told from a plane."""
+from ...files.json_shapes import Node
 
 
 def scheme(node: Node) -> Scheme:
     """Rendering scheme and its options."""
-    members = node.members(required=("scheme",), optional=("options",))
-    name = cast(SchemeName, members["scheme"].choice(get_args(SchemeName)))
-    if "options" not in members:
-        return Scheme(name)
-    options = members["options"].members(required=(), optional=_OPTIONS.get(name, ()))
-    found = Scheme(name)
-    if "statistic" in options:
-        statistic = cast(Statistic, options["statistic"].choice(get_args(Statistic)))
-        found = Scheme(name, statistic=statistic)
-    if "law" in options:
-        found = Scheme(name, law=cast(Law, options["law"].choice(LAWS)))
+    options = dict(node.get("options", {}))
     if "sigma_m" in options:
-        found = Scheme(name, sigma_m=options["sigma_m"].number(0.001, 1.0, "m"))
-    return found
+        options["sigma_m"] = float(options["sigma_m"])
+    return Scheme(node.get("scheme"), **options)
 
 
 def mount(node: Node) -> Mount:
     """Mount of a layout on the body; its axes are made orthogonal and of unit length."""
-    members = node.members(required=("origin_m", "x_axis", "y_axis"), optional=("bend_radius_mm",))
-    origin = members["origin_m"].triple(-3.0, 3.0, "m")
-    x = np.array(members["x_axis"].triple(-1.0, 1.0))
-    y = np.array(members["y_axis"].triple(-1.0, 1.0))
-    if np.linalg.norm(x) < 0.1:
-        members["x_axis"].fail("a direction: three numbers of which one is not near 0")
-    x /= np.linalg.norm(x)
+    x = _direction(node["x_axis"])
+    y = np.array(node.numbers("y_axis"))
     y = y - (y @ x) * x
     if np.linalg.norm(y) < 0.1:
-        members["y_axis"].fail("a direction across the x_axis")
+        node["y_axis"].fail("a direction across the x_axis")
     y /= np.linalg.norm(y)
-    bend_m = _bend_m(members["bend_radius_mm"]) if "bend_radius_mm" in members else None
-    return Mount(origin, (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m)
+    bend_m = node.number("bend_radius_mm") / 1000.0 if "bend_radius_mm" in node else None
+    return Mount(_triple(node, "origin_m"), (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m)
 
 
-def _bend_m(node: Node) -> float:
-    least, most = _BEND_MM
-    radius_mm = node.number(-most, most, "mm")
-    if abs(radius_mm) < least:
-        node.fail(f"a number from {least:g} to {most:g} mm, or its negative for a hollow")
-    return radius_mm / 1000.0
+def _direction(node: Node) -> F64:
+    """A unit vector, (3,)."""
+    direction = np.array(node.value, np.float64)
+    if np.linalg.norm(direction) < 0.1:
+        node.fail("a direction: three numbers of which one is not near 0")
+    return direction / np.linalg.norm(direction)  # type: ignore[no-any-return]
+
+
+def _triple(node: Node, key: str) -> tuple[float, float, float]:
+    x, y, z = node.numbers(key)
+    return x, y, z
 
 
 def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
@@ -91,7 +63,7 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
     width_mm = max((x for x, _ in places), default=0) - min((x for x, _ in places), default=0)
     round_mm = 2000.0 * math.pi * abs(mount.bend_radius_m)
     if width_mm > round_mm:
-        node.member("bend_radius_mm").fail(
+        node["bend_radius_mm"].fail(
             f"at least {math.ceil(width_mm / math.tau * 100.0) / 100.0:g} mm: pads are "
             f"{width_mm:g} mm apart along x, and the circumference is {round_mm:.1f} mm"
         )
@@ -99,96 +71,48 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 def place(node: Node, mount: Mount | None) -> Place:
     """Place of one actuator."""
-    kinds: dict[str, Callable[[Node], Place]] = {
-        "placement": _body_place,
-        "vertices": _vertex_place,
-        "room": _room_place,
-    }
-    members = node.members(required=(), optional=(*kinds, "pad"))
-    if len(members) != 1:
-        node.fail("exactly one of " + ", ".join((*kinds, "pad")))
-    ((kind, found),) = members.items()
-    return _pad_place(found, mount) if kind == "pad" else kinds[kind](found)
+    ((kind, member),) = node.members().items()
+    if kind == "vertices":
+        return _vertex_place(member)
+    if kind == "room":
+        return _room_place(member)
+    return _body_place(member, mount)
 
 
-def _parts(node: Node) -> tuple[str, ...]:
-    parts = tuple(item.choice(PARTS) for item in node.items(least=1, most=len(PARTS)))
-    if len(set(parts)) != len(parts):
-        node.fail("each body part once")
-    return parts
-
-
-def _body_place(node: Node) -> BodyPlace:
-    members = node.members(
-        required=("parts", "centre_m", "radius_m"), optional=("side", "stroked_by")
-    )
-    return BodyPlace(
-        parts=_parts(members["parts"]),
-        centre_m=members["centre_m"].triple(-3.0, 3.0, "m"),
-        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
-        side=members["side"].choice(SIDES) if "side" in members else None,
-        stroked_by=_parts(members["stroked_by"]) if "stroked_by" in members else (),
-    )
-
-
-def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
-    """Place given in the layout's own millimetres, which the mount puts on the body."""
-    if mount is None:
+def _body_place(node: Node, mount: Mount | None) -> BodyPlace:
+    """Place on the body in metres, or in the layout's millimetres, which the mount puts on it."""
+    if "centre_m" in node:
+        centre = _triple(node, "centre_m")
+    elif mount is None:
         node.fail("a placement, vertices or room: the device has no 'mount' for a pad")
-    members = node.members(required=("parts", "at_mm", "radius_m"), optional=("side",))
-    x, y = (item.number(-2000.0, 2000.0, "mm") for item in members["at_mm"].items(least=2, most=2))
-    (centre,) = place_on(mount, np.array([[x, y]]) / 1000.0)
+    else:
+        (on_body,) = place_on(mount, np.array([node.numbers("at_mm")]) / 1000.0)
+        centre = float(on_body[0]), float(on_body[1]), float(on_body[2])
     return BodyPlace(
-        parts=_parts(members["parts"]),
-        centre_m=(float(centre[0]), float(centre[1]), float(centre[2])),
-        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
-        side=members["side"].choice(SIDES) if "side" in members else None,
+        parts=tuple(node.get("parts")),
+        centre_m=centre,
+        radius_m=node.number("radius_m"),
+        side=node.get("side"),
+        stroked_by=tuple(node.get("stroked_by", ())),
     )
 
 
 def _vertex_place(node: Node) -> VertexPlace:
-    sets = tuple(_vertex_set(item) for item in node.items(least=1, most=8))
+    sets = tuple(VertexSet(each["model"], each["hash"], tuple(each["ids"])) for each in node.value)
     if len({each.model_id for each in sets}) != len(sets):
         node.fail("each model once")
     return VertexPlace(sets)
 
 
-def _vertex_set(node: Node) -> VertexSet:
-    members = node.members(required=("model", "hash", "ids"))
-    ids = members["ids"].items(least=1, most=100_000)
-    vertices: list[int] = []
-    for item in ids:
-        lowest = vertices[-1] + 1 if vertices else 0
-        vertices.append(item.integer(lowest, 2**31 - 1))
-    return VertexSet(
-        model_id=members["model"].text(ID_PATTERN, ID_DESCRIBED),
-        content_hash=members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
-        vertices=tuple(vertices),
-    )
-
-
 def _room_place(node: Node) -> RoomPlace:
-    members = node.members(required=(), optional=("reaches", "at_m", "aim", "range_m", "cone_deg"))
-    parts = _parts(members["reaches"]) if "reaches" in members else PARTS
-    if "at_m" not in members:
-        for name in ("aim", "range_m", "cone_deg"):
-            if name in members:
-                members[name].fail("left out: the device has no 'at_m' in the play space")
+    parts = tuple(node.get("reaches", PARTS))
+    if "at_m" not in node:
         return RoomPlace(parts)
-    if "cone_deg" in members and "aim" not in members:
-        members["cone_deg"].fail("left out: the device has no 'aim'")
-    aim = None
-    if "aim" in members:
-        direction = np.array(members["aim"].triple(-1.0, 1.0))
-        if np.linalg.norm(direction) < 0.1:
-            members["aim"].fail("a direction: three numbers of which one is not near 0")
-        x, y, z = direction / np.linalg.norm(direction)
-        aim = float(x), float(y), float(z)
-    cone_deg = members["cone_deg"].number(1.0, 360.0, "deg") if "cone_deg" in members else 360.0
+    x, y, z = _direction(node["aim"]) if "aim" in node else (0.0, 0.0, 0.0)
     return RoomPlace(
         parts,
-        at_m=members["at_m"].triple(-100.0, 100.0, "m"),
-        aim=aim,
-        range_m=members["range_m"].number(0.01, 100.0, "m") if "range_m" in members else 100.0,
-        cone_deg=cone_deg,
+        at_m=_triple(node, "at_m"),
+        aim=(float(x), float(y), float(z)) if "aim" in node else None,
+        range_m=node.number("range_m", 100.0),
+        cone_deg=node.number("cone_deg", 360.0),
     )

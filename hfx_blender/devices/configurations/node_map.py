@@ -24,9 +24,9 @@ from ...engine.rendering.actuator_vertices import on_parts
 from ...errors import InputError
 from ...files import resources
 from ...files.atomic import atomic_file
-from ...files.strict_json import Node, read
+from ...files.json_shapes import Items, Node, Number, Record, Text, read
 from . import unitouch_layout
-from .layout_reader import ID_DESCRIBED, ID_PATTERN
+from .device_shape import ID
 
 MODEL: Final = "hfx-vibration-1"
 MAX_NODES: Final = 1000
@@ -52,6 +52,23 @@ _MIDDLE: Final = {
 }
 _AMPLITUDE_M_S2: Final = 10.0
 _FREQUENCY_HZ: Final = 150.0
+_POSITION: Final = Record(
+    dict.fromkeys("xyz", Number(-3.0, 3.0, "m")),
+    unknown="ignore",
+    title="an object with x, y and z",
+)
+_MAP: Final = Record(
+    {
+        "nodes": Items(
+            Record({}, {"radius": Number(0.0, 1.0, "m"), "node_data": _POSITION}, "ignore"),
+            1,
+            MAX_NODES,
+        )
+    },
+    unknown="ignore",
+    title="an object with 'nodes'",
+)
+_ADDRESS: Final = Text(pattern=r"(?:/[A-Za-z0-9_.\-]+)+", note="an OSC address")
 
 
 def import_node_map(path: Path, device_id: str) -> Path:
@@ -68,8 +85,8 @@ def import_node_map(path: Path, device_id: str) -> Path:
     OutputError
         It cannot be written.
     """
-    if not re.fullmatch(ID_PATTERN, device_id):
-        raise InputError(f"'{device_id[:80]}' is no name for a device; allowed: {ID_DESCRIBED}.")
+    if not re.fullmatch(ID.pattern, device_id):
+        raise InputError(f"'{device_id[:80]}' is no name for a device; allowed: {ID.note}.")
     made = resources.user_devices() / f"{device_id}.json"
     if made.exists():
         raise InputError(f"{made}: exists already; choose another name.")
@@ -92,29 +109,25 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     InputError
         The file is not a node map: the message names the place in it.
     """
-    top = document.entries(allowed="an object with 'nodes'")
-    if "actuator_types" in top:
+    if isinstance(document.value, dict) and "actuator_types" in document:
         raise InputError(
             f"{document.file}: is a device configuration already, not a node map; copy it to "
             f"{resources.user_devices()}."
         )
     actuators, addresses = [], []
     scale = EYE_HEIGHT_M / MAP_EYE_HEIGHT_M
-    if "nodes" not in top:
-        document.fail("an object with 'nodes'")
-    for k, each in enumerate(top["nodes"].items(least=1, most=MAX_NODES), 1):
-        node = each.entries(allowed="an object")
-        parts, side = _carried_by(each, node)
-        radius_m = (node["radius"].number(0.0, 1.0, "m") if "radius" in node else 0.02) * scale
-        position = _position(node.get("node_data", each)) * scale
+    for k, node in enumerate(document.hold(_MAP)["nodes"].items(), 1):
+        parts, side = _carried_by(node)
+        radius_m = node.number("radius", 0.02) * scale
+        position = _position(node["node_data"] if "node_data" in node else node) * scale
         centre = _on_skin(position, parts, side, model)
         placement = {"parts": list(parts), "centre_m": centre, "radius_m": round(radius_m, 4)}
         if side is not None:
             placement["side"] = side
         actuators.append({"id": f"node_{k}", "type": "motor", "place": {"placement": placement}})
         address = f"/avatar/parameters/hfx_{k}"
-        if "address" in node and node["address"].value not in (None, ""):
-            address = node["address"].text(r"(?:/[A-Za-z0-9_.\-]+)+", "an OSC address")
+        if node.get("address") not in (None, ""):
+            address = node["address"].hold(_ADDRESS).value
         addresses.append(address)
     if len(set(addresses)) != len(addresses):
         raise InputError(f"{document.file}: two nodes have the same address.")
@@ -140,8 +153,9 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     }
 
 
-def _carried_by(each: Node, node: dict[str, Node]) -> tuple[tuple[str, ...], str | None]:
-    bone = node["target_bone"].value if "target_bone" in node else None
+def _carried_by(node: Node) -> tuple[tuple[str, ...], str | None]:
+    """Parts of the body and the side of the bone that carries a node."""
+    bone = node.get("target_bone")
     if isinstance(bone, str):
         if bone in _MIDDLE:
             return _MIDDLE[bone], None
@@ -150,15 +164,12 @@ def _carried_by(each: Node, node: dict[str, Node]) -> tuple[tuple[str, ...], str
             if parts is not None:
                 return parts, None if parts == _TORSO else side.lower()
     known = ", ".join([*_MIDDLE, *(f"Left{each}" for each in _LIMB)])
-    Node(bone, each.file, f"{each.path}.target_bone").fail(f"{known} (and Right)")
+    Node(bone, node.file, (node.place, "target_bone")).fail(f"{known} (and Right)")
 
 
 def _position(node: Node) -> F64:
-    place = node.entries(allowed="an object with x, y and z")
-    missing = [axis for axis in "xyz" if axis not in place]
-    if missing:
-        node.fail(f"an object with x, y and z: '{missing[0]}' is missing")
-    x, y, z = (place[axis].number(-3.0, 3.0, "m") for axis in "xyz")
+    node.hold(_POSITION)
+    x, y, z = (node.number(axis) for axis in "xyz")
     return np.array([-x, -z, y])
 
 

@@ -20,8 +20,7 @@ from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from ...engine.rendering.actuator_vertices import on_parts
-from ...errors import InputError
-from ...files.strict_json import Node
+from ...files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Record, Text, strict
 
 MAX_ACTUATORS: Final = 1000
 
@@ -35,6 +34,24 @@ _VIEWS: Final = ("Left", "Front", "Right", "Back", "Top", "Bottom")
 _FURTHEST: Final = 1e6
 _MARGIN: Final = 0.9  # of the parts' extent: actuators are not at the very ends
 _RADIUS_M: Final = 0.03
+_AXIS: Final = Number(-_FURTHEST, _FURTHEST)
+_INDICES: Final = Items(Number(0, MAX_ACTUATORS - 1, is_whole=True), 0, MAX_ACTUATORS)
+_REFERENCE: Final = Text(tuple(each for each in _PARTS if each is not None))
+_LAYOUT: Final = strict(
+    {
+        "actuators": Items(
+            Record(
+                {"projectedViewPosition": strict(dict.fromkeys("xyz", _AXIS))}, unknown="ignore"
+            ),
+            1,
+            MAX_ACTUATORS,
+        ),
+        "views": Items(
+            strict({"name": Text(_VIEWS)}, {"Indexes": _INDICES, "indexes": _INDICES}), 0, 64
+        ),
+    },
+    {"name": PRINTABLE, "visualReference": Anything(), "version": Anything()},
+)
 
 
 def is_layout(document: Node) -> bool:
@@ -50,14 +67,12 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     InputError
         The file is not a layout: the message names the place in it.
     """
-    top = document.members(
-        required=("actuators", "views"), optional=("name", "visualReference", "version")
-    )
-    reference = None
-    if "visualReference" in top and top["visualReference"].value is not None:
-        reference = top["visualReference"].choice([each for each in _PARTS if each is not None])
-    items = top["actuators"].items(least=1, most=MAX_ACTUATORS)
-    places = np.array([_position(item) for item in items])
+    top = document.hold(_LAYOUT)
+    reference = top.get("visualReference")
+    if reference is not None:
+        top["visualReference"].hold(_REFERENCE)
+    positions = (each["projectedViewPosition"] for each in top.get("actuators"))
+    places = np.array([[float(each[axis]) for axis in "xyz"] for each in positions])
     fronts = _fronts(top["views"], places)
     parts = _PARTS[reference]
     centres = _on_skin(places, fronts, parts, model)
@@ -71,7 +86,7 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
         }
         for k, centre in enumerate(centres)
     ]
-    name = top["name"].text() if "name" in top else device_id.replace("_", " ")
+    name = top.get("name", device_id.replace("_", " "))
     return {
         "schema": "hfx-device",
         "version": 1,
@@ -95,27 +110,17 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
     }
 
 
-def _position(node: Node) -> list[float]:
-    members = node.entries(allowed="an object with a 'projectedViewPosition'")
-    if "projectedViewPosition" not in members:
-        raise InputError(f"{node.file}: {node.path}: 'projectedViewPosition' is missing.")
-    axes = members["projectedViewPosition"].members(required=("x", "y", "z"))
-    return [axes[axis].number(-_FURTHEST, _FURTHEST) for axis in "xyz"]
-
-
 def _fronts(node: Node, places: F64) -> npt.NDArray[np.bool_]:
     """Mask of the actuators at the front: as views say; else by their depth."""
     depth = places[:, 2]
     found = depth >= 0.5 * (depth.min() + depth.max())
     said = np.zeros(len(places), np.bool_)
-    for view in node.items(least=0, most=64):
-        members = view.members(required=("name",), optional=("Indexes", "indexes"))
-        name = members["name"].choice(_VIEWS)
+    index_of_layout = Number(0, len(places) - 1, is_whole=True)
+    for view in node.items():
+        name = view.get("name")
         for key in ("Indexes", "indexes"):
-            if key not in members:
-                continue
-            for index in members[key].items(least=0, most=MAX_ACTUATORS):
-                k = index.integer(0, len(places) - 1)
+            for index in view[key].items() if key in view else ():
+                k = index.hold(index_of_layout).value
                 if name in ("Front", "Back") and not said[k]:
                     found[k], said[k] = name == "Front", True
     return np.asarray(found)

@@ -17,7 +17,8 @@ from typing import Any, Final
 import numpy as np
 
 from ...files import limits
-from ...files.json_shapes import clean, known_members, parse
+from ...files.json_shapes import known_members
+from ...files.strict_json import clean, parse
 from ..leniency import refuse_but
 from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, clipped

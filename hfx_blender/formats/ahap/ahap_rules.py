@@ -6,18 +6,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, Final
 
-from ...files.json_shapes import (
-    Anything,
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    Shape,
-    Text,
-    check,
-    json_validator,
-)
+from ...files.findings import Finding, Report, json_validator
+from ...files.json_shapes import Anything, Items, Number, Record, Shape, Text, check
 
 MAX_EVENT_S: Final = 30.0
 MAX_CURVE_POINTS: Final = 16

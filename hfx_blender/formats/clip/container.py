@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 
 SUFFIX: Final = ".hfxclip"
 VERSION: Final = 1

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import limits
-from ...files.json_shapes import Finding
+from ...files.findings import Finding
 from .container import MOST_TEXT, NONE, RECORDS, Records, Sections, decoded, texts_at
 
 _PARAMETERS: Final = {each.name for one in MODALITIES.values() for each in one.parameters}

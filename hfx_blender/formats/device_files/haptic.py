@@ -14,18 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...files.json_shapes import (
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    Text,
-    check,
-    clean,
-    json_validator,
-    parse,
-)
+from ...files.findings import Finding, Report, json_validator
+from ...files.json_shapes import Items, Number, Record, Text, check
+from ...files.strict_json import clean, parse
 from ..leniency import refuse_but, without_nulls
 from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve

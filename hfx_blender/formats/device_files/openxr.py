@@ -15,19 +15,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...files.json_shapes import (
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    Text,
-    check,
-    clean,
-    json_validator,
-    parse,
-    refuse_errors,
-)
+from ...files.findings import Finding, Report, json_validator, refuse_errors
+from ...files.json_shapes import Items, Number, Record, Text, check
+from ...files.strict_json import clean, parse
 from ..signals.curves import Curve
 from ..signals.signals import FrequencyRange, Signal, Transient, joined_times
 from ..written import Written, silent_note, write_json

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ...engine.body.model import PerceptualModel
 from ...files.atomic import atomic_file
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 
 SUFFIX: Final = ".glb"
 HJIF_MEDIA_TYPE: Final = "haptics/hjif"

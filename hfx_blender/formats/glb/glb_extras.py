@@ -15,7 +15,7 @@ from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.scene import EffectDescription, HapticVolume, TimeBase
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Shape
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 from .glb import TO_GLTF
 
 _NAMES = {Cuboid: "cuboid", Sphere: "sphere", Cylinder: "cylinder", Capsule: "capsule"}

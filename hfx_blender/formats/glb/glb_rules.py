@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ...files import limits
-from ...files.json_shapes import MAX_BYTES, Finding, Place, Report, mapped, parse, refuse_errors
+from ...files.findings import Finding, Report, refuse_errors
+from ...files.strict_json import MAX_BYTES, Place, mapped, parse
 from .glb import BINARY_CHUNK, JSON_CHUNK
 
 _COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}

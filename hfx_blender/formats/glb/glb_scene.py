@@ -23,7 +23,7 @@ from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, Sce
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Shape
 from ...files.atomic import atomic_file
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 from ..written import Written
 from .glb import SUFFIX, Document, add_extensions, hjif_media
 from .glb_bodies import BodyRecorder

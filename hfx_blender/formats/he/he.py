@@ -16,7 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from ...errors import InputError
-from ...files.json_shapes import clean, encoded, known_members, parse
+from ...files.json_shapes import known_members
+from ...files.strict_json import clean, encoded, parse
 from ...text import counted
 from ..leniency import refuse_but
 from ..signals import losses

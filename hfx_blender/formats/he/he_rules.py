@@ -7,20 +7,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final
 
-from ...files.json_shapes import (
-    Anything,
-    Finding,
-    Items,
-    Number,
-    Place,
-    Record,
-    Report,
-    Shape,
-    Text,
-    check,
-    encoded,
-    json_validator,
-)
+from ...files.findings import Finding, Report, json_validator
+from ...files.json_shapes import Anything, Items, Number, Record, Shape, Text, check
+from ...files.strict_json import Place, encoded
 
 MAX_PATTERN_EVENTS: Final = 16
 MAX_RELATIVE_MS: Final = 50_000

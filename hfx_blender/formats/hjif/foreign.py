@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check
+from ...files.findings import Finding, Report
+from ...files.json_shapes import Items, Number, Record, Shape, Text, check
 
 _OLD_NAMES: Final = {
     "mixing_weight": "mixing_coefficient",

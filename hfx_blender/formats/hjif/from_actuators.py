@@ -14,7 +14,7 @@ import numpy as np
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...files.atomic import atomic_file
-from ...files.json_shapes import clean, read_bytes
+from ...files.strict_json import clean, read_bytes
 from ...text import counted
 from ..signals import losses
 from ..signals.credits import Credits

@@ -25,7 +25,7 @@ from ...engine.samples import Stream
 from ...engine.track import TrackReader
 from ...errors import InputError, NothingFeltError
 from ...files.atomic import atomic_file
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 from ...text import counted
 from ..glb import glb
 from ..signals.curves import CurveTolerance

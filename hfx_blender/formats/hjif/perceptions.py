@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.rendering.device import DeviceConfig
-from ...files.json_shapes import clean
+from ...files.strict_json import clean
 from ..signals.curves import CurveTolerance
 from ..signals.signals import MAX_HZ, Transient
 from .body_parts import place_mask

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...files.json_shapes import Report, check, parse, read_bytes, refuse_errors
+from ...files.findings import Report, refuse_errors
+from ...files.json_shapes import check
+from ...files.strict_json import parse, read_bytes
 from ..leniency import ToleratedFaults, refuse_but
 from .document import Hjif, from_json
 from .foreign import in_standard_form

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+from ...files.findings import Finding, Report
+from ...files.json_shapes import Items, Number, Record, Shape, Text, check
+from ...files.strict_json import parse
 from .foreign import with_tool
 from .semantics import check_semantics
 

@@ -11,7 +11,8 @@ import re
 from datetime import datetime
 from typing import Any, Final
 
-from ...files.json_shapes import Place, Report
+from ...files.findings import Report
+from ...files.strict_json import Place
 
 MAX_CHANNELS: Final = {1: 127, 2: 65_535}  # by level
 MAX_BANDS: Final = {1: 7, 2: 63}

@@ -16,7 +16,9 @@ from typing import Any, Final
 
 from ...engine.modality import MODALITIES
 from ...files import limits
-from ...files.json_shapes import Items, Number, Place, Record, Report, Text, check
+from ...files.findings import Report
+from ...files.json_shapes import Items, Number, Record, Text, check
+from ...files.strict_json import Place
 
 ENCODING: Final = "compact"
 

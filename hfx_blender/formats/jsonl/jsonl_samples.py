@@ -23,24 +23,9 @@ from ...engine.rendering.render import blocks
 from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...files.atomic import atomic_file
-from ...files.json_shapes import (
-    Finding,
-    Flag,
-    Items,
-    Number,
-    Place,
-    Record,
-    Report,
-    Shape,
-    Table,
-    Text,
-    check,
-    clean,
-    encoded,
-    parse,
-    read_bytes,
-    refuse_errors,
-)
+from ...files.findings import Finding, Report, refuse_errors
+from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check
+from ...files.strict_json import Place, clean, encoded, parse, read_bytes
 from . import jsonl_compact
 
 SUFFIX: Final = ".samples.jsonl"

@@ -18,9 +18,9 @@ from ...engine.texture.haptic_map import HapticMap
 from ...engine.texture.height_field import HeightField
 from ...errors import InputError
 from ...files import suffixes
+from ...files.json_shapes import Anything, Flag, Node, Number, Text, numbers, strict
+from ...files.json_shapes import read as read_json
 from ...files.kinds import refuse_another
-from ...files.strict_json import Node
-from ...files.strict_json import read as read_json
 from ..written import Written, write_json
 from . import png
 
@@ -28,8 +28,24 @@ SUFFIX: Final = suffixes.TEXTURE_MAP
 _FORMAT: Final = "hfx-texture-map"
 _VERSION: Final = 1
 _LAYERS: Final = ("intensity", "sharpness")
-_REQUIRED: Final = ("format", "version", "layers", "size_mm", "amplitude_g", "frequency_hz")
-_OPTIONAL: Final = ("name", "tiles", "bits", "steps", "carrier_hz", "update_ms", "about")
+_MAP: Final = strict(
+    {
+        "format": Text((_FORMAT,)),
+        "version": Number(_VERSION, _VERSION),
+        "layers": strict(dict.fromkeys(_LAYERS, Anything())),
+        "size_mm": numbers(2, 0.0, 1e6, "mm"),
+        "amplitude_g": numbers(2, 0.0, 1e3),
+        "frequency_hz": numbers(2, 0.0, 1e5, "Hz"),
+    },
+    {
+        "tiles": Flag(),
+        "carrier_hz": Number(0.0, 1e5, "Hz"),
+        "update_ms": Number(0.0, 1e6, "ms"),
+        "steps": Anything(),
+        **dict.fromkeys(("name", "bits", "about"), Anything()),
+    },
+)
+_STEPS: Final = strict({"amplitude_g": Number(0.0, 1e3), "frequency_hz": Number(0.0, 1e5, "Hz")})
 
 
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
@@ -100,32 +116,24 @@ def read(path: Path) -> HapticMap:
     """
     document = read_json(path)
     refuse_another(document.value, document.file, _FORMAT)
-    members = document.members(_REQUIRED, _OPTIONAL)
-    if members["format"].value != _FORMAT:
-        members["format"].fail(f'"{_FORMAT}"')
-    if members["version"].value != _VERSION:
-        members["version"].fail(str(_VERSION))
-    layers = members["layers"].members(_LAYERS)
-    intensity, sharpness = (_layer(path, layers[name]) for name in _LAYERS)
-    width, height = _pair(members["size_mm"], 1e6)
+    members = document.hold(_MAP)
+    intensity, sharpness = (_layer(path, members["layers"][name]) for name in _LAYERS)
+    width, height = members.numbers("size_mm")
     rows, columns = intensity.shape
-    tiles = members["tiles"].value if "tiles" in members else True
-    if not isinstance(tiles, bool):
-        members["tiles"].fail("true or false")
     try:
         device = DeviceRange(
-            _pair(members["amplitude_g"], 1e3),
-            _pair(members["frequency_hz"], 1e5),
-            members["carrier_hz"].number(0.0, 1e5) if "carrier_hz" in members else 160.0,
-            1e-3 * members["update_ms"].number(0.0, 1e6) if "update_ms" in members else 0.05,
+            _pair(members, "amplitude_g"),
+            _pair(members, "frequency_hz"),
+            members.number("carrier_hz", 160.0),
+            1e-3 * members.number("update_ms", 50.0),
         )
         return HapticMap(
             intensity,
             sharpness,
             (1e-3 * width / columns, 1e-3 * height / rows),
-            tiles,
+            members.get("tiles", True),
             device,
-            _steps(members.get("steps")),
+            _steps(members["steps"]) if members.get("steps") is not None else None,
         )
     except InputError as error:
         if str(path) in str(error):
@@ -148,15 +156,11 @@ def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
     return (codes[::-1].astype(np.float64) / full).astype(np.float32)
 
 
-def _pair(node: Node, most: float) -> tuple[float, float]:
-    first, second = (item.number(0.0, most) for item in node.items(least=2, most=2))
+def _pair(node: Node, key: str) -> tuple[float, float]:
+    first, second = node.numbers(key)
     return first, second
 
 
-def _steps(node: Node | None) -> NoticeableSteps | None:
-    if node is None or node.value is None:
-        return None
-    members = node.members(("amplitude_g", "frequency_hz"))
-    return NoticeableSteps(
-        members["amplitude_g"].number(0.0, 1e3), members["frequency_hz"].number(0.0, 1e5)
-    )
+def _steps(node: Node) -> NoticeableSteps:
+    node.hold(_STEPS)
+    return NoticeableSteps(node.number("amplitude_g"), node.number("frequency_hz"))

@@ -17,7 +17,8 @@ from ...engine.rendering.raster import Column, Raster
 from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
-from ...files.json_shapes import MAX_BYTES, Finding, decoding_findings, read_bytes
+from ...files.findings import Finding, decoding_findings
+from ...files.strict_json import MAX_BYTES, read_bytes
 from . import raster_rules
 
 SUFFIX = ".csv"

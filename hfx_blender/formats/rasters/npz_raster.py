@@ -24,21 +24,9 @@ from ...engine.samples import Stream
 from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
-from ...files.json_shapes import (
-    MAX_BYTES,
-    Anything,
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    Text,
-    check,
-    decoding_findings,
-    parse,
-    read_bytes,
-    refuse_errors,
-)
+from ...files.findings import Finding, Report, decoding_findings, refuse_errors
+from ...files.json_shapes import Anything, Items, Number, Record, Text, check
+from ...files.strict_json import MAX_BYTES, parse, read_bytes
 from . import raster_rules
 
 SUFFIX: Final = ".raster.npz"

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ...files.json_shapes import clean, read_bytes
+from ...files.strict_json import clean, read_bytes
 from ..written import Written, beside
 from . import losses
 from .curves import CurveTolerance

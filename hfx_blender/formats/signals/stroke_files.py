@@ -16,7 +16,7 @@ from ...engine.texture.stroke import Stroke
 from ...errors import InputError, UsageError
 from ...files import suffixes
 from ...files.atomic import atomic_file
-from ...files.json_shapes import read_bytes
+from ...files.strict_json import read_bytes
 from ..ahap import ahap
 from ..device_files import haptic
 from ..he import he

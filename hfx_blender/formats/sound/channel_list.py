@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from ...files.json_shapes import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+from ...files.findings import Finding, Report
+from ...files.json_shapes import Items, Number, Record, Shape, Text, check
+from ...files.strict_json import parse
 
 _CHANNEL: Final = Number(0, is_whole=True)
 _SHARED: Final[dict[str, Shape]] = {

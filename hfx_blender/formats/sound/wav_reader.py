@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from ...files.json_shapes import Finding, Report
+from ...files.findings import Finding, Report
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 _BITS: Final = {_PCM: (8, 16, 24, 32), _FLOAT: (32, 64)}

@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...files import limits
-from ...files.json_shapes import clean, known_members, parse
+from ...files.json_shapes import known_members
+from ...files.strict_json import clean, parse
 from ...text import counted
 from ..leniency import refuse_but, without_nulls
 from ..signals.credits import Credits, text_of

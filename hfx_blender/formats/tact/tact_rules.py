@@ -5,21 +5,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ...files.json_shapes import (
-    Anything,
-    Finding,
-    Flag,
-    Items,
-    Number,
-    Place,
-    Record,
-    Report,
-    Shape,
-    Table,
-    Text,
-    check,
-    json_validator,
-)
+from ...files.findings import Finding, Report, json_validator
+from ...files.json_shapes import Anything, Flag, Items, Number, Record, Shape, Table, Text, check
+from ...files.strict_json import Place
 from .tact_layouts import MAX_DOTS
 
 INTERVAL_MS: Final = 20

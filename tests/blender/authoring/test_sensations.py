@@ -137,7 +137,7 @@ def document() -> dict[str, Any]:
         (lambda d: d["effects"][0].update(modality="smell"), r"effects\[0\].modality"),
         (lambda d: d["effects"][0]["parameters"].update(amplitude_m_s2=-1), "amplitude_m_s2"),
         (lambda d: d["effects"][0]["parameters"].pop("frequency_hz"), "frequency_hz"),
-        (lambda d: d["effects"][0].pop("volume"), "'area' or a 'volume'"),
+        (lambda d: d["effects"][0].pop("volume"), "exactly one of area, volume, spot, actuators"),
         (lambda d: d["effects"][0]["volume"].update(shape="TORUS"), "volume.shape"),
         (lambda d: d["effects"][0]["volume"].update(size_m=[1, 2]), "size_m"),
         (lambda d: d["effects"][0]["clips"][0].update(duration_s=0), "duration_s"),

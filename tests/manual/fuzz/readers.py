@@ -32,7 +32,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.export.batch import journal
 from hfx_blender.export.batch.options import ExportOptions
 from hfx_blender.export.batch.units import Unit
-from hfx_blender.files import limits, strict_json
+from hfx_blender.files import json_shapes, limits
 from hfx_blender.formats import files
 from hfx_blender.formats.clip import rules as clip_rules
 from hfx_blender.formats.clip.container import with_checksum
@@ -116,9 +116,9 @@ def readers(name: str) -> Reader:
         "npz": lambda content: void(npz_raster.decode(content, "x")),
         "csv": lambda content: void(csv_raster.decode(content, "x")),
         "hjif": _hjif,
-        "device": lambda content: void(device_from(strict_json.parse(content, "x"))),
+        "device": lambda content: void(device_from(json_shapes.node_of(content, "x"))),
         "effect": lambda content: void(effect_file.from_text(content.decode("utf-8", "replace"))),
-        "path": lambda content: void(path_file.recipe_of(strict_json.parse(content, "x"))),
+        "path": lambda content: void(path_file.recipe_of(json_shapes.node_of(content, "x"))),
         "nodemap": _node_map,
         "unitouch": _node_map,
     }
@@ -155,10 +155,10 @@ def _hjif(content: bytes) -> None:
 
 
 def _node_map(content: bytes) -> None:
-    document = strict_json.parse(content, "x.json")
+    document = json_shapes.node_of(content, "x.json")
     of = unitouch_layout if unitouch_layout.is_layout(document) else node_map
     made = of.configuration_of(document, "x", load_model(node_map.MODEL))
-    device_from(strict_json.Node(made, "made"))  # what is made of it can be used
+    device_from(json_shapes.Node(made, "made"))  # what is made of it can be used
 
 
 def _track(folder: Path, content: bytes) -> None:

@@ -31,7 +31,7 @@ from hfx_blender.engine.rendering.devices import renderers_of_track  # noqa: E40
 from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402
-from hfx_blender.files.json_shapes import encoded  # noqa: E402
+from hfx_blender.files.strict_json import encoded  # noqa: E402
 from hfx_blender.formats import files, registry  # noqa: E402
 from hfx_blender.formats.glb import glb  # noqa: E402
 from hfx_blender.formats.pictures import texture_map  # noqa: E402

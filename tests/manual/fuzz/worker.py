@@ -47,7 +47,7 @@ from mutation import changed_bytes, mutated  # noqa: E402
 from readers import COMMANDS, CONVERSIONS, PARSERS, Reader, readers  # noqa: E402
 
 from hfx_blender.errors import InputError  # noqa: E402
-from hfx_blender.files import json_shapes  # noqa: E402
+from hfx_blender.files import findings  # noqa: E402
 from hfx_blender.formats import files  # noqa: E402
 
 SLOW_S = 5.0  # of work for one input
@@ -252,7 +252,7 @@ def main() -> None:
             corpus.mkdir(parents=True)
             for k, data in enumerate(made):
                 (corpus / f"seed-{k}").write_bytes(data)
-    json_shapes.MAX_FINDINGS = _MOST_FINDINGS  # type: ignore[misc]
+    findings.MAX_FINDINGS = _MOST_FINDINGS  # type: ignore[misc]
     watched = Watched(options.format, readers(options.format), options)
     (fuzz_with_atheris if atheris else fuzz_plainly)(watched, options, corpus)
 
