@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,40 +20,20 @@ from ..errors import InputError, OutputError, UsageError
 from ..files import limits
 from ..files.atomic import inputs_kept, refuse_device
 from ..files.staging import place, staging
-from ..formats.files import format_of, read_signals, refuse_strangers
-from ..formats.gate import fault_of
-from ..formats.hjif import from_actuators
+from ..formats.files import fault_of, format_of, read_signals, refuse_strangers
 from ..formats.hjif.semantics import is_date
-from ..formats.rasters import csv_raster, npz_raster, raster_rules
+from ..formats.rasters import csv_raster, raster_rules
 from ..formats.rasters.signal_raster import RATE_HZ, raster_of
-from ..formats.registry import (
-    DEVICE_FORMATS,
-    PLAYED_FORMATS,
-    TRACK_FORMATS,
-    DeviceFormat,
-    PlayedFormat,
-    TrackFormat,
-    refuse_removed,
-    refuse_unknown,
-    suffixes,
-    write,
-)
+from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
 from ..formats.signals.credits import Credits
 from ..formats.signals.curves import CurveTolerance
-from ..formats.signals.signals import DEFAULT_TOLERANCE, Signal, distinct
+from ..formats.signals.signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, distinct
 from ..formats.sound import wav
+from ..formats.writing import write, write_signals
 from ..formats.written import Written, beside
 
 _READ_AGAIN: Final = 64 << 20  # bytes
-_RICHTAP: Final = frozenset({"created"})
-_HELD_CREDITS: Final = {
-    "haptic": frozenset({"author", "project", "source", "tags"}),
-    "ahap": frozenset({"project", "created", "others"}),
-    **dict.fromkeys(("he", "he1", "openharmony"), _RICHTAP),
-}
-"""Statements of :class:`Credits` that formats have a place for; those of a device have none."""
-
-_BY_ROWS: Final = (csv_raster.SUFFIX, npz_raster.SUFFIX, wav.SUFFIX)
+_BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))
 
 
 def convert(
@@ -79,7 +58,7 @@ def convert(
     target : Path
         Its suffix names the format, unless ``to`` does.
     to : str, optional
-        Key of ``DEVICE_FORMATS``, ``TRACK_FORMATS`` or ``PLAYED_FORMATS``.
+        One of ``TARGETS``.
     device : str, optional
         Name or file; tracks and rasters need it for device formats, and envelopes for those
         that are of a whole device (csv, npz, wav, tact). With it envelopes become what that
@@ -103,143 +82,155 @@ def convert(
         The device's script may not run, or has failed.
     """
     refuse_device(target)  # with --to, a suffix may be added to it
-    kind, stem = _target(target, to)
+    info, stem = _target(target, to)
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
     with inputs_kept([source]), staging(target.parent, "hfx") as stage:
-        written = _converted(source, kind, stage / stem, device, body, tolerance)
-        written += Written(notes=_ignored_options(source, kind, device, body))
+        if source.suffix == TRACK_SUFFIX:
+            written = _of_track(source, info, stage / stem, device, body, tolerance)
+        else:
+            written = _of_file(source, info, stage / stem, device, tolerance)
+        written += Written(notes=_ignored_options(source, info, device, body))
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         finals = [target.parent / path.name for path in written.files]
-        refuse_strangers(finals, target.with_name(stem + suffixes([kind])[0]))
+        refuse_strangers(finals, target.with_name(stem + info.suffix))
         files = place(written.files, target.parent)
     return replace(written, files=files)
 
 
-def _target(target: Path, to: str | None) -> tuple[str, str]:
+def _target(target: Path, to: str | None) -> tuple[FormatInfo, str]:
     """Format and stem of the target."""
-    formats: dict[str, DeviceFormat | TrackFormat | PlayedFormat] = {
-        **DEVICE_FORMATS,
-        **TRACK_FORMATS,
-        **PLAYED_FORMATS,
-    }
     if to is not None:
-        refuse_unknown((to,), "--to", formats)
-        suffix = formats[to].suffix
-        name = target.name
-        return to, name[: -len(suffix)] if name.endswith(suffix) and name != suffix else name
-    refuse_removed(target)
-    by_length = sorted(formats.values(), key=lambda each: -len(each.suffix))
-    for each in by_length:
-        if target.name.endswith(each.suffix) and target.name != each.suffix:
-            # .he is version 2 by default: it comes first in the table.
-            name = next(key for key, one in formats.items() if one.suffix == each.suffix)
-            return name, target.name[: -len(each.suffix)]
-    known = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))
-    raise UsageError(f"{target}: its suffix names no format; there are {known}, or say --to")
+        refuse_unknown((to,), "--to", TARGETS)
+    info = target_of(target) if to is None else FORMATS[to]
+    name = target.name
+    return info, name.removesuffix(info.suffix) or name
 
 
-def _converted(
+def _of_track(
     source: Path,
-    kind: str,
+    target: FormatInfo,
     stem: Path,
     device: str | None,
     body: str | None,
     tolerance: CurveTolerance,
 ) -> Written:
-    if source.suffix == TRACK_SUFFIX:
-        with TrackReader(source) as track:
-            if kind in TRACK_FORMATS:
-                devices = (load_device(device),) if device else ()
-                if kind == "hjif":
-                    _refuse_long(track, None)
-                return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
-            found = _device(device, kind)
-            _refuse_long(track, found)
-            given = renderers_of_track(track, (found,), [_body_id(track, body)])
-            rendered = finish(rendering(track, given)).complete()
-            ((_, raster),) = rendered.played
-            raster_rules.refuse(raster, str(source))
-            if kind in PLAYED_FORMATS:
-                written = PLAYED_FORMATS[kind].write(track.header, rendered.played, stem, None)
-            else:
-                written = write(kind, raster, found, stem, tolerance)
-        return written + Written(left_out=rendered.warnings, notes=rendered.notes)
-    found_format = format_of(source)
-    is_raster = found_format.name in ("npz", "csv")
-    if not is_raster and not found_format.has_signals:
+    """Write what is felt in a track, or what a device plays of it."""
+    with TrackReader(source) as track:
+        if target.write_track:
+            devices = (load_device(device),) if device else ()
+            if target.id == "hjif":  # it unfolds what is felt at each time
+                _refuse_long(track, None)
+            made: Written = target.function("write_track")(track, devices, stem, tolerance)
+            return made
+        found = _device(device, target)
+        _refuse_long(track, found)
+        given = renderers_of_track(track, (found,), [_body_id(track, body)])
+        rendered = finish(rendering(track, given)).complete()
+        ((_, raster),) = rendered.played
+        raster_rules.refuse(raster, str(source))
+        if target.write_played:
+            written = target.function("write_played")(track.header, rendered.played, stem, None)
+        else:
+            written = write(target.id, raster, found, stem, tolerance)
+    return written + Written(left_out=rendered.warnings, notes=rendered.notes)
+
+
+def _of_file(
+    source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: CurveTolerance
+) -> Written:
+    """Write what a raster or envelopes play."""
+    info = format_of(source)
+    if not info.read_raster and not info.decode:
         raise UsageError(
-            f"{source}: {found_format.title} cannot be converted; a track, a raster (npz, csv) and "
+            f"{source}: {info.title} cannot be converted; a track, a raster (npz, csv) and "
             "vibration in envelopes can"
         )
-    if kind in PLAYED_FORMATS or (kind in TRACK_FORMATS and kind != "hjif"):
-        raise UsageError(f"{source}: only a track can be converted to {kind}")
-    if is_raster:
-        found = _device(device, kind)
-        raster = _raster(source, found)
-        if kind == "hjif":
-            return from_actuators.write(raster, found, stem, tolerance)
-        return write(kind, raster, found, stem, tolerance)
-    write_signals = (
-        from_actuators.write_signals if kind == "hjif" else DEVICE_FORMATS[kind].write_signals
-    )
-    found_device = None
-    if write_signals is None or device is not None:
-        found_device = _device(device, kind)
+    if not target.write_raster and not target.write_signals:
+        raise UsageError(f"{source}: only a track can be converted to {target.id}")
+    needs_device = bool(info.read_raster) or not target.write_signals
+    found = _device(device, target) if needs_device or device is not None else None
+    if info.read_raster:
+        assert found is not None
+        return write(target.id, _raster(source, info, found), found, stem, tolerance)
     signals, frequencies = read_signals(source)
-    lost = tuple(note for each in signals for note in each.left_out)
-    read_notes = tuple(note for each in signals for note in each.notes)
     if not signals:
         raise InputError(f"{source}: holds no vibration.")
+    told = Written(
+        left_out=tuple(note for each in signals for note in each.left_out),
+        notes=tuple(note for each in signals for note in each.notes),
+    )
     if all(each.is_silent for each in signals):
-        read_notes += ("all of it is silent",)
+        told += Written(notes=("all of it is silent",))
         signals = [replace(each, is_kept=True) for each in signals]
-    _refuse_unfolding(signals, found_device, kind, source)
-    read_notes += _lost_credits(signals[0].credits, kind, found_device, source)
-    if found_device is not None:
-        raster, left_out, notes = raster_of(signals, found_device, str(source))
-        write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
-        if found_device.script is not None:
-            notes += (
-                f"the script of device '{found_device.id}' did not run: {source.name} holds "
-                "what to play, not what is felt",
-            )
-        written = write_raster(raster, found_device, stem, tolerance)
-        return written + Written((), lost + left_out, read_notes + notes)
-    assert write_signals is not None
-    written = write_signals(distinct(signals), frequencies, stem, tolerance)
-    written += Written((), lost, read_notes)
-    return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
+    if found is not None:
+        return _played(source, signals, target, found, stem, tolerance) + told
+    return _as_envelopes(source, signals, frequencies, target, stem, tolerance) + told
+
+
+def _played(
+    source: Path,
+    signals: list[Signal],
+    target: FormatInfo,
+    device: DeviceConfig,
+    stem: Path,
+    tolerance: CurveTolerance,
+) -> Written:
+    """Write what a device plays of envelopes."""
+    _refuse_unfolding(signals, device, target, source)
+    raster, left_out, notes = raster_of(signals, device, str(source))
+    if device.script is not None:
+        notes += (
+            f"the script of device '{device.id}' did not run: {source.name} holds "
+            "what to play, not what is felt",
+        )
+    notes = (*_lost_credits(signals[0].credits, target, frozenset(), source), *notes)
+    return write(target.id, raster, device, stem, tolerance) + Written((), left_out, notes)
+
+
+def _as_envelopes(
+    source: Path,
+    signals: list[Signal],
+    frequencies: FrequencyRange,
+    target: FormatInfo,
+    stem: Path,
+    tolerance: CurveTolerance,
+) -> Written:
+    """Write envelopes as they are; a single one gets exactly the name that was asked for."""
+    credits, held = signals[0].credits, target.credits
+    if target.id == "hjif" and not is_date(credits.created):
+        held -= {"created"}
+    notes = _lost_credits(credits, target, held, source)
+    written = write_signals(target, distinct(signals), frequencies, stem, tolerance)
+    if len(signals) == 1:
+        written = _named_as_asked(written, signals[0].name, stem)
+    return written + Written(notes=notes)
 
 
 def _lost_credits(
-    credits: Credits, kind: str, device: DeviceConfig | None, source: Path
+    credits: Credits, target: FormatInfo, held: frozenset[str], source: Path
 ) -> tuple[str, ...]:
-    """Statements of a file about itself that another format has no place for."""
-    held = {"description"} if kind == "hjif" else _HELD_CREDITS.get(kind, frozenset())
-    if kind == "hjif" and is_date(credits.created):
-        held = {*held, "created"}
+    """Statements of a file about itself that another one has no place for."""
     if credits.description == source.name.partition(".")[0]:  # said by its name, too
         credits = replace(credits, description="")
-    title = "HJIF" if kind == "hjif" else DEVICE_FORMATS[kind].title
-    return credits.lost(frozenset() if device is not None else held, title)
+    return credits.lost(held, target.title)
 
 
 def _ignored_options(
-    source: Path, kind: str, device: str | None, body: str | None
+    source: Path, target: FormatInfo, device: str | None, body: str | None
 ) -> tuple[str, ...]:
     """Options that say nothing of this conversion."""
-    is_track, is_of_track = source.suffix == TRACK_SUFFIX, kind in TRACK_FORMATS
+    is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(target.write_track)
     notes = []
     if body is not None and not is_track:
         notes.append("--body says nothing here: the file is of no body")
     elif body is not None and is_of_track:
         notes.append("--body says nothing here: what each body feels is written")
-    if device is not None and is_track and is_of_track and kind != "hjif":
-        notes.append(f"--device says nothing here: {kind} holds what is felt")
+    if device is not None and is_track and is_of_track and not target.write_raster:
+        notes.append(f"--device says nothing here: {target.id} holds what is felt")
     return tuple(notes)
 
 
@@ -262,14 +253,12 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
 
 
 def _refuse_unfolding(
-    signals: Sequence[Signal], device: DeviceConfig | None, kind: str, source: Path
+    signals: Sequence[Signal], device: DeviceConfig, target: FormatInfo, source: Path
 ) -> None:
     """Refuse a small file of envelopes that would become a huge table or sound."""
-    if device is None:
-        return  # envelopes again
     lasts_s = max(each.duration_s for each in signals)
     columns = len(device.controls)
-    is_sound = kind == "wav"
+    is_sound = target.id == "wav"
     per_s = 2.0 * wav.RATE_HZ * len(device.actuators) if is_sound else 8.0 * RATE_HZ * columns
     limits.check_unfolded(lasts_s * per_s, source.stat().st_size, str(source))
 
@@ -298,9 +287,9 @@ def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
     return replace(written, files=files)
 
 
-def _device(device: str | None, kind: str) -> DeviceConfig:
+def _device(device: str | None, target: FormatInfo) -> DeviceConfig:
     if device is None:
-        raise UsageError(f"{kind} holds what a device plays: choose one with --device")
+        raise UsageError(f"{target.id} holds what a device plays: choose one with --device")
     return load_device(device)
 
 
@@ -310,17 +299,16 @@ def _body_id(track: TrackReader, body: str | None) -> str | None:
     return next((each.id for each in track.header.bodies if body in (each.id, each.name)), body)
 
 
-def _raster(source: Path, device: DeviceConfig) -> Raster:
-    """A raster of a file, checked to be that device's."""
-    is_csv = source.name.endswith(csv_raster.SUFFIX)
-    raster = csv_raster.read(source) if is_csv else npz_raster.read(source)
+def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
+    """A raster of a file, checked to be that device's; a table knows no device."""
+    raster: Raster = info.function("read_raster")(source)
     wanted = columns_of(device)
     if raster.columns != wanted:
         raise InputError(
             f"{source}: its columns are not those of the device '{device.id}'"
             f"{_first_difference(raster.columns, wanted)}."
         )
-    if not is_csv and raster.device_id != device.id:
+    if info.id != "csv" and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
 

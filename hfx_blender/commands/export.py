@@ -21,6 +21,7 @@ from ..export.batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_
 from ..export.batch.units import Outcome, Unit
 from ..files.atomic import atomic_file, inputs_kept, refuse_taken
 from ..formats.clip import COARSEST, DETAIL
+from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes
 from ..processes import blender_session
 from ..processes.start import cores
 from ..text import printable
@@ -50,8 +51,8 @@ def add_parser(commands: Any) -> None:
         action="extend",
         type=_names,
         metavar="F,...",
-        help="track, hjif, jsonl, glb; for devices clip, csv, npz, wav, ahap, haptic, he, he1, "
-        "openharmony, openxr, tact (default: track; csv for devices)",
+        help=f"{_names_of_formats(False)}; for devices {_names_of_formats(True)} (default: track; "
+        "csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")
@@ -141,6 +142,13 @@ def add_parser(commands: Any) -> None:
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
+
+
+def _names_of_formats(of_devices: bool) -> str:
+    """Formats of an export that devices are needed for, or the others."""
+    infos = (FORMATS[id] for id in EXPORTED)
+    names = [i.id for i in infos if of_devices == (i.is_of_device or bool(i.write_played))]
+    return ", ".join(names)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
@@ -358,7 +366,6 @@ def _check(options: argparse.Namespace) -> None:
     """Reject options with which no scene could be exported, before any is opened."""
     from ..devices.configuration import load_device
     from ..engine.areas.on_demand import ON_DEMAND
-    from ..formats.registry import refuse_unknown
 
     refuse_unknown(options.formats or (), "-f")
     for name in options.device or ():
@@ -397,11 +404,10 @@ def _refuse_result(options: argparse.Namespace) -> None:
         It has, whichever of the formats is written.
     """
     from ..export.report import REPORT_SUFFIX
-    from ..formats.registry import FORMATS, suffixes
 
     folder = Path(os.path.realpath(options.output))
     report = Path(os.path.realpath(options.report.parent)) / options.report.name
-    of_results = (REPORT_SUFFIX, *suffixes(options.formats or FORMATS))
+    of_results = (REPORT_SUFFIX, *suffixes(options.formats or EXPORTED))
     for stem in [path.stem for path in options.scenes] or [_open_stem()]:
         is_there = report.parent == folder or folder / stem in report.parents
         is_result = report.name.startswith(f"{stem}.") and report.name.endswith(of_results)

@@ -48,13 +48,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _is_of_a_format(path: Path) -> bool:
-    from ..formats.facts import is_known
+    from ..formats.files import is_known
 
     return is_known(path)
 
 
 def _of_a_format(path: Path) -> dict[str, Any]:
-    from ..formats.facts import facts_of
+    from ..formats.files import facts_of
 
     return facts_of(path)
 

@@ -87,7 +87,7 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     console.say(f"{path}: {found.title}, {verdict}" + (f", {count} findings" if count else ""))
     return {
         "file": str(path),
-        "format": found.name,
+        "format": found.id,
         "is_valid": is_valid,
         "findings": [vars(each) for each in findings],
     }

@@ -38,9 +38,10 @@ from ..engine.track.named_clips import named_clips
 from ..errors import InputError
 from ..files.atomic import atomic_file, inputs_kept
 from ..files.staging import place, staging
-from ..formats import gate, registry
+from ..formats import writing
 from ..formats.clip import DETAIL
-from ..formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
+from ..formats.files import valid_only
+from ..formats.registry import FORMATS
 from ..formats.signals.curves import CurveTolerance
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
@@ -91,7 +92,7 @@ class ExportSettings:
     missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
 
     def __post_init__(self) -> None:
-        registry.check(self.formats, self.devices)
+        writing.check(self.formats, self.devices)
         devices = {device.id: device for device in self.devices}
         object.__setattr__(self, "devices", tuple(devices.values()))
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
@@ -291,7 +292,7 @@ class SceneExport:
             else:
                 tracks = (track,) if "track" in settings.formats else ()
                 played = _placed(whole.header, rendered.played, stem, stem)
-                written = Written(tracks) + registry.write_all(
+                written = Written(tracks) + writing.write_all(
                     settings.formats,
                     played,
                     whole,
@@ -300,7 +301,7 @@ class SceneExport:
                     tolerance,
                     seen.spatial,
                 )
-            written = gate.valid_only(written)
+            written = valid_only(written)
             if settings.formats and not written.files and seen.volumes is None:
                 _refuse(written.left_out)
             rasters = [raster for _, raster in rendered.played]
@@ -309,10 +310,9 @@ class SceneExport:
             if seen.volumes is not None:
                 models = [load_model(model.id) for model in whole.header.models]
                 names = {path.name for path in written.files}
-                has_hjif = stem.name + HJIF_SUFFIX in names and not settings.per_clip
-                written += seen.volumes.write(
-                    models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
-                )
+                hjif = stem.name + FORMATS["hjif"].suffix
+                has_hjif = hjif in names and not settings.per_clip
+                written += seen.volumes.write(models, stem, quote(hjif) if has_hjif else None)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         if settings.strict:
@@ -429,7 +429,7 @@ def _write_clips(
             written += Written(notes=of_clip.notes)
             of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
             played = _placed(whole.header, of_clip.played, stem, part)
-            made = registry.write_all(
+            made = writing.write_all(
                 settings.formats, played, track, settings.devices, part, tolerance
             )
             written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)

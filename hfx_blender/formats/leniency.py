@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from typing import Any, Final
 
 from ..errors import InputError
@@ -49,6 +49,11 @@ def refuse_but(
         _refuse_huge(found, name)
     warnings = [each for each in findings if each.severity == "warning"]
     return _sentences(errors, "not valid but read: ") + _sentences(warnings, "")
+
+
+def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
+    """Sentences about how a file was read as a fact of it, a line each, if there are any."""
+    return {key: [{"": each} for each in sentences]} if sentences else {}
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:

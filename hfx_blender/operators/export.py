@@ -16,33 +16,16 @@ from bpy_extras.io_utils import ExportHelper
 from ..authoring.clips import clips
 from ..authoring.effects import swarms
 from ..errors import InputError
+from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
 from .stepwise_export import StepwiseExport
 
 if TYPE_CHECKING:
     from ..export.report import ExportReport
 
-FORMAT_ITEMS = (
-    ("track", "Haptic Track", "Everything that is felt, for any device (.hfxtrack)", 1 << 0),
-    (
-        "hjif",
-        "MPEG HJIF",
-        "Everything that is felt, in MPEG's haptics format, with .glb meshes",
-        1 << 1,
-    ),
-    ("jsonl", "JSON Lines", "Everything that is felt, sample by sample, for game engines", 1 << 2),
-    ("glb", "glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 1 << 3),
-    ("clip", "Game Clip", "What devices play, for players in games (.hfxclip)", 1 << 18),
-    ("csv", "CSV", "Values of each device, a row for each sample", 1 << 4),
-    ("npz", "NPZ Raster", "Values of each device, as NumPy arrays", 1 << 5),
-    ("wav", "WAV", "Sound for vibration actuators, 16 bits", 1 << 6),
-    ("ahap", "Apple AHAP", "Patterns for Core Haptics", 1 << 9),
-    ("haptic", "Meta .haptic", "Clips for Meta's Haptics SDK", 1 << 10),
-    ("he", "RichTap .he", "Patterns for RichTap phones, version 2", 1 << 11),
-    ("he1", "RichTap .he 1", "Patterns for RichTap phones, version 1", 1 << 12),
-    ("openharmony", "OpenHarmony", "Vibration patterns for OpenHarmony", 1 << 13),
-    ("openxr", "OpenXR", "Parametric vibration for OpenXR controllers", 1 << 14),
-    ("tact", "bHaptics .tact", "Projects for bHaptics vests and sleeves", 1 << 15),
+_INFOS = [FORMATS[id] for id in EXPORTED]
+FORMAT_ITEMS = tuple(
+    (info.id, info.dialog[0], info.dialog[1], 1 << info.dialog[2]) for info in _INFOS if info.dialog
 )
 _RECORD_ITEMS = (
     ("positions", "Positions", "Position of each vertex", 1),
@@ -133,16 +116,13 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     }
 
     def draw(self, context: bpy.types.Context) -> None:
-        from ..formats.registry import DEVICE_FORMATS
-
         layout = self.layout
         layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
         draw_devices(context, layout)
         layout.label(text="Formats of the Track", icon="FILE")
-        names = [name for name, *_ in FORMAT_ITEMS]
-        self._draw_formats(context, [name for name in names if name not in DEVICE_FORMATS])
+        self._draw_formats(context, [info.id for info in _INFOS if not info.is_of_device])
         layout.label(text="Formats of Devices", icon="EXPORT")
-        self._draw_formats(context, [name for name in names if name in DEVICE_FORMATS])
+        self._draw_formats(context, [info.id for info in _INFOS if info.is_of_device])
         layout.separator()
         layout.prop(self, "per_clip")
         layout.prop(self, "full_precision")
@@ -154,7 +134,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
         """Check boxes; below those that nothing can be written in, the reason."""
         from ..devices.configurations.device_facts import facts_of
-        from ..formats.registry import why_nothing
+        from ..formats.writing import why_nothing
 
         found = [each for each in context.scene.hfx.devices if each.is_exported]
         facts = [facts_of(each.name).device for each in found]
@@ -175,23 +155,24 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         from ..export.scene_export import ExportSettings, SceneExport
-        from ..formats.registry import DEVICE_FORMATS, why_nothing
+        from ..formats.writing import why_nothing
         from ..reading.description.scene_devices import formats_without, scene_devices
 
         scene = context.scene
         devices, missing = scene_devices(scene)
         # In the order of the list, whatever order a set has.
-        formats = tuple(name for name, *_ in FORMAT_ITEMS if name in self.formats)
+        formats = tuple(id for id in EXPORTED if id in self.formats)
         formats = formats_without(missing, formats, devices)
         if self._is_invoked:  # what is greyed out is not meant, though it may be ticked
             formats = tuple(name for name in formats if not why_nothing(name, devices))
         if not devices:
-            if self.properties.is_property_set("formats") and set(formats) & set(DEVICE_FORMATS):
+            of_devices = {id for id in formats if FORMATS[id].is_of_device}
+            if self.properties.is_property_set("formats") and of_devices:
                 raise InputError(
                     f"Scene '{scene.name}' has no devices to export: add or tick one in the panel "
                     "Haptic Export, or choose formats that need no device."
                 )
-            formats = tuple(name for name in formats if name not in DEVICE_FORMATS)
+            formats = tuple(id for id in formats if id not in of_devices)
         if not formats:
             raise InputError("Choose at least one format to export.")
         path = Path(bpy.path.abspath(self.filepath))

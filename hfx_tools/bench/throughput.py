@@ -42,7 +42,9 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, SceneExport
-from hfx_blender.formats import registry
+from hfx_blender.formats import writing
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.formats.registry import FORMATS, TARGETS
 from hfx_blender.export.recording import record_track
 from hfx_blender.engine.stepwise import finish
 from hfx_blender.engine.body.model import load_model
@@ -75,16 +77,17 @@ for _ in range(3):  # the first time loads models and modules
     volumes.write(models, folder / "x", None)
     take("glb", start)
     with TrackReader(folder / "x.hfxtrack") as track:
-        for name in (*registry.DEVICE_FORMATS, *registry.TRACK_FORMATS):
-            chosen = registry.DEVICE_FORMATS.get(name)
-            mine = [d for d in devices if chosen and set(chosen.modalities) <= set(d.modalities)]
+        for name in (id for id in TARGETS if not FORMATS[id].write_played):
+            chosen = FORMATS[name].is_of_device
+            wanted = set(FORMATS[name].modalities or MODALITIES)
+            mine = [d for d in devices if chosen and wanted <= set(d.modalities)]
             mine = mine[:1] or list(devices[:1])
             start = time.process_time()
             output = render_devices(track, mine) if chosen else []
             played = [(folder / f"x.{device.id}", device, raster) for device, raster in output]
             rendered = time.process_time()
             try:
-                registry.write_all((name,), played, track, mine, folder / "x")
+                writing.write_all((name,), played, track, mine, folder / "x")
             except Exception as error:
                 sys.stderr.write(f"{name}: {error}")
                 continue

@@ -30,13 +30,16 @@ from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError, OutputError
 from hfx_blender.files import limits
 from hfx_blender.files.limits import TooLargeError
-from hfx_blender.formats import files, registry
+from hfx_blender.formats import files
 from hfx_blender.formats.ahap import ahap as ahap_format
+from hfx_blender.formats.ahap import ahap_rules
 from hfx_blender.formats.pictures import png
 from hfx_blender.formats.rasters import csv_raster, npz_raster
-from hfx_blender.formats.signals.curves import Curve
+from hfx_blender.formats.registry import FORMATS
+from hfx_blender.formats.signals.curves import Curve, CurveTolerance
 from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, mixed
 from hfx_blender.formats.tact import tact
+from hfx_blender.formats.writing import write_signals
 
 MOST_BYTES = 24 << 20  # that a refusal may take
 
@@ -258,7 +261,7 @@ def test_references_and_overlap_have_a_limit():
     band["effects"] = [{"effect_type": "Reference", "id": 4}]
     content = json.dumps(document).encode()
     with pytest.raises(TooLargeError, match="x: its references unfold to"):
-        files.FILE_FORMATS["hjif"].signals(content, "x")
+        files.decoded(FORMATS["hjif"], content, "x")
     edges = Curve.of(np.linspace(0.0, 1.0, 50), np.full(50, 0.1))
     pieces = [Piece(0.0, 1.0 + k, edges, edges) for k in range(250)]  # 43 000 spans
     with limits.raised(40_000 / limits.OVERLAP.default):
@@ -291,9 +294,8 @@ def test_strengths_every_20_ms_have_a_limit():
 @pytest.mark.parametrize("target", ["ahap", "haptic", "he", "openxr", "hjif"])
 def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target):
     made = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
-    write = registry.DEVICE_FORMATS["haptic"].write_signals
-    hertz, tolerance = FrequencyRange(50.0, 200.0), registry.DEFAULT_TOLERANCE
-    (path,) = write([made], hertz, tmp_path / "x", tolerance).files
+    hertz, tolerance = FrequencyRange(50.0, 200.0), CurveTolerance()
+    (path,) = write_signals(FORMATS["haptic"], [made], hertz, tmp_path / "x", tolerance).files
     try:
         written = convert(path, tmp_path / "y", to=target)
     except InputError:
@@ -340,17 +342,13 @@ def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
     """The gate stands after the writers, whichever it is."""
     path = tmp_path / "x.ahap"
     path.write_text(json.dumps(ahap(1.0)))
-    chosen = registry.DEVICE_FORMATS["haptic"]
 
     def write_nonsense(signals, frequencies, stem, tolerance):
         made = stem.with_name(stem.name + ".haptic")
         made.write_text(json.dumps(haptic(-1.0)))
         return conversion.Written((made,))
 
-    broken = type(chosen)(
-        chosen.name, chosen.title, chosen.suffix, chosen.modalities, chosen.write, write_nonsense
-    )
-    monkeypatch.setitem(conversion.DEVICE_FORMATS, "haptic", broken)
+    monkeypatch.setattr("hfx_blender.formats.device_files.haptic.write_signals", write_nonsense)
     with pytest.raises(InputError, match=r"y.haptic, which would not be valid: .*HAPTIC-"):
         convert(path, tmp_path / "y.haptic")
     assert [each.name for each in tmp_path.iterdir()] == ["x.ahap"]
@@ -379,7 +377,7 @@ def test_a_path_without_points_is_silent_and_told(tmp_path):
     path = tmp_path / "x.tact"
     path.write_text(json.dumps(document))
     found, findings = files.validate(path)
-    assert {each.severity for each in findings} == {"warning"} and found.name == "tact"
+    assert {each.severity for each in findings} == {"warning"} and found.id == "tact"
     written = convert(path, tmp_path / "y.haptic")
     assert "3 paths without points, which are silent" in written.left_out
     assert "1 tracks that are switched off" in written.left_out
@@ -453,7 +451,7 @@ def test_a_point_of_a_curve_does_not_name_its_parameter(name):
         "ParameterCurveControlPoints": [point],
     }
     document = {"Version": 1.0, "Pattern": [{"ParameterCurve": curve}]}
-    found = files.FILE_FORMATS["ahap"].validate(json.dumps(document).encode(), "a.ahap")
+    found = ahap_rules.validate(json.dumps(document).encode(), "a.ahap")
     assert any("HapticIntensityControl is 2" in each.message for each in found)
 
 

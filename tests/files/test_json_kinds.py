@@ -60,7 +60,7 @@ def test_a_command_names_both(
     assert run([word.format(path) for word in command]) == 3
     said = "".join(capsys.readouterr())
     assert "is the record of a generated surface" in said
-    assert "expected a" in said or "known are .ahap" in said
+    assert "expected a" in said or "known are .hjif" in said
     assert said.count(str(path)) <= 2 and len(said.splitlines()) <= 2
 
 

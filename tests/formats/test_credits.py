@@ -136,7 +136,7 @@ def test_hjif_holds_its_description_and_date(tmp_path):
     assert (found["description"], found["date"]) == (HJIF["description"], HJIF["date"])
     assert not lost
     _, lost = converted({**HJIF, "date": "in May 2023"}, "a.hjif", "b.hjif", tmp_path)
-    assert lost == "HJIF has no place for created 'in May 2023'"
+    assert lost == "MPEG HJIF has no place for created 'in May 2023'"
     _, lost = converted(HJIF, "a.hjif", "b.haptic", tmp_path)
     assert "description 'a boom in a cave'" in lost and "created '2023-05-05" in lost
 

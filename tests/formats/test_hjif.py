@@ -596,7 +596,7 @@ BEAT = [0.0, 0.5, 1.0, 0.5, 0.0, 0.0]
 def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
     levels = np.array(BEAT * 4)
     with track_of(tmp_path, modality, kind, levels) as track:
-        written = from_track.write(track, load_model, tmp_path / "scene ä")
+        written = from_track.write(track, (), tmp_path / "scene ä")
     data = (tmp_path / "scene ä.hjif").read_bytes()
     assert rules.validate(data, "x") == []
     document = reader.decode(data, "x")
@@ -620,7 +620,7 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
 
 def test_repeated_clips_are_in_the_library_once(tmp_path):
     with track_of(tmp_path, "vibration", "painted", np.array(BEAT * 20)) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     (perception,) = document.perceptions
     (effect,) = perception.effect_library
     (channel,) = perception.channels
@@ -635,7 +635,7 @@ def test_repeated_clips_are_in_the_library_once(tmp_path):
 @pytest.mark.parametrize("levels", [[1.0], [0.0, 1.0], [1.0] * 200])
 def test_short_and_constant_scenes(tmp_path, modality, levels):
     with track_of(tmp_path, modality, "painted", levels) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     assert rules.findings(json.loads(text.encode(document))) == []
     frames = document.perceptions[0].channels[0].bands[0].effects[0].keyframes
     assert len(frames) >= (3 if modality == "pressure" else 2)
@@ -663,7 +663,7 @@ def test_a_binary_form_of_16_bits_loses_no_time(tmp_path, modality, seconds):
     levels = 0.5 + 0.5 * np.sin(np.arange(100 * seconds) / 7.0)
     levels[300::500] = 1.0
     with track_of(tmp_path, modality, "painted", levels, rate_hz=Fraction(100)) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     found = json.loads(text.encode(document))
     (channel,) = _reference_channels(found).values()
     times, values = [], []
@@ -681,7 +681,7 @@ def test_a_binary_form_of_16_bits_loses_no_time(tmp_path, modality, seconds):
 @pytest.mark.parametrize("modality", ["vibration", "pressure", "temperature", "wind"])
 def test_a_player_that_scales_by_the_exponent_cuts_nothing(tmp_path, modality):
     with track_of(tmp_path, modality, "painted", [0.0, 0.4, 1.0, 0.3, 0.0]) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     found = json.loads(text.encode(document))["perceptions"][0]
     scale = 10.0 ** found.get("perception_unit_exponent", 0)
     frames = found["channels"][0]["bands"][0]["effects"][0]["keyframes"]
@@ -694,7 +694,7 @@ def test_a_player_that_scales_by_the_exponent_cuts_nothing(tmp_path, modality):
 def test_a_hold_stays_constant(tmp_path, modality, level):
     levels = np.array([0.0] * 5 + [1.0] * 50 + [0.3, 0.9] + [level] * 60 + [0.0] * 3)
     with track_of(tmp_path, modality, "painted", levels) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     (found,) = to_signals.envelopes(document)
     held = found.strength.at(np.linspace(5, 54, 400) / 24.0)
     np.testing.assert_allclose(held, 1.0, atol=1e-6)
@@ -706,7 +706,7 @@ def test_a_hold_stays_constant(tmp_path, modality, level):
 def test_weights_become_gains(tmp_path):
     weights = np.repeat([1.0, 0.5, 0.25, 0.05], 10)
     with track_of(tmp_path, "pressure", "painted", BEAT, strengths=weights) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     gains = [channel.gain for channel in document.perceptions[0].channels]
     assert gains == pytest.approx([1.0, 0.5, 0.25, 0.05])
 
@@ -714,13 +714,13 @@ def test_weights_become_gains(tmp_path):
 def test_a_track_that_nobody_felt_is_refused(tmp_path):
     with track_of(tmp_path, "pressure", "painted", [0.0, 0.0]) as track:
         with pytest.raises(InputError, match="nothing is felt"):
-            from_track.write(track, load_model, tmp_path / "y")
+            from_track.write(track, (), tmp_path / "y")
     assert not list(tmp_path.glob("y*"))
 
 
 def test_the_wind_has_its_direction(tmp_path):
     with track_of(tmp_path, "wind", "painted", BEAT) as track:
-        document, *_ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, (), "x")
     # Blender's -Y, where the body looks, is glTF's +Z.
     assert document.perceptions[0].channels[0].direction == model.Vector(0, 0, 127)
 
@@ -775,7 +775,7 @@ def test_known_places_have_their_bits():
 def test_what_a_document_cannot_hold_of_a_track_is_told(tmp_path):
     with track_of(tmp_path, "wind", "painted", BEAT) as track:
         header, runs = track.header, list(track.runs())
-        assert from_track.write(track, load_model, tmp_path / "still").left_out == ()
+        assert from_track.write(track, (), tmp_path / "still").left_out == ()
     (run,) = runs
     run.parameters[-1, 1:4] = 1.0, 0.0, 0.0
     (tmp_path / "x.hfxtrack").unlink()
@@ -793,6 +793,6 @@ def test_what_a_document_cannot_hold_of_a_track_is_told(tmp_path):
             ]
         )
     with TrackReader(tmp_path / "x.hfxtrack") as track:
-        turning, changing = from_track.write(track, load_model, tmp_path / "turning").left_out
+        turning, changing = from_track.write(track, (), tmp_path / "turning").left_out
     assert "one direction" in turning and turning.endswith("1 (Rain)")
     assert "at first" in changing and changing.endswith("1 (Rain)")

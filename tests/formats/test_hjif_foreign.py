@@ -12,7 +12,7 @@ from test_hjif import at, basis, sample
 from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats.facts import facts_of
+from hfx_blender.formats.files import facts_of
 from hfx_blender.formats.hjif import interpolation, reader, rules, spiht, to_signals, wavelets
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.sound.waveforms import Waveform, piece_of

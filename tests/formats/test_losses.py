@@ -17,14 +17,14 @@ from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.errors import InputError
 from hfx_blender.files import strict_json
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats import registry
+from hfx_blender.formats import writing
 from hfx_blender.formats.ahap import ahap
 from hfx_blender.formats.device_files import haptic
 from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.he import he
 from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.rasters import signal_raster
-from hfx_blender.formats.registry import DEVICE_FORMATS
+from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses, signals
 from hfx_blender.formats.signals.curves import Curve, CurveTolerance
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
@@ -38,15 +38,16 @@ LOUD = [0.0, 1.0, 0.0, 1.0, 0.0]
 
 
 def written(name, signals, folder, frequencies=RANGE):
-    write = DEVICE_FORMATS[name].write_signals
-    return write(list(signals), frequencies, folder / "x", registry.DEFAULT_TOLERANCE)
+    return writing.write_signals(
+        FORMATS[name], list(signals), frequencies, folder / "x", CurveTolerance()
+    )
 
 
 def left_out(*given):
     return written(*given).left_out
 
 
-@pytest.mark.parametrize("name", [n for n, f in DEVICE_FORMATS.items() if f.write_signals])
+@pytest.mark.parametrize("name", [n for n, f in FORMATS.items() if f.held])
 def test_frequencies_outside_of_a_range_are_told(name, tmp_path):
     hertz = [120, 120, 120, 400, 400]
     found = left_out(name, [signal(LOUD, hertz, name="a"), signal(LOUD, name="b")], tmp_path)
@@ -69,11 +70,10 @@ def test_openxr_has_a_range_of_its_own(tmp_path):
 def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    write = from_actuators.write if name == "hjif" else DEVICE_FORMATS[name].write
-    (told,) = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
+    (told,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
     assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in told
     raster.values[:, 0], raster.values[:, 1] = 1e6, ITS_HZ
-    told = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
+    told = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
     assert ["above full scale" in each for each in told] == [True] * (name != "hjif")
 
 
@@ -121,11 +121,11 @@ def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path
         Partial("b", 0, two, np.full((4, 2), 90.0)),
     )
     raster = replace(raster, waveform_actuators=names, partials=waves)
-    notes = registry.write("csv", raster, device, tmp_path / "x").notes
+    notes = writing.write("csv", raster, device, tmp_path / "x").notes
     assert [each.rpartition(": ")[2] for each in notes] == [f"1 ({names[0]})"]
-    assert registry.write("wav", raster, device, tmp_path / "x").notes == ()
+    assert writing.write("wav", raster, device, tmp_path / "x").notes == ()
     alike = replace(raster, partials=waves[:1])
-    assert registry.write("csv", alike, device, tmp_path / "x").notes == ()
+    assert writing.write("csv", alike, device, tmp_path / "x").notes == ()
 
 
 def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
@@ -184,7 +184,7 @@ def test_an_option_that_says_nothing_is_told(tmp_path):
 def test_strict_refuses_what_is_left_out(tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    (made,) = registry.write("csv", raster, DEVICE, tmp_path / "a").files
+    (made,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
     with pytest.raises(InputError, match="above 1000 Hz"):
         conversion.convert(made, tmp_path / "b.wav", device=DEVICE.id, strict=True)
     assert not (tmp_path / "b.wav").exists()
@@ -222,8 +222,12 @@ def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
     wanted = signals.Signal(
         "a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0.0, 2.0], list(hertz))
     )
-    written = registry.DEVICE_FORMATS[kind].write_signals(
-        [wanted], signals.FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    written = writing.write_signals(
+        FORMATS[kind],
+        [wanted],
+        signals.FrequencyRange(80.0, 230.0),
+        tmp_path / "x",
+        CurveTolerance(0.01),
     )
     (claim,) = (each for each in written.notes if "keyframes are within" in each)
     percent, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
@@ -241,8 +245,12 @@ def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
 @pytest.mark.parametrize("kind", ["he", "openxr"])
 def test_claims_hold_of_other_formats_when_they_are_read_again(kind, tmp_path):
     wanted = signals.Signal("a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0, 2], [20.0, 500.0]))
-    written = registry.DEVICE_FORMATS[kind].write_signals(
-        [wanted], signals.FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    written = writing.write_signals(
+        FORMATS[kind],
+        [wanted],
+        signals.FrequencyRange(80.0, 230.0),
+        tmp_path / "x",
+        CurveTolerance(0.01),
     )
     claim = next(each for each in written.notes if "keyframes are within" in each)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
@@ -307,8 +315,8 @@ def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
 def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_path):
     levels = Curve.of([0, 1, 2, 4, 6], [0.0, 1.0, 0.0, 0.0, 1.0])
     wanted = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
-    found = DEVICE_FORMATS[kind].write_signals(
-        [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+    found = writing.write_signals(
+        FORMATS[kind], [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
     )
     (read,), _ = read_signals(found.files[0])
     assert read.frequency_hz.at([0.5, 1.0, 1.5, 5.0]) == pytest.approx(

@@ -16,7 +16,8 @@ from test_signal_formats import HE2
 
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats.files import FILE_FORMATS
+from hfx_blender.formats.files import decoded
+from hfx_blender.formats.registry import FORMATS
 
 VALUES = (None, True, -1, 1.5, 1e308, 10**400, "", "x", "NaN", "1e999", [], {}, [0], ["x"], [{}])
 # Members that are missing, and left out by players: what stands beside them is looked at.
@@ -49,10 +50,10 @@ def changed(document):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", SEEDS)
 def test_a_changed_file_is_refused_or_read(kind):
-    of = FILE_FORMATS[kind]
+    info = FORMATS[kind]
     for document in (each for seed in SEEDS[kind] for each in changed(seed)):
         content = encoded(document)
         with suppress(InputError):
-            of.validate(content, "x")
+            info.function("check")(content, "x")
         with suppress(InputError):
-            of.signals(content, "x")
+            decoded(info, content, "x")

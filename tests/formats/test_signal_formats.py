@@ -234,7 +234,7 @@ def test_an_openharmony_pattern_keeps_its_limits(tmp_path):
     data = written.files[0].read_bytes()
     assert len(data) <= 64 << 10
     assert he_rules.validate(data, "x") == []
-    assert files.format_of(written.files[0]).name == "openharmony"
+    assert files.format_of(written.files[0]).id == "openharmony"
     wild = signal(np.random.default_rng(1).random(9000), rate_hz=100.0)
     with pytest.raises(InputError, match=r"128 events and 64 KiB"):
         he.write_openharmony([wild], RANGE, tmp_path / "wild")

@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.device_output import BhapticsEncoder
+from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats import registry
+from hfx_blender.formats import writing
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.tact import tact, tact_rules
 from hfx_blender.formats.tact.tact_layouts import Motor, motors_of
@@ -96,7 +97,7 @@ def test_each_motor_of_a_suit_is_at_the_dot_of_its_configuration(name, places, t
     rows = np.zeros((40, 2 * len(places)))
     rows[:, 0::2] = 0.15 * (1 + np.arange(len(places)))  # 15 m/s^2 is full scale
     rows[:, 1::2] = 100.0
-    written = registry.write("tact", raster_for(device, rows, len(rows)), device, tmp_path / "x")
+    written = writing.write("tact", raster_for(device, rows, len(rows)), device, tmp_path / "x")
     (file,) = written.files
     found = _levels_at(json.loads(file.read_text()), 100)
     assert found == {place: (k + 1) / 100.0 for k, place in enumerate(places)}
@@ -122,8 +123,8 @@ def test_dots_of_head_hand_and_foot_have_a_layout():
 
 def test_what_has_no_motor_is_told(tmp_path):
     device = load_device("insoles")
-    with pytest.raises(registry.InputError, match="torso or a forearm"):
-        registry.write("tact", raster_for(device), device, tmp_path / "x")
+    with pytest.raises(InputError, match="torso or a forearm"):
+        writing.write("tact", raster_for(device), device, tmp_path / "x")
     written = tact.write(
         [signal([0, 1], name="a"), signal([1, 1], name="b")], {"a": BACK}, tmp_path / "x"
     )
@@ -132,7 +133,7 @@ def test_what_has_no_motor_is_told(tmp_path):
 
 def test_a_device_is_written_and_read_back(tmp_path):
     device = load_device("back_pad")
-    written = registry.write("tact", raster_for(device), device, tmp_path / "scene.back_pad")
+    written = writing.write("tact", raster_for(device), device, tmp_path / "scene.back_pad")
     assert [path.name for path in written.files] == ["scene.back_pad.tact"]
     found, _ = tact.decode(written.files[0].read_bytes(), "scene.tact")
     assert {each.name for each in found} == {f"VestBack {k}" for k in range(20)}
@@ -238,11 +239,11 @@ def test_a_broken_rule_is_found_by_its_code(place, value, code):
 def test_a_device_without_motors_costs_no_other(tmp_path):
     vest, soles = (load_device(name) for name in ("back_pad", "insoles"))
     played = [(tmp_path / f"x.{each.id}", each, raster_for(each)) for each in (vest, soles)]
-    made = registry.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
+    made = writing.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
     assert [path.name for path in made.files] == ["x.back_pad.tact"]
     (sentence,) = made.left_out
     assert "'insoles' has no vibration actuators on the torso" in sentence
-    alone = registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
+    alone = writing.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
     assert not alone.files and "torso or a forearm" in alone.left_out[0]
 
 
@@ -253,7 +254,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
     calm = raster_for(phone)
     played = [(tmp_path / "x.pad", pad, wild), (tmp_path / "x.phone", phone, calm)]
-    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    made = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
     names = {path.name for path in made.files}
     assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
     # The first actuator is gentle enough: it alone has a file.
@@ -263,7 +264,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     }
     assert all("16 events" in each for each in made.left_out) and len(made.left_out) == 19
     wild.values[:, 0] = wild.values[:, 4]
-    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    made = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
     assert "x.phone.phone.v1.he" in {path.name for path in made.files}
     (sentence,) = made.left_out
     assert "'back_pad'" in sentence and "16 events" in sentence

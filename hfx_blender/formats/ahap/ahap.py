@@ -18,11 +18,13 @@ import numpy as np
 
 from ...files import limits
 from ...files.json_shapes import known_members
-from ...files.strict_json import clean, parse
+from ...files.strict_json import clean, parse, read_bytes
 from ..leniency import refuse_but
+from ..registry import FORMATS
 from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, clipped
 from ..signals.signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
+from ..signals.simplified_writer import simplified_writer
 from ..written import Written, beside, silent_note, write_json
 from .ahap_envelopes import RAMPS, envelope, product
 from .ahap_rules import (
@@ -37,7 +39,7 @@ from .ahap_rules import (
     findings,
 )
 
-SUFFIX: Final = ".ahap"
+SUFFIX: Final = FORMATS["ahap"].suffix
 TICKS_SUFFIX: Final = ".transients.ahap"
 """Suffix of the ticks of a pattern, beside it and played with it."""
 
@@ -291,6 +293,28 @@ def _credits_of(metadata: Any) -> Credits:
         created=text_of(metadata, "Created"),
         others=tuple(each for each in others if each[1]),
     )
+
+
+write_signals: Final = simplified_writer(write, SUFFIX, decode)
+
+
+def held(frequencies: FrequencyRange) -> FrequencyRange:
+    """Range of frequencies of the files of a device."""
+    return frequencies.or_default(DEFAULT_RANGE)
+
+
+def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:
+    """Signals of a file, with the ticks of the pattern beside it that is played with it.
+
+    Raises
+    ------
+    InputError
+        The pattern cannot be read.
+    """
+    beside = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
+    if path.name.endswith(TICKS_SUFFIX) or not beside.is_file():
+        return signals
+    return [with_ticks_of(read_bytes(beside), str(beside), signals[0]), *signals[1:]]
 
 
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:

@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ...files.strict_json import clean
+from ..registry import FORMATS
 
-SUFFIX: Final = ".hfxclip"
+SUFFIX: Final = FORMATS["clip"].suffix
 VERSION: Final = 1
 NONE: Final = 0xFFFFFFFF
 MOST_TEXT: Final = 1000

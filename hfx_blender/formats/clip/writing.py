@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ...engine.track.header import TrackHeader
 from ...files.atomic import atomic_file
+from ...files.strict_json import read_bytes
 from ..signals import losses
 from ..written import Written
 from . import baked, rules, spatial
 from .container import SUFFIX, Texts, encoded, texts_at
 from .spatial_recorder import SpatialRecorder
+
+_MOST_BYTES: Final = 1 << 30
 
 
 def write(
@@ -44,7 +47,7 @@ def write(
     return Written((path,), notes=notes) + loss
 
 
-def facts(content: bytes, name: str) -> dict[str, Any]:
+def facts(path: Path) -> dict[str, Any]:
     """Short description of a clip.
 
     Raises
@@ -52,7 +55,7 @@ def facts(content: bytes, name: str) -> dict[str, Any]:
     InputError
         It is none, or breaks a rule.
     """
-    sections = rules.read(content, name)
+    sections = rules.read(read_bytes(path, _MOST_BYTES), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]
     names = zip(texts_at(sections, devices["id"]), texts_at(sections, devices["body"]), strict=True)

@@ -18,12 +18,14 @@ from ...files.findings import Finding, Report, json_validator
 from ...files.json_shapes import Items, Number, Record, Text, check
 from ...files.strict_json import clean, parse
 from ..leniency import refuse_but, without_nulls
+from ..registry import FORMATS
 from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve
 from ..signals.signals import FrequencyRange, Signal, Transient, joined_times
+from ..signals.simplified_writer import simplified_writer
 from ..written import Written, beside, silent_note, write_json
 
-SUFFIX: Final = ".haptic"
+SUFFIX: Final = FORMATS["haptic"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
 """Frequencies of 0 and 1 on a controller, about, for files without a statement of them."""
 
@@ -237,6 +239,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         credits=_credits_of(metadata),
     )
     return [signal], frequencies
+
+
+write_signals: Final = simplified_writer(write, SUFFIX, decode)
+
+
+def held(frequencies: FrequencyRange) -> FrequencyRange:
+    """Range of frequencies of the files of a device."""
+    return frequencies.or_default(DEFAULT_RANGE)
 
 
 def _credits_of(metadata: Any) -> Credits:

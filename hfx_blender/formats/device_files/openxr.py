@@ -18,11 +18,13 @@ import numpy as np
 from ...files.findings import Finding, Report, json_validator, refuse_errors
 from ...files.json_shapes import Items, Number, Record, Text, check
 from ...files.strict_json import clean, parse
+from ..registry import FORMATS
 from ..signals.curves import Curve
 from ..signals.signals import FrequencyRange, Signal, Transient, joined_times
+from ..signals.simplified_writer import simplified_writer
 from ..written import Written, silent_note, write_json
 
-SUFFIX: Final = ".openxr.json"
+SUFFIX: Final = FORMATS["openxr"].suffix
 FORMAT: Final = "hfx-openxr-parametric"
 MAX_POINTS: Final = 500  # XR_HAPTIC_PARAMETRIC_MAX_POINTS_TRANSIENTS_EXT
 MIN_HZ, MAX_HZ = 1.0, 1000.0  # XR_HAPTIC_PARAMETRIC_FREQUENCY_MIN_HZ_EXT, _MAX_HZ_EXT
@@ -187,6 +189,9 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     refuse_errors(_findings(found), name)
     hertz = FrequencyRange(float(found["minFrequencyHz"]), float(found["maxFrequencyHz"]))
     return [_signal(channel, hertz) for channel in found["channels"]], hertz
+
+
+write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:

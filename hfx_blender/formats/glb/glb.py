@@ -19,8 +19,9 @@ import numpy.typing as npt
 from ...engine.body.model import PerceptualModel
 from ...files.atomic import atomic_file
 from ...files.strict_json import clean
+from ..registry import FORMATS
 
-SUFFIX: Final = ".glb"
+SUFFIX: Final = FORMATS["glb"].suffix
 HJIF_MEDIA_TYPE: Final = "haptics/hjif"
 """Media type of HJIF, of ISO/IEC 23090-31."""
 
@@ -115,16 +116,6 @@ def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None)
         add_extensions(document, {"MPEG_media": hjif_media(hjif_uri)})
     with atomic_file(path) as file:
         file.write(document.encoded())
-
-
-def is_ours(path: Path) -> bool:
-    """Test that HFX made a GLB file, by its beginning."""
-    start = Document().encoded()[20:].split(b"}")[0]
-    try:
-        with path.open("rb") as file:
-            return file.read(20 + len(start))[20:] == start
-    except OSError:
-        return False
 
 
 def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ...files import limits
 from ...files.findings import Finding, Report, refuse_errors
-from ...files.strict_json import MAX_BYTES, Place, mapped, parse
+from ...files.strict_json import MAX_BYTES, Place, mapped, parse, read_bytes
 from .glb import BINARY_CHUNK, JSON_CHUNK
 
 _COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -26,6 +26,7 @@ _LISTS: Final = (
     *("nodes", "meshes", "skins", "accessors"),
     *("bufferViews", "buffers", "scenes", "animations"),
 )
+_MOST_BYTES: Final = 1 << 30
 _SHOWN: Final = 60  # characters of a URI that a message repeats
 
 
@@ -40,6 +41,17 @@ def read_json(content: bytes, name: str) -> dict[str, Any]:
     refuse_errors(validate(content, name), name)
     found: dict[str, Any] = parse(_chunks(content, Report("GLB"))[JSON_CHUNK], name)
     return found
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a valid file."""
+    found = read_json(read_bytes(path, _MOST_BYTES), str(path))
+    return {
+        "meshes": [str(each.get("name", "")) for each in found.get("meshes", [])],
+        "nodes": len(found.get("nodes", [])),
+        "animations": len(found.get("animations", [])),
+        "extensions": [str(each) for each in found.get("extensionsUsed", [])],
+    }
 
 
 def validate(content: bytes, name: str) -> list[Finding]:

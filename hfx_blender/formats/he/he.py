@@ -20,6 +20,7 @@ from ...files.json_shapes import known_members
 from ...files.strict_json import clean, encoded, parse
 from ...text import counted
 from ..leniency import refuse_but
+from ..registry import FORMATS
 from ..signals import losses
 from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, CurveTolerance, clipped
@@ -32,6 +33,7 @@ from ..signals.signals import (
     mixed,
     simplified_signals,
 )
+from ..signals.simplified_writer import WHOLE_MS, simplified_writer
 from ..written import Written, beside, silent_note, write_json
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
@@ -45,9 +47,9 @@ from .he_rules import (
     shape_of,
 )
 
-SUFFIX: Final = ".he"
-V1_SUFFIX: Final = ".v1.he"
-OPENHARMONY_SUFFIX: Final = ".openharmony.json"
+SUFFIX: Final = FORMATS["he"].suffix
+V1_SUFFIX: Final = FORMATS["he1"].suffix
+OPENHARMONY_SUFFIX: Final = FORMATS["openharmony"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
 """Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
@@ -322,6 +324,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     signals = [replace(each, credits=Credits(created=created)) for each in signals]
     signals[0] = replace(signals[0], left_out=left_out, notes=notes)
     return signals, frequencies
+
+
+write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
+
+
+def held(frequencies: FrequencyRange) -> FrequencyRange:
+    """Range of frequencies of the files of a device, in all variants."""
+    return frequencies.or_default(DEFAULT_RANGE)
 
 
 def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:

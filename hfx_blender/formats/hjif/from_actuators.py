@@ -55,9 +55,8 @@ def write(
     """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
-    notes = (*losses.several_frequencies(raster), *counted(weak, TOO_WEAK))
     within = f"curves are within {tolerance.value:.1%} of full scale"
-    return Written((_write(document, stem),), left_out, (within, *notes))
+    return Written((_write(document, stem),), left_out, (within, *counted(weak, TOO_WEAK)))
 
 
 def _compose(

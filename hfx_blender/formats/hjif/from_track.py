@@ -8,7 +8,7 @@ touched, with the strongest contact there and all vertices that it touched there
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64, I64
-from ...engine.body.model import PerceptualModel
+from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
@@ -51,9 +51,8 @@ _WEIGHT_CLASSES: Final = 8
 
 def write(
     track: TrackReader,
-    models: Callable[[str], PerceptualModel],
+    devices: Sequence[DeviceConfig],
     stem: Path,
-    devices: Sequence[DeviceConfig] = (),
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write ``stem.hjif`` and beside it each body model as ``stem.<model>.glb``.
@@ -67,7 +66,7 @@ def write(
     OutputError
         A file cannot be written; none is left half written.
     """
-    document, meshes, loss = compose(track, models, stem.name, devices, tolerance)
+    document, meshes, loss = compose(track, devices, stem.name, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
     for model in meshes:
@@ -87,9 +86,8 @@ def write(
 
 def compose(
     track: TrackReader,
-    models: Callable[[str], PerceptualModel],
+    devices: Sequence[DeviceConfig],
     name: str,
-    devices: Sequence[DeviceConfig] = (),
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
 ) -> tuple[Hjif, list[PerceptualModel], Written]:
     """A document, its models, and, without files, what of the track it does not hold."""
@@ -97,7 +95,7 @@ def compose(
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
     timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
-    loaded = {id: _checked(models(id), id, track) for id in used}
+    loaded = {id: _checked(load_model(id), id, track) for id in used}
     masks = {id: vertex_masks(model) for id, model in loaded.items()}
     found = {
         stream: Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.rendering.device import DeviceConfig
 from ...files.strict_json import clean
+from ..registry import FORMATS
 from ..signals.curves import CurveTolerance
 from ..signals.signals import MAX_HZ, Transient
 from .body_parts import place_mask
@@ -29,7 +30,7 @@ from .document import (
 from .envelopes import Dense, Library, curve_band, curve_effects, wave_band, wave_bursts
 from .semantics import MAX_CHANNELS
 
-SUFFIX: Final = ".hjif"
+SUFFIX: Final = FORMATS["hjif"].suffix
 DATE: Final = "2024-01-01T00:00:00+00:00"  # the same scene gives the same bytes
 
 PERCEPTIONS: Final = {

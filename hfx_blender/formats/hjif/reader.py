@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ...files.findings import Report, refuse_errors
 from ...files.json_shapes import check
 from ...files.strict_json import parse, read_bytes
-from ..leniency import ToleratedFaults, refuse_but
+from ..leniency import ToleratedFaults, as_fact, refuse_but
+from .body_parts import described
 from .document import Hjif, from_json
 from .foreign import in_standard_form
 from .rules import DOCUMENT, findings
@@ -49,3 +51,32 @@ def decode_with_notes(content: bytes, name: str) -> tuple[Hjif, ToleratedFaults]
     notes = refuse_but(faults, name, lambda each: True)
     document: Hjif = from_json(found)
     return document, notes
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a file."""
+    document, notes = decode_with_notes(read_bytes(path), str(path))
+    return {
+        **as_fact("notes", notes),
+        "description": document.description,
+        "profile": f"{document.profile}, level {document.level}",
+        "timescale": document.timescale,
+        "avatars": [each.mesh or each.type for each in document.avatars],
+        "perceptions": [
+            {
+                "perception": each.description or str(each.id),
+                "modality": each.perception_modality,
+                "library": len(each.effect_library),
+                "channels": [
+                    {
+                        "channel": channel.description or str(channel.id),
+                        "where": described(channel.body_part_mask or 0),
+                        "vertices": len(channel.vertices or ()),
+                        "effects": sum(len(band.effects) for band in channel.bands),
+                    }
+                    for channel in each.channels
+                ],
+            }
+            for each in document.perceptions
+        ],
+    }

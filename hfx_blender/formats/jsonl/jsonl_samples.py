@@ -8,7 +8,7 @@ parameter of its strength (of a temperature: its deviation from neutral).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F32, I32
 from ...engine.modality import MODALITIES
+from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.render import blocks
 from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
@@ -26,9 +27,12 @@ from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, refuse_errors
 from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check
 from ...files.strict_json import Place, clean, encoded, parse, read_bytes
+from ..registry import FORMATS
+from ..signals.curves import CurveTolerance
+from ..written import Written
 from . import jsonl_compact
 
-SUFFIX: Final = ".samples.jsonl"
+SUFFIX: Final = FORMATS["jsonl"].suffix
 FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
@@ -115,6 +119,15 @@ def write(track: TrackReader, path: Path) -> None:
     with atomic_file(path) as file:
         file.write(encoded(_header(track.header)))
         file.writelines(_lines(track))
+
+
+def export(
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+) -> Written:
+    """Write a track as ``stem.samples.jsonl``; it is of no device, and not simplified."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(track, path)
+    return Written((path,))
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:
@@ -254,6 +267,19 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
     lines, findings = _checked(read_bytes(path), str(path))
     refuse_errors(findings, str(path))
     yield from lines
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a valid file."""
+    header, *rest = read(path)
+    return {
+        "rate_hz": header["rate_hz"],
+        "seconds": header["duration_s"],
+        "bodies": [each["name"] for each in header["bodies"]],
+        "effects": [each["name"] for each in header["effects"]],
+        "samples": sum(line["type"] == "sample" for line in rest),
+        "sets": sum(line["type"] == "set" for line in rest),
+    }
 
 
 def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:

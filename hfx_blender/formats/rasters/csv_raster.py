@@ -8,20 +8,24 @@ import math
 import re
 from fractions import Fraction
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, decoding_findings
 from ...files.strict_json import MAX_BYTES, read_bytes
+from ..registry import FORMATS
+from ..signals.curves import CurveTolerance
+from ..written import Written
 from . import raster_rules
 
-SUFFIX = ".csv"
+SUFFIX: Final = FORMATS["csv"].suffix
 _BLOCK_ROWS = 4096
 _COLUMN: Final = re.compile(r"([^\n,]{1,400})\.([a-z0-9_]{1,60}) \[([^\n,\]]{1,20})\]")
 _MAX_COLUMNS: Final = 100_000
@@ -64,6 +68,13 @@ def write(raster: Raster, path: Path) -> None:
             file.write("".join(lines).encode())
 
 
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+    """Write what a device plays as ``stem.csv``; it is exact, whatever the tolerance."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(raster, path)
+    return Written((path,))
+
+
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
     return decoding_findings("CSV", decode, content, name)
@@ -78,6 +89,11 @@ def read(path: Path) -> Raster:
         It cannot be read or is no such table.
     """
     return decode(read_bytes(path, 4 * MAX_BYTES), str(path))
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a file."""
+    return raster_rules.facts(read(path))
 
 
 def decode(content: bytes, name: str) -> Raster:

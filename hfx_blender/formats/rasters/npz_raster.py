@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import NPZ_DAMAGE, write_npz
+from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from ...engine.samples import Stream
 from ...errors import InputError
@@ -27,9 +28,12 @@ from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, decoding_findings, refuse_errors
 from ...files.json_shapes import Anything, Items, Number, Record, Text, check
 from ...files.strict_json import MAX_BYTES, parse, read_bytes
+from ..registry import FORMATS
+from ..signals.curves import CurveTolerance
+from ..written import Written
 from . import raster_rules
 
-SUFFIX: Final = ".raster.npz"
+SUFFIX: Final = FORMATS["npz"].suffix
 FORMAT: Final = "hfx-raster"
 _MOST_ENTRIES: Final = 10_000
 _BLOCK_BYTES: Final = 1 << 20
@@ -106,6 +110,13 @@ def write(raster: Raster, path: Path) -> None:
         write_npz(file, arrays, is_compressed=True)
 
 
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+    """Write what a device plays as ``stem.raster.npz``; it is exact, whatever the tolerance."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(raster, path)
+    return Written((path,))
+
+
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
     read: list[Raster] = []
@@ -125,6 +136,12 @@ def read(path: Path) -> Raster:
         It cannot be read, is no raster, or is damaged.
     """
     return decode(read_bytes(path, 16 * MAX_BYTES), str(path))
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a file."""
+    raster = read(path)
+    return {"device": raster.device_id, "body": raster.body_id, **raster_rules.facts(raster)}
 
 
 def decode(content: bytes, name: str) -> Raster:

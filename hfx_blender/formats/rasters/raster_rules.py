@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -54,3 +54,15 @@ def refuse(raster: Raster, name: str) -> None:
             f"{name}: 'times_s' is not evenly spaced in row {row}, allowed is one row every "
             f"{1.0 / float(rate):g} s."
         )
+
+
+def facts(raster: Raster) -> dict[str, Any]:
+    """Short description of a raster."""
+    return {
+        "rows": len(raster.times_s),
+        "rate_hz": float(raster.rate_hz),
+        "seconds": len(raster.times_s) / float(raster.rate_hz),
+        "actuators": len(raster.actuators),
+        "columns": len(raster.columns),
+        "parameters": sorted({f"{each.parameter} [{each.unit}]" for each in raster.columns}),
+    }

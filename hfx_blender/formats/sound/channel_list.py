@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 from ...files.findings import Finding, Report
 from ...files.json_shapes import Items, Number, Record, Shape, Text, check
-from ...files.strict_json import parse
+from ...files.strict_json import parse, read_bytes
 
 _CHANNEL: Final = Number(0, is_whole=True)
 _SHARED: Final[dict[str, Shape]] = {
@@ -66,3 +67,10 @@ def validate(content: bytes, name: str) -> list[Finding]:
                 message = f"{channel['channel']} is not the channel's place in the sound, {k}"
                 report.error("ORDER", ((None, "channels"), k), message)
     return report.findings
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a valid file."""
+    found = parse(read_bytes(path), str(path))
+    of = {key: found[key] for key in ("device", "body", "layout") if key in found}
+    return {**of, "rate_hz": found["rate_hz"], "channels": len(found["channels"])}

@@ -34,10 +34,14 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files.atomic import atomic_file
+from ..registry import FORMATS
+from ..signals import losses
+from ..signals.curves import CurveTolerance
+from ..written import Written
 
-SUFFIX: Final = ".wav"
+SUFFIX: Final = FORMATS["wav"].suffix
 RATE_HZ: Final = 48_000
-SIDECAR_SUFFIX: Final = ".channels.json"
+SIDECAR_SUFFIX: Final = FORMATS["channels"].suffix
 
 _BITS: Final = 16
 _PCM, _EXTENSIBLE = 1, 0xFFFE
@@ -109,6 +113,14 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
         file.write(head(_BITS, channel_count, rate_hz, sample_count))
         for block in _waveforms(raster, drives, rate_hz):
             file.write(encoded(block, _BITS))
+
+
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+    """Write what a device plays as ``stem.wav``; it is sound, whatever the tolerance."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(raster, device, path)
+    files = path, path.with_name(path.name + SIDECAR_SUFFIX)
+    return Written(files, losses.beyond_limits(raster, device))
 
 
 def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:

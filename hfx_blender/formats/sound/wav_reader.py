@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from ...files.findings import Finding, Report
+from ...files.strict_json import mapped
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 _BITS: Final = {_PCM: (8, 16, 24, 32), _FLOAT: (32, 64)}
@@ -37,6 +39,18 @@ class WavForm:
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
     return inspect(content)[1]
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Short description of a valid file."""
+    form, _ = inspect(mapped(path))
+    assert form is not None
+    return {
+        "channels": form.channels,
+        "rate_hz": form.rate_hz,
+        "samples": f"{form.bits} bit {'float' if form.is_float else 'integer'}",
+        "seconds": round(form.duration_s, 6),
+    }
 
 
 def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:

@@ -18,19 +18,24 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.raster import Raster
+from ...errors import InputError
 from ...files import limits
 from ...files.json_shapes import known_members
 from ...files.strict_json import clean, parse
 from ...text import counted
 from ..leniency import refuse_but, without_nulls
+from ..registry import FORMATS
+from ..signals import losses
 from ..signals.credits import Credits, text_of
-from ..signals.curves import Curve
-from ..signals.signals import FrequencyRange, Piece, Signal, mixed
+from ..signals.curves import Curve, CurveTolerance
+from ..signals.signals import FrequencyRange, Piece, Signal, mixed, signals_of
 from ..written import Written, beside, write_json
-from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
+from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
 from .tact_rules import DOCUMENT, INTERVAL_MS, findings
 
-SUFFIX: Final = ".tact"
+SUFFIX: Final = FORMATS["tact"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
 """A vest's motors have one frequency that depends on the strength; about this."""
 
@@ -74,6 +79,23 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         *counted(weak, "actuators too weak for steps of 1 % are silent"),
     )
     return Written(tuple(files), left_out, notes)
+
+
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+    """Write the vibration that a device plays; strengths have steps, whatever the tolerance.
+
+    Raises
+    ------
+    InputError
+        bHaptics' suits have no motor for the device.
+    """
+    why = why_nothing(device)
+    if why:
+        raise InputError(f"D{why[1:]}.")
+    signals, _ = signals_of(raster, device)
+    written = write(signals, motors_of(device), stem)
+    # It has no frequencies that could be cut.
+    return written + Written((), losses.beyond_limits(raster, device, highest_hz=np.inf))
 
 
 def document(

@@ -118,3 +118,13 @@ def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, flo
     else:
         return None
     return (-x if device.is_mirrored else x, y, z)
+
+
+def why_nothing(device: DeviceConfig) -> str:
+    """Reason that bHaptics' suits have no motor for a device; empty: they have."""
+    if motors_of(device):
+        return ""
+    return (
+        f"device '{device.id}' has no vibration actuators on the torso or a forearm, where "
+        "bHaptics' vest and sleeves are"
+    )

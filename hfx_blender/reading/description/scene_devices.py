@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...devices.configuration import load_device, named_in_blend
 from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
-from ...formats import registry
+from ...formats.writing import usable
 
 if TYPE_CHECKING:
     import bpy
@@ -61,7 +61,7 @@ def formats_without(
     InputError
         There is nothing for any.
     """
-    kept = registry.usable(formats, devices) if missing else tuple(formats)
+    kept = usable(formats, devices) if missing else tuple(formats)
     if formats and not kept:
         raise InputError("; ".join(missing.values()) + ".")
     return kept

@@ -31,7 +31,7 @@ from hfx_blender import __version__, cli
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import UsageError
-from hfx_blender.formats.registry import FORMATS
+from hfx_blender.formats.registry import EXPORTED
 
 PRINTABLE = re.compile(r"[^\x00-\x09\x0b-\x1f\x7f\x1b]*")
 CSV_DEVICE = "forearm_band_left"
@@ -669,4 +669,4 @@ def test_each_format_is_named_where_it_is_chosen(capsys: pytest.CaptureFixture[s
         cli.run(["export", "--help"])
     text = " ".join(capsys.readouterr().out.split())
     named = re.split(r"[ ,;]+", text[text.index("-f F,...") :])
-    assert set(FORMATS) <= set(named)
+    assert set(EXPORTED) <= set(named)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export.batch import journal
 from hfx_blender.export.scene_export import ExportReport, ExportSettings, export_scene, scene_named
-from hfx_blender.formats import registry
+from hfx_blender.formats.device_files import haptic
 from hfx_blender.formats.written import Written
 
 
@@ -204,14 +203,14 @@ def test_a_file_that_would_not_be_valid_is_left_out_and_told(
     small: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The gate stands after the writers, as for conversions."""
-    chosen = registry.DEVICE_FORMATS["haptic"]
+    chosen = haptic.write_signals
 
     def write(*arguments: Any) -> Written:
-        written = chosen.write(*arguments)
+        written = chosen(*arguments)
         written.files[0].write_text('{"version": {"major": 1}}')
         return written
 
-    monkeypatch.setitem(registry.DEVICE_FORMATS, "haptic", replace(chosen, write=write))
+    monkeypatch.setattr(haptic, "write_signals", write)
     report = export(small, tmp_path, formats=("haptic",), devices=(load_device("back_pad"),))
     (told,) = report.left_out
     name = told.partition(" ")[0]

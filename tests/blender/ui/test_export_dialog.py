@@ -11,7 +11,7 @@ import pytest
 from hfx_scenes import names_in
 
 from hfx_blender.engine.track import TrackReader
-from hfx_blender.formats.registry import FORMATS
+from hfx_blender.formats.registry import EXPORTED
 
 bpy = pytest.importorskip("bpy")
 
@@ -24,8 +24,8 @@ def small(registered: Any) -> Any:
 def test_every_format_can_be_chosen(registered: Any) -> None:
     from hfx_blender.operators.export import FORMAT_ITEMS
 
-    assert {name for name, *_ in FORMAT_ITEMS} == set(FORMATS)
-    assert len({item[-1] for item in FORMAT_ITEMS}) == len(FORMATS)
+    assert {name for name, *_ in FORMAT_ITEMS} == set(EXPORTED)
+    assert len({item[-1] for item in FORMAT_ITEMS}) == len(EXPORTED)
 
 
 def test_chosen_formats_and_options_are_written(small: Any, tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_every_format_has_a_check_box(registered: Any) -> None:
 
 def test_what_is_greyed_out_has_a_reason() -> None:
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.formats.registry import why_nothing
+    from hfx_blender.formats.writing import why_nothing
 
     vest, insoles, fan = map(load_device, ("pressure_vest", "insoles", "fan_heater"))
     assert why_nothing("hjif", []) == why_nothing("csv", [vest]) == ""

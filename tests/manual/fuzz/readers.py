@@ -39,6 +39,7 @@ from hfx_blender.formats.clip.container import with_checksum
 from hfx_blender.formats.hjif import reader, text, to_signals
 from hfx_blender.formats.pictures import png, point_cloud, texture_map
 from hfx_blender.formats.rasters import csv_raster, npz_raster
+from hfx_blender.formats.registry import FORMATS, FormatInfo
 from hfx_blender.generation.picture_prompts import prompt_of
 
 Reader = Callable[[bytes], None]
@@ -122,20 +123,20 @@ def readers(name: str) -> Reader:
         "nodemap": _node_map,
         "unitouch": _node_map,
     }
-    return of_bytes[name] if name in of_bytes else _checked(files.FILE_FORMATS[name])
+    return of_bytes[name] if name in of_bytes else _checked(FORMATS[name])
 
 
 def void(found: object) -> None:
     """Do nothing: a reading without an exception is good."""
 
 
-def _checked(kind: files.FileFormat) -> Reader:
+def _checked(info: FormatInfo) -> Reader:
     def read(content: bytes) -> None:
-        findings = kind.validate(content, "x")
-        if not kind.has_signals:
+        findings = info.function("check")(content, "x")
+        if not info.decode:
             return
         try:
-            kind.signals(content, "x")
+            files.decoded(info, content, "x")
         except limits.TooLargeError:
             return
         except InputError:

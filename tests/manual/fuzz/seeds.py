@@ -32,9 +32,11 @@ from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402
 from hfx_blender.files.strict_json import encoded  # noqa: E402
-from hfx_blender.formats import files, registry  # noqa: E402
+from hfx_blender.formats import files, writing  # noqa: E402
 from hfx_blender.formats.glb import glb  # noqa: E402
 from hfx_blender.formats.pictures import texture_map  # noqa: E402
+from hfx_blender.formats.registry import FORMATS  # noqa: E402
+from hfx_blender.formats.signals.curves import CurveTolerance  # noqa: E402
 from hfx_blender.formats.signals.signals import Transient  # noqa: E402
 from hfx_tools.body_building import model_file  # noqa: E402
 
@@ -47,7 +49,7 @@ def seeds(folder: Path, name: str) -> list[bytes]:
     kind = name.removesuffix("-to").removesuffix("-commands")
     if kind in _OTHERS:
         return _smallest(_OTHERS[kind](folder))
-    found: dict[str, list[bytes]] = {each: [] for each in files.FILE_FORMATS}
+    found: dict[str, list[bytes]] = {id: [] for id, info in FORMATS.items() if info.check}
     _of_device(found, folder)
     _of_signals(found, folder)
     _of_track(found, folder)
@@ -181,27 +183,25 @@ _OTHERS: Final[dict[str, Callable[[Path], list[bytes]]]] = {
 def _of_device(found: dict[str, list[bytes]], folder: Path) -> None:
     device = load_device("forearm_band_left")
     raster = raster_for(device, rows=30)
-    for name in registry.DEVICE_FORMATS:
+    for name in (id for id, info in FORMATS.items() if info.is_of_device):
         if not name.startswith("wav"):
-            for path in registry.write(name, raster, device, folder / f"a.{name}").files:
-                found[files.format_of(path).name].append(path.read_bytes())
+            for path in writing.write(name, raster, device, folder / f"a.{name}").files:
+                found[files.format_of(path).id].append(path.read_bytes())
 
 
 def _of_signals(found: dict[str, list[bytes]], folder: Path) -> None:
     ticking = signal_of([0, 1, 0.5, 0], transients=[Transient(0.01, 0.9, 100.0)])
     for name in ("ahap", "haptic", "he", "openxr"):
-        write = registry.DEVICE_FORMATS[name].write_signals
-        assert write is not None
-        for path in write([ticking], RANGE, folder / f"b.{name}", registry.DEFAULT_TOLERANCE).files:
+        stem = folder / f"b.{name}"
+        made = writing.write_signals(FORMATS[name], [ticking], RANGE, stem, CurveTolerance())
+        for path in made.files:
             found[name].append(path.read_bytes())
 
 
 def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
     with track_of(folder, "vibration", "painted", BEAT) as track:
         for name in ("hjif", "jsonl"):
-            written = registry.TRACK_FORMATS[name].write(
-                track, (), folder / "c", registry.DEFAULT_TOLERANCE
-            )
+            written = writing.write_all((name,), (), track, (), folder / "c")
             for path in written.files:
                 if path.suffix != glb.SUFFIX:
                     found[name].append(path.read_bytes())
@@ -209,7 +209,7 @@ def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
         device = load_device("oculus_touch")
         played = [(d, r.raster()) for d, r in renderers_of_track(track, [device])]
         (path,) = (
-            registry.PLAYED_FORMATS["clip"].write(track.header, played, folder / "c", None).files
+            FORMATS["clip"].function("write_played")(track.header, played, folder / "c", None).files
         )
         found["clip"].append(path.read_bytes())
 
