@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import matplotlib
@@ -12,6 +13,7 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 from matplotlib.collections import PolyCollection
+from PIL import Image
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar, load_model
@@ -60,8 +62,12 @@ def draw(name: str, path: Path) -> None:
     standing = [a.id for a in device.actuators if isinstance(a.place, RoomPlace)]
     if standing:
         figure.text(0.5, 0.02, "in the room: " + ", ".join(standing), ha="center", fontsize=7)
-    figure.savefig(path, bbox_inches="tight", metadata={"Software": None})
+    drawn = io.BytesIO()
+    figure.savefig(drawn, bbox_inches="tight")
     plt.close(figure)
+    # Few colours, in steps of 5 of 255: the extension's zip has all of these pictures.
+    stepped = Image.open(drawn).convert("RGB").point(lambda value: round(value / 5) * 5)
+    stepped.quantize(256, dither=Image.Dither.NONE).save(path, "PNG", optimize=True)
 
 
 def _places(device: DeviceConfig) -> list[np.ndarray]:
