@@ -5,7 +5,7 @@ A zip holds the package ``hfx_blender``, the body models, the device
 configurations, the library of engine/native compiled for the platform, and the wheels of what these
 modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
 Blender unpacks the wheels that fit. One zip for all platforms would be five times as large; but one
-that brings the library, as wheels for all platforms, and pyserial is the smallest.
+that brings the library, as wheels for all platforms, and pure wheels is the smallest.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
         The library cannot be compiled.
     """
     lock = addon_wheels.read_lock()
-    pure = [name for name in lock if name.partition("-")[0] in addon_wheels.PURE]
+    pure = addon_wheels.select(lock, addon_wheels.PURE, next(iter(PLATFORMS)), PYTHONS[0]).values()
     targets = native_build.TARGETS.values() if zig is not None else ()
     wheels = sorted(
         [addon_wheels.fetch(name, lock[name], cache) for name in pure]

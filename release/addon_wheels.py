@@ -28,10 +28,12 @@ LICENCES = ROOT / "licences"  # of distributions whose wheels forget theirs
 # Import name -> distribution. Bundled is what the package imports and what that requires.
 DISTRIBUTIONS = {
     "fast_simplification": "fast-simplification",
+    "pythonosc": "python-osc",
     "scipy": "scipy",
     "serial": "pyserial",
     "sounddevice": "sounddevice",
     "trimesh": "trimesh",
+    "websockets": "websockets",
 }
 REQUIRED = {"sounddevice": {"cffi"}}
 """Distributions that a bundled one imports, besides NumPy."""
@@ -67,12 +69,15 @@ VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "fast-simplification": dict.fromkeys(PYTHONS, ("0.2.0",)),
     "trimesh": dict.fromkeys(PYTHONS, ("5.2.0",)),
     "pyserial": dict.fromkeys(PYTHONS, ("3.5",)),
+    "python-osc": dict.fromkeys(PYTHONS, ("1.10.2",)),
+    "websockets": dict.fromkeys(PYTHONS, ("17.4",)),
     # Brings PortAudio for Windows and macOS; on Linux it uses the system's.
     "sounddevice": dict.fromkeys(PYTHONS, ("0.5.6",)),
     "cffi": dict.fromkeys(PYTHONS, ("2.1.1",)),
 }
-PURE = {"pyserial"}
-"""Distributions whose one wheel runs everywhere and needs no other: in the small zip, too."""
+PURE = {"pyserial", "python-osc", "websockets"}
+"""Distributions whose one wheel runs everywhere and needs no other: in the small zip, too. Other
+wheels of websockets have a compiled part, which messages as short as ours do not need."""
 
 
 class Platform(NamedTuple):
@@ -273,8 +278,9 @@ def lock(
 
 
 def _newest(distribution: str, platform: Platform, python: str, folder: Path) -> Path | None:
+    tags = ["any"] if distribution in PURE else platform.tags()
     for version in VERSIONS[distribution][python]:
-        for tag in platform.tags():  # one by one: the wheel for the oldest system wins
+        for tag in tags:  # one by one: the wheel for the oldest system wins
             try:
                 return _download(f"{distribution}=={version}", [tag], python, folder)
             except WheelError:

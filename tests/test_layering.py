@@ -19,7 +19,7 @@ LOOSE = {"errors", "text", "version"}
 """Modules beside the packages that every package may import."""
 
 BLENDER = ("bpy", "mathutils", "bmesh", "bpy_extras", "gpu", "idprop")
-HEAVY = ("scipy", "trimesh", "fast_simplification", "serial")
+HEAVY = ("scipy", "trimesh", "fast_simplification", "serial", "websockets", "pythonosc")
 EVERYDAY = (
     "engine.evaluate",
     "engine.track",
@@ -29,6 +29,7 @@ EVERYDAY = (
     "engine.volume.mesh",
     "engine.rendering.render",
     "devices.configuration",
+    "devices.host.host",
 )
 
 BLOCKER = """

@@ -19,8 +19,10 @@ from ..playback.preview import preview
 from ..text import printable
 from . import framing
 
-_PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial", "sounddevice")
-"""Packages that the extension brings as wheels; its small zip brings none of them."""
+_PACKAGES = (
+    *("numpy", "scipy", "trimesh", "fast_simplification", "serial", "sounddevice", "websockets"),
+)
+"""Packages that the extension brings as wheels; its small zip brings the pure ones."""
 
 
 Requirement = tuple[Callable[[bpy.types.Context], object], str]

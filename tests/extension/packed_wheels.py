@@ -14,7 +14,7 @@ BLENDERS_OWN = ("bpy", "numpy", "numpy.libs", "requests", "urllib3", "certifi", 
 """Packages beside the standard library that blender.org's Blender has, as far as they are here."""
 
 
-def pack(name: str, folder: Path) -> Path:
+def pack(name: str, folder: Path, compression: int = zipfile.ZIP_STORED) -> Path:
     """Write the wheel of an installed distribution under a given file name.
 
     Raises
@@ -24,7 +24,7 @@ def pack(name: str, folder: Path) -> Path:
     """
     path = folder / name
     distribution = metadata.distribution(name.partition("-")[0])
-    with zipfile.ZipFile(path, "w") as archive:
+    with zipfile.ZipFile(path, "w", compression) as archive:
         for file in distribution.files or ():
             if not {"..", "__pycache__", "tests"} & set(file.parts):
                 archive.write(str(file.locate()), file.as_posix())

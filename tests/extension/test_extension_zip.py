@@ -72,7 +72,11 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(native_build, "build", build)
-        patch.setattr(addon_wheels, "fetch", lambda name, _digest, folder: pack(name, folder))
+        patch.setattr(
+            addon_wheels,
+            "fetch",
+            lambda name, _digest, folder: pack(name, folder, zipfile.ZIP_DEFLATED),
+        )
         return build_addon.build_small(folder, folder, zig)
 
 
@@ -87,7 +91,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         with zipfile.ZipFile(path, "w") as archive:
             information = "-".join(name.split("-")[:2]) + ".dist-info"
             archive.writestr(f"{information}/METADATA", name)
-            if not name.startswith("pyserial"):  # the real one brings none either
+            if not name.startswith(("pyserial", "python_osc")):  # the real ones bring none either
                 archive.writestr(f"{information}/licenses/LICENSE", "MIT")
         lines.append(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n")
     lock = tmp_path / "lock"
@@ -223,7 +227,9 @@ def test_the_manifest_says_what_the_package_says(small: Path) -> None:
 def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None:
     names = [name.removeprefix("./") for name in manifest_of(small)["wheels"]]
     assert [name for name in names if "/hfx_native-" not in name] == [
-        "wheels/pyserial-3.5-py2.py3-none-any.whl"
+        "wheels/pyserial-3.5-py2.py3-none-any.whl",
+        "wheels/python_osc-1.10.2-py3-none-any.whl",
+        "wheels/websockets-17.4-py3-none-any.whl",
     ]
     names = [name for name in names if "/hfx_native-" in name]
     tags = [name[: -len(".whl")].split("-")[-1] for name in names]
@@ -244,8 +250,9 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
 
 
 def test_the_small_zip_may_be_without_the_library(wheels: Path, tmp_path: Path) -> None:
-    (only,) = manifest_of(build_addon.build_small(tmp_path, wheels))["wheels"]
-    assert "pyserial" in only
+    names = manifest_of(build_addon.build_small(tmp_path, wheels))["wheels"]
+    found = [name.removeprefix("./wheels/").partition("-")[0] for name in names]
+    assert found == ["pyserial", "python_osc", "websockets"]
 
 
 def test_only_the_permissions_that_are_used_are_asked_for(small: Path) -> None:
@@ -381,8 +388,9 @@ name = "bl_ext.user_default.hfx_blender"
 package = importlib.import_module(name)
 count = 0
 for module in pkgutil.walk_packages(package.__path__, name + "."):
-    importlib.import_module(module.name)
-    count += 1
+    if not module.name.endswith("__main__"):  # it runs where it is imported
+        importlib.import_module(module.name)
+        count += 1
 import fast_simplification, scipy.sparse.linalg, trimesh.graph
 
 strays = [
@@ -401,7 +409,9 @@ from PACKAGE.devices.live.discovery import serial_ports
 from PACKAGE.devices.host.output import OutputLostError
 from PACKAGE.devices.transports.serial_port import SerialPort
 from PACKAGE.devices.transports.sound_card import SoundCard
+from PACKAGE.devices.transports.websocket import WebSocket
 import serial.tools.list_ports
+import socket
 
 board, end = os.openpty()
 port = SerialPort(os.ttyname(end), 115200)
@@ -416,6 +426,12 @@ try:
 except OutputLostError as error:
     assert "portaudio" in str(error).lower() or "no such card" in str(error), error
 import _cffi_backend
+with socket.create_server(("127.0.0.1", 0)) as nobody:
+    at = nobody.getsockname()
+try:
+    WebSocket(*at, "/", print)
+except OutputLostError as error:
+    assert "does not answer" in str(error), error
 print("devices are there", flush=True)
 '''
 exec(DEVICES.replace("PACKAGE", name))
@@ -466,7 +482,7 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
     )
     said = done.stdout + done.stderr
     assert re.search(r"devices are there\n(\d+) modules imported\n$", done.stdout), said
-    assert int(done.stdout.split()[-3]) == len(SHIPPED) - 1, "all but the package itself"
+    assert int(done.stdout.split()[-3]) == len(SHIPPED) - 2, "all but the package and __main__"
 
 
 # Its wheels
@@ -548,7 +564,7 @@ def test_an_import_counts_wherever_it_is(source: str, tmp_path: Path) -> None:
     assert addon_wheels.imported(tmp_path) == {"sounddevice", "cffi"}
     (tmp_path / "x.py").write_text(source.format("serial"))
     assert addon_wheels.imported(tmp_path) == {"pyserial"}
-    for absent in ("pandas", "websockets", "PIL", "distutils"):
+    for absent in ("pandas", "matplotlib", "PIL", "distutils"):
         (tmp_path / "x.py").write_text(source.format(absent))
         with pytest.raises(addon_wheels.WheelError, match=f"'{absent}', which Blender"):
             addon_wheels.imported(tmp_path)
@@ -565,6 +581,7 @@ def test_a_computed_name_of_a_module_stops_the_build(tmp_path: Path) -> None:
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
 def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
     wanted = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
+    wanted |= {"python-osc", "websockets"}
     assert IMPORTED(PACKAGE) == wanted
     lock = addon_wheels.read_lock()
     is_linux, is_arm = platform.startswith("linux"), platform == "windows-arm64"

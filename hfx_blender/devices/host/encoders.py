@@ -18,7 +18,7 @@ from ...engine.arrays import F64, I64
 from ...engine.rendering.conditioning.drive import drive_of
 from ...engine.rendering.conditioning.limits import limited
 from ...engine.rendering.device import ActuatorType, DeviceConfig
-from ...engine.rendering.device_output import BytesEncoder, TextEncoder
+from ...engine.rendering.device_output import BytesEncoder, OscEncoder, TextEncoder
 
 _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 
@@ -98,6 +98,27 @@ class Channels:
     def whole(self, values: F64, full_scale: int) -> I64:
         """Channels (channels,) as whole numbers 0..full_scale, rounded to the nearest."""
         return np.rint(self.fractions(values) * full_scale).astype(np.int64)
+
+
+def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
+    """The address of each channel; ``{number}`` counts channels from 1, as VRChat's do."""
+    names = Channels(device).names
+    templates = how.addresses if len(how.addresses) == len(names) else how.addresses * len(names)
+    side = device.side or ""
+    found = []
+    for i, (template, (actuator, control)) in enumerate(zip(templates, names, strict=True)):
+        facts = {
+            "device": device.id,
+            "actuator": actuator,
+            "control": control,
+            "number": str(i + 1),
+            "side": side,
+            "Side": side.capitalize(),
+        }
+        for key, fact in facts.items():
+            template = template.replace("{" + key + "}", fact)
+        found.append(template)
+    return found
 
 
 class FrameEncoder:

@@ -35,10 +35,9 @@ from ...engine.rendering.device_output import (
 from ...errors import HfxError
 from ...files.atomic import atomic_file, take_lock
 from ..live.discovery import serial_ports
-from ..transports.osc import addresses
 from ..transports.reservations import computer
 from .clock import SYSTEM, Clock
-from .encoders import Channels
+from .encoders import Channels, osc_addresses
 from .opening import kind_of
 from .output import OutputLostError
 from .time_on import Account, AccountUse
@@ -117,7 +116,7 @@ def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
     assert isinstance(how, OscEncoder)
     anonymous = replace(device, id="*")
     names = Channels(device).names
-    by_name = dict(zip(names, addresses(anonymous, how), strict=True))
+    by_name = dict(zip(names, osc_addresses(anonymous, how), strict=True))
     return tuple(
         by_name.get((each.id, each.type.strength.name), "none") for each in device.actuators
     )

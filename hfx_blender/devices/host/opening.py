@@ -19,7 +19,6 @@ from ...engine.rendering.device_output import (
 )
 from ..configurations.output_reader import is_local
 from ..transports.csv_log import CsvLog
-from ..transports.osc import OscOutput
 from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder
 from .output import Output, OutputLostError
@@ -106,6 +105,8 @@ def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
         raise OutputLostError(f"'{str(port)[:20]}' is no port; allowed is 1 to 65535.")
     if isinstance(how, OscEncoder):
+        from ..transports.osc import OscOutput
+
         return OscOutput(device, how, host, port)
     if isinstance(how, ButtplugEncoder):
         from ..transports.buttplug import ButtplugOutput

@@ -1,66 +1,46 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC 1.0 over UDP: our own addresses, or those of VRChat's parameters.
-
-Specification: Wright, "The Open Sound Control 1.0 Specification" (2002).
-"""
+"""OSC 1.0 over UDP: our own addresses, or those of VRChat's parameters."""
 
 from __future__ import annotations
 
 import socket
-import struct
 from contextlib import suppress
 from typing import Final
+
+from pythonosc.parsing import osc_types
 
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import OscEncoder
-from ..host.encoders import Channels
+from ..host.encoders import Channels, osc_addresses
 from ..host.output import OutputLostError
 
 STOPS: Final = 3
 MAX_DATAGRAM: Final = 1400
 """Bytes that pass a usual network in one piece."""
 
-_BUNDLE: Final = b"#bundle\0" + struct.pack(">Q", 1)  # time tag 1: at once
+_BUNDLE: Final = osc_types.write_string("#bundle") + osc_types.write_date(osc_types.IMMEDIATELY)
 
 
+# python-osc's builders read each message again that they have built: 40 actuators at 1 kHz would
+# take all of a processor, its writers of OSC's types take a tenth.
 def message(address: str, value: float) -> bytes:
     """OSC message with one float32 argument."""
-    return _padded(address) + _padded(",f") + struct.pack(">f", value)
+    types = osc_types.write_string(",f")
+    return osc_types.write_string(address) + types + osc_types.write_float(value)
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
     """Bundle messages so that each bundle fits one datagram."""
     found: list[bytes] = []
-    now = _BUNDLE
+    bundle = _BUNDLE
     for each in messages:
-        element = struct.pack(">i", len(each)) + each
-        if len(now) + len(element) > MAX_DATAGRAM and now != _BUNDLE:
-            found.append(now)
-            now = _BUNDLE
-        now += element
-    return [*found, now]
-
-
-def addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
-    """The address of each channel; ``{number}`` counts channels from 1, as VRChat's do."""
-    names = Channels(device).names
-    templates = how.addresses if len(how.addresses) == len(names) else how.addresses * len(names)
-    side = device.side or ""
-    found = []
-    for i, (template, (actuator, control)) in enumerate(zip(templates, names, strict=True)):
-        facts = {
-            "device": device.id,
-            "actuator": actuator,
-            "control": control,
-            "number": str(i + 1),
-            "side": side,
-            "Side": side.capitalize(),
-        }
-        for key, fact in facts.items():
-            template = template.replace("{" + key + "}", fact)
-        found.append(template)
-    return found
+        element = osc_types.write_int(len(each)) + each
+        if len(bundle) + len(element) > MAX_DATAGRAM and bundle != _BUNDLE:
+            found.append(bundle)
+            bundle = _BUNDLE
+        bundle += element
+    return [*found, bundle]
 
 
 class OscOutput:
@@ -80,7 +60,7 @@ class OscOutput:
     def __init__(self, device: DeviceConfig, how: OscEncoder, host: str, port: int) -> None:
         self._how = how
         self._channels = Channels(device)
-        self._addresses = addresses(device, how)
+        self._addresses = osc_addresses(device, how)
         try:
             family, kind, protocol, _, target = socket.getaddrinfo(
                 host, port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICSERV
@@ -117,8 +97,3 @@ class OscOutput:
                 continue
             except OSError as error:
                 raise OutputLostError(f"datagrams cannot be sent ({error}).") from None
-
-
-def _padded(text: str) -> bytes:
-    content = text.encode("ascii") + b"\0"
-    return content + b"\0" * (-len(content) % 4)

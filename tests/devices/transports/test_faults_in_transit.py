@@ -3,19 +3,20 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
+import socket
 import struct
-import threading
+import time
 import zlib
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from raw_server import RIGHT, RawServer, fault_of
 
 from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import websocket
-from hfx_blender.devices.transports.websocket import WebSocket, _decode_frame
+from hfx_blender.devices.transports.websocket import MAX_WAITING, WebSocket
 
 
 def test_a_frame_of_another_version_is_dropped_however_intact():
@@ -33,166 +34,191 @@ def test_bytes_without_an_end_take_only_so_much_memory():
     assert len(receiver._waiting) <= wire.MAX_FRAME
 
 
+@pytest.fixture
+def serve() -> Iterator[Any]:
+    servers: list[RawServer] = []
+
+    def started(*arguments: Any, **facts: Any) -> RawServer:
+        servers.append(RawServer(*arguments, **facts))
+        return servers[-1]
+
+    yield started
+    for each in servers:
+        each.close()
+
+
 @pytest.mark.parametrize(
     "content",
     [
-        *(b"\xc1\x00", b"\x91\x00", b"\x81\x80", b"\x81\xfe\x00\x00"),
-        *(b"\x89\x7e\x00\x7e", b"\x09\x00", b"\x88\x7f"),  # long pings, pings in pieces
+        *(b"\xc1\x00", b"\x91\x00", b"\x81\x80aaaa", b"\x81\xfe\x00\x00aaaa"),
+        *(b"\x89\x7e\x00\x7e" + b"p" * 126, b"\x09\x00"),  # long pings, pings in pieces
+        *(b"\x83\x00", b"\x80\x00", b"\x01\x00\x81\x00"),  # no such code; no such order
     ],
 )
-def test_reserved_bits_masks_and_long_pings_are_no_frames_of_a_server(content: bytes) -> None:
-    with pytest.raises(OutputLostError, match="not a frame"):
-        _decode_frame(bytearray(content))
+def test_reserved_bits_masks_and_long_pings_are_no_frames_of_a_server(
+    serve: Any, content: bytes
+) -> None:
+    connection = serve(content).connect()
+    assert "not a frame" in fault_of(connection)
+    connection.close()
 
 
-def test_a_frame_that_would_be_too_long_is_not_waited_for():
-    with pytest.raises(OutputLostError, match="too long"):
-        _decode_frame(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE + 1)))
-    assert _decode_frame(bytearray(b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE))) is None
+def test_a_frame_that_would_be_too_long_is_not_waited_for(serve: Any) -> None:
+    head = b"\x81\x7f" + struct.pack(">Q", websocket.MAX_MESSAGE + 1)
+    connection = serve(head).connect()
+    assert "too long" in fault_of(connection)
+    connection.close()
 
 
-class Server:
-    """The other end: gives what it is told to give."""
-
-    def __init__(self, *given: bytes) -> None:
-        self.given = list(given)
-        self.sent = b""
-
-    def sendall(self, content: bytes) -> None:
-        self.sent += content
-
-    def recv(self, count: int) -> bytes:
-        if not self.given:
-            raise AssertionError("asked once more")
-        return self.given.pop(0) if len(self.given) > 1 else self.given[0]
-
-    def close(self) -> None: ...
+def test_fragments_that_grow_too_long_are_refused(
+    serve: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(websocket, "MAX_MESSAGE", 100)
+    fragments = b"\x01\x50" + b"a" * 80 + b"\x80\x50" + b"a" * 80
+    heard: list[str] = []
+    connection = serve(fragments).connect(heard.append)
+    assert "too long" in fault_of(connection) and not heard
+    connection.close()
 
 
-def connection(server: Any, on_text: Any = lambda text: None) -> WebSocket:
-    """A connection without its thread."""
-    found = WebSocket.__new__(WebSocket)
-    found._name, found._socket, found._lock = "ws://x:1", server, threading.Lock()
-    found._on_text, found._on_tick = on_text, lambda: None
-    found._waiting, found._received, found._message = bytearray(), bytearray(), bytearray()
-    found._is_fragmented, found._lost, found._is_closed = False, "", False
-    found._moved_s = 0.0
-    return found
+def test_bytes_that_are_no_text_are_refused(serve: Any) -> None:
+    for content, fault in ((b"\x82\x01a", "not text"), (b"\x81\x01\xff", "lost")):
+        connection = serve(content).connect()
+        assert fault in fault_of(connection)
+        connection.close()
 
 
-class Greeting(Server):
-    """Answers a handshake with some headers, of which one is the right key."""
-
-    def __init__(self, head: str) -> None:
-        super().__init__()
-        self.head = head
-
-    def recv(self, count: int) -> bytes:
-        key = self.sent.split(b"Sec-WebSocket-Key: ")[1].split(b"\r\n")[0]
-        accept = hashlib.sha1(key + b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11").digest()
-        return self.head.format(base64.b64encode(accept).decode()).encode()
-
-
-RIGHT = "HTTP/1.1 101 Yes\r\nUpgrade: websocket\r\nSec-WebSocket-Accept: {}\r\n\r\n"
-
-
-def test_the_right_greeting_is_taken():
-    connection(Greeting(RIGHT))._shake_hands("x", 1, "/")
+def test_a_message_that_comes_with_the_greeting_is_heard(serve: Any) -> None:
+    heard: list[str] = []
+    connection = serve(b"\x81\x01a\x01\x01b\x80\x01c").connect(heard.append)
+    until = time.monotonic() + 30.0
+    while heard != ["a", "bc"]:
+        assert time.monotonic() < until
+        time.sleep(0.002)
+    connection.close()
 
 
 @pytest.mark.parametrize(
-    ("wrong", "by"), [("101", "200"), ("websocket", "h2c"), ("{}", "AAAA"), ("Upgrade: ", "X: ")]
+    ("wrong", "by"),
+    [(b"101", b"200"), (b"websocket", b"h2c"), (b"{}", b"AAAA"), (b"Upgrade: ", b"X: ")],
 )
-def test_a_greeting_with_one_thing_wrong_is_refused(wrong: str, by: str) -> None:
-    with pytest.raises(OutputLostError, match="not a websocket server"):
-        connection(Greeting(RIGHT.replace(wrong, by)))._shake_hands("x", 1, "/")
-
-
-def test_a_greeting_without_end_is_not_listened_to_for_ever(
-    monkeypatch: pytest.MonkeyPatch,
+def test_a_greeting_with_one_thing_wrong_is_refused(
+    serve: Any, wrong: bytes, by: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    server = Server(*[b"x" * 4096] * 6, b"")
+    monkeypatch.setattr(websocket, "OPEN_S", 1.0)  # a 200 may have a page without end
+    serve().connect().close()
     with pytest.raises(OutputLostError, match="not a websocket server"):
-        connection(server)._shake_hands("x", 1, "/")
-    assert len(server.given) > 1  # it was refused before the server ended
+        serve(answer=RIGHT.replace(wrong, by)).connect()
 
 
-def test_fragments_that_grow_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(websocket, "MAX_MESSAGE", 100)
-    found = connection(Server())
-    found._received += b"\x01\x50" + b"a" * 80
-    found._take()
-    found._received += b"\x80\x50" + b"a" * 80
-    with pytest.raises(OutputLostError, match="too long"):
-        found._take()
+@pytest.mark.parametrize("content", [b"x" * 1_000_000, b"HTTP/1.1 101 X\r\n" + b"a: b\r\n" * 1000])
+def test_a_greeting_without_end_is_not_listened_to_for_ever(serve: Any, content: bytes) -> None:
+    began = time.monotonic()
+    with pytest.raises(OutputLostError, match="not a websocket server"):
+        serve(answer=content).connect()
+    assert time.monotonic() - began < websocket.OPEN_S
 
 
-def serve(found: WebSocket, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(websocket.select, "select", lambda r, w, x, t: (r, [], []))
-    found._serve()
+def test_a_greeting_that_trickles_is_not_waited_for(
+    serve: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(websocket, "OPEN_S", 0.3)
+    for answer, fault in ((b"HTTP/1.1 101 X\r\n", "not a websocket server"), (b"", "not answer")):
+        server = serve(answer=answer)
+        with pytest.raises(OutputLostError, match=fault):
+            server.connect()
 
 
-def test_a_server_that_ends_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = connection(Server(b"\x81\x01a", b""))
+def test_no_proxy_of_the_environment_is_asked(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("http_proxy", "ws_proxy", "all_proxy", "socks_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:1")
+        monkeypatch.setenv(name.upper(), "http://127.0.0.1:1")
+    serve().connect().close()
+
+
+def test_a_server_that_ends_is_gone(serve: Any) -> None:
     heard: list[str] = []
-    found._on_text = heard.append
-
-    def ticked() -> None:
-        heard.append("tick")
-        if len(heard) > 5:
-            raise ValueError("it goes on")
-
-    found._on_tick = ticked
-    serve(found, monkeypatch)
-    assert found._lost == "the connection was closed by the server" and heard == ["a", "tick"]
+    connection = serve(b"\x81\x01a", ends=True).connect(heard.append)
+    assert fault_of(connection).endswith("the connection was closed by the server.")
+    assert heard == ["a"]
+    connection.close()
 
 
-def test_what_a_server_says_wrongly_ends_the_connection_and_not_the_thread(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_a_server_says_wrongly_ends_the_connection_and_not_the_thread(serve: Any) -> None:
     def nonsense(text: str) -> None:
         raise KeyError(text)
 
-    found = connection(Server(b"\x81\x01a", b""), nonsense)
-    serve(found, monkeypatch)
-    assert found._lost == "the connection is lost ('a')"
+    connection = serve(b"\x81\x01a").connect(nonsense)
+    assert fault_of(connection).endswith("the connection is lost ('a').")
+    connection.close()
 
 
-class Deaf(Server):
-    """A server that takes nothing."""
+def test_closing_says_goodbye_and_ends_the_thread(serve: Any) -> None:
+    server = serve()
+    connection = server.connect()
+    connection.close()
+    connection.close()
+    with pytest.raises(OutputLostError, match="is closed"):
+        connection.send("x")
+    server.close()
+    code, length = server.received[:2]
+    mask, content = server.received[2:6], server.received[6:]
+    assert (code, length) == (0x88, 0x82)
+    assert bytes(a ^ b for a, b in zip(mask, content, strict=False)) == struct.pack(">H", 1000)
+
+
+class Deaf:
+    """A socket whose other end takes nothing after the handshake."""
+
+    def __init__(self, inner: socket.socket) -> None:
+        self._inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
 
     def send(self, content: bytes) -> int:
         raise BlockingIOError
 
 
-def test_who_asks_for_answers_and_does_not_read_them_costs_no_memory() -> None:
-    found = connection(Deaf())
-    for _ in range(100):
-        found._received += (b"\x89\x7d" + b"p" * 125) * 100
-        found._take()
-    assert len(found._waiting) < 2 * websocket.MAX_WAITING
+@pytest.fixture
+def deaf(monkeypatch: pytest.MonkeyPatch) -> None:
+    connect = socket.create_connection
+    monkeypatch.setattr(
+        websocket.socket, "create_connection", lambda *a, **k: Deaf(connect(*a, **k))
+    )
 
 
-def test_stops_that_nobody_reads_cost_no_memory() -> None:
-    found = connection(Deaf())
+def test_who_asks_for_answers_and_does_not_read_them_costs_no_memory(
+    serve: Any, deaf: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(websocket, "STALLED_S", 60.0)
+    waiting: list[int] = []
+    server = serve((b"\x89\x7d" + b"p" * 125) * 10_000 + b"\x81\x01z")
+    connection = server.connect(lambda _: waiting.append(connection.waiting))
+    until = time.monotonic() + 60.0
+    while not waiting:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert MAX_WAITING < waiting[0] < 2 * MAX_WAITING
+    connection.close()
+
+
+def test_stops_that_nobody_reads_cost_no_memory(serve: Any, deaf: None) -> None:
+    connection: WebSocket = serve().connect()
     with pytest.raises(OutputLostError, match="does not read"):
         for _ in range(10_000):
-            found.send("x" * 100, is_urgent=True)
-    assert len(found._waiting) < 3 * websocket.MAX_WAITING
+            connection.send("x" * 100, is_urgent=True)
+    assert connection.waiting < 3 * MAX_WAITING
+    connection.close()
 
 
 def test_a_server_that_does_not_read_is_left_so_that_it_stops_what_we_used(
-    monkeypatch: pytest.MonkeyPatch,
+    serve: Any, deaf: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = [100.0]
-    monkeypatch.setattr(websocket.time, "monotonic", lambda: now[0])
-    found = connection(Deaf(b"\x8a\x00"))
-    found.send("x")
-
-    def ticked() -> None:
-        assert now[0] <= 100.0 + websocket.STALLED_S, "it is waited for"
-        now[0] += 0.3
-
-    found._on_tick = ticked
-    serve(found, monkeypatch)
-    assert found._lost == "the server does not read any more"
+    monkeypatch.setattr(websocket, "STALLED_S", 0.2)
+    server = serve()
+    connection = server.connect()
+    connection.send("x")
+    assert "the server does not read any more" in fault_of(connection)
+    server.close()  # it returns where the client has left
+    connection.close()

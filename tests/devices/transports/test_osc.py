@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC over UDP, read by an independent library."""
+"""OSC over UDP, read as the specification of OSC 1.0 says."""
 
 import socket
+import struct
 
 import numpy as np
 import pytest
@@ -9,10 +10,36 @@ from bench_devices import device, heat, vibration
 
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
-from hfx_blender.devices.transports.osc import MAX_DATAGRAM, message
+from hfx_blender.devices.transports.osc import MAX_DATAGRAM, bundles, message
 from hfx_blender.engine.rendering.device_output import OscEncoder, OutputConfig, UdpTransport
 
-packets = pytest.importorskip("pythonosc.osc_packet")
+
+def read(content):
+    """Addresses and float32 values of a message, or of a bundle that is due at once.
+
+    Wright, "The Open Sound Control 1.0 Specification" (2002); not by python-osc, which encodes.
+    """
+    if content.startswith(b"#bundle\0"):
+        assert content[8:16] == bytes(7) + b"\1"  # "immediately"
+        found, at = [], 16
+        while at < len(content):
+            size = int.from_bytes(content[at : at + 4], "big")
+            found += read(content[at + 4 : at + 4 + size])
+            at += 4 + size
+        assert at == len(content)
+        return found
+    address, at = read_string(content, 0)
+    types, at = read_string(content, at)
+    assert types == ",f" and len(content) == at + 4 and len(content) % 4 == 0
+    return [(address, list(struct.unpack(">f", content[at:])))]
+
+
+def read_string(content, at):
+    """Text that ends with 1 to 4 zeros, to a multiple of 4 bytes, and the place behind it."""
+    end = content.index(b"\0", at)
+    after = at + (end - at) // 4 * 4 + 4
+    assert content[end:after] == bytes(after - end)
+    return content[at:end].decode("ascii"), after
 
 
 @pytest.fixture
@@ -31,8 +58,7 @@ def opened(listener, how, *types, **facts):
 def received(listener, datagrams=1):
     found = []
     for _ in range(datagrams):
-        packet = packets.OscPacket(listener.recv(65536))
-        found += [(each.message.address, each.message.params) for each in packet.messages]
+        found += read(listener.recv(65536))
     return found
 
 
@@ -40,6 +66,19 @@ def test_a_message_is_these_bytes():  # after the examples of the specification
     assert message("/oscillator/4/frequency", 440.0).hex() == (
         "2f6f7363696c6c61746f722f342f6672657175656e637900" + "2c660000" + "43dc0000"
     )
+
+
+@pytest.mark.parametrize("name", ["/a", "/ab", "/abc", "/abcd"])
+def test_addresses_of_any_length_end_with_one_to_four_zeros(name):
+    zeros = 4 - len(name) % 4
+    assert message(name, -1.5) == name.encode() + bytes(zeros) + b",f\0\0" + b"\xbf\xc0\0\0"
+
+
+def test_a_bundle_is_these_bytes():
+    first, second = message("/a", 1.0), message("/abcd", 1.0)
+    assert bundles([first, second]) == [
+        b"#bundle\0" + bytes(7) + b"\1" + b"\0\0\0\x0c" + first + b"\0\0\0\x10" + second
+    ]
 
 
 def test_own_addresses_carry_each_control(listener):
@@ -81,9 +120,7 @@ def test_a_large_device_goes_in_datagrams_that_pass_a_network(listener):
     while len(found) < count:
         content = listener.recv(65536)
         assert len(content) <= MAX_DATAGRAM
-        found.update(
-            (m.message.address, m.message.params) for m in packets.OscPacket(content).messages
-        )
+        found.update(read(content))
     assert found == {f"/hfx/bench/a{i}": [0.5] for i in range(count)}
     output.close()
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Websocket devices against servers of an independent library."""
+"""Websocket devices against servers of the same library, and of bytes."""
 
 import json
+import re
 import socket
 import threading
 import time
@@ -12,6 +13,8 @@ import pytest
 from bench_devices import device, heat, vibration
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from raw_server import RawServer, fault_of
+from websockets.sync.server import serve as serve_sync
 
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
@@ -23,8 +26,6 @@ from hfx_blender.engine.rendering.device_output import (
     OutputConfig,
     WebsocketTransport,
 )
-
-server_of = pytest.importorskip("websockets.sync.server")
 
 TWO = (vibration(fixed=True), vibration(maximum=20.0))
 HALF = np.array([5.0, 175.0, 10.0, 80.0])
@@ -39,7 +40,7 @@ class Server:
         self.paths = []
         self.connections = []
         self._answer = answer
-        self._server = server_of.serve(self._serve, "127.0.0.1", 0, **settings)
+        self._server = serve_sync(self._serve, "127.0.0.1", 0, **settings)
         self.port = self._server.socket.getsockname()[1]
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
@@ -110,39 +111,16 @@ def test_a_server_that_goes_is_told_at_the_next_message(serve):
 
 
 def test_a_server_that_does_not_read_costs_neither_time_nor_memory():
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-
-        def deaf():
-            taken, _ = listener.accept()
-            request = taken.recv(4096).decode()
-            key = request.split("Sec-WebSocket-Key: ")[1].split("\r\n")[0]
-            taken.sendall(_accepted(key))
-            held.append(taken)
-
-        held = []
-        thread = threading.Thread(target=deaf)
-        thread.start()
-        connection = WebSocket("127.0.0.1", listener.getsockname()[1], "/", print)
-        thread.join()
-        began = time.monotonic()
-        with pytest.raises(OutputLostError, match="does not read"):
-            for _ in range(100_000):
-                connection.send("x" * 1000)
-        assert time.monotonic() - began < 10.0
-        assert len(connection._waiting) < 2 * websocket.MAX_WAITING
-        connection.close()
-        held[0].close()
-
-
-def _accepted(key):
-    import base64
-    import hashlib
-
-    digest = hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
-    return (
-        b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        b"Sec-WebSocket-Accept: " + base64.b64encode(digest) + b"\r\n\r\n"
-    )
+    server = RawServer(reads=False)
+    connection = server.connect()
+    began = time.monotonic()
+    with pytest.raises(OutputLostError, match="does not read"):
+        for _ in range(100_000):
+            connection.send("x" * 1000)
+    assert time.monotonic() - began < 10.0
+    assert connection.waiting < 2 * websocket.MAX_WAITING
+    connection.close()
+    server.close()
 
 
 @pytest.mark.parametrize(
@@ -485,13 +463,13 @@ def test_a_device_that_leaves_the_server_is_lost(serve):
     output.close()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=300))
-def test_any_bytes_of_a_server_are_frames_or_a_lost_connection(content):
-    try:
-        found = websocket._decode_frame(bytearray(content))
-    except OutputLostError:
-        return
-    if found is not None:
-        _, code, payload, size = found
-        assert 0 <= code <= 15 and 2 <= size <= len(content) and len(payload) <= size
+def test_any_bytes_of_a_server_end_the_connection_and_nothing_else(content):
+    server = RawServer(content, ends=True)
+    heard = []
+    connection = server.connect(heard.append)
+    assert re.search("closed|not a frame|too long|not text|is lost", fault_of(connection))
+    connection.close()
+    server.close()
+    assert all(isinstance(each, str) for each in heard)
