@@ -121,6 +121,7 @@ class ReadingCounters:
     instances: int = 0  # volumes that are shown as instances
     # Volume: number of its samples in blocks of which only its place was needed, by their first.
     far: dict[str, dict[str, int]] = field(default_factory=dict)
+    on: dict[str, bool] = field(default_factory=dict)  # ids of those that were on there, once
     skipped: dict[str, str] = field(default_factory=dict)  # effect: why nothing of it was read
 
     def add(self, more: ReadingCounters) -> None:
@@ -130,12 +131,13 @@ class ReadingCounters:
         self.instances = max(self.instances, more.instances)
         for name, blocks in more.far.items():
             self.far.setdefault(name, {}).update(blocks)
+        self.on |= more.on
         self.skipped |= more.skipped
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, which stays as it is while more is counted."""
         far = {name: {**blocks} for name, blocks in self.far.items()}
-        return {**vars(self), "far": far, "skipped": {**self.skipped}}
+        return {**vars(self), "far": far, "on": {**self.on}, "skipped": {**self.skipped}}
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:

@@ -73,6 +73,7 @@ class Engine:
         self.scene = scene
         self.tolerance = tolerance
         self.counters = Counters()
+        self.touched: set[str] = set()  # ids of volumes with a response that a body was in
         self.record = wanted = frozenset(record)
         known = ON_DEMAND | ON_DEMAND_HERE
         if not wanted <= known:
@@ -178,6 +179,8 @@ class Engine:
                 felt = [each() for each in begun]
                 if not area.response:
                     return felt
+                if any(run is not None for run in felt):
+                    self.touched.add(effect.id)
                 return [
                     self._allocentric.answered(effect, animated, rows, body, block, reach, run)
                     for body, run in zip(bodies, felt, strict=True)

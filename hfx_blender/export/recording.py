@@ -176,6 +176,7 @@ def record_track(
                         times.add_runs(effects, runs)
                         for block, _ in some:
                             times.add_levels(effects, block)
+                        times.touched |= dict.fromkeys(engine.touched, True)
                     yield [block for block, _ in some]
         finished.extend(renderers)
 

@@ -115,8 +115,7 @@ def told_effects(
     instances: Collection[str] = (),
     times: FeltTimes | None = None,
     answering: Collection[str] = (),
-    far: Collection[str] = (),
-    always_on: Collection[str] = (),
+    seen_on: Collection[str] = (),
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Each effect of a scene: when it is felt on any body, or the reason why it is not.
 
@@ -136,10 +135,8 @@ def told_effects(
         Samples at which effects are on, and have a strength.
     answering : collection of str
         Ids of volumes with a contact response.
-    far : collection of str
-        Names of volumes of which only the place was read at some samples, as they are near no skin.
-    always_on : collection of str
-        Names of effects that nothing turns on or off.
+    seen_on : collection of str
+        Ids of volumes that were on where else only their place was read, as they are near no skin.
 
     Returns
     -------
@@ -172,8 +169,7 @@ def told_effects(
                     effect,
                     times,
                     effect.id in answering,
-                    effect.name in far,
-                    effect.name in always_on,
+                    effect.id in seen_on,
                 )
             known = Unfelt(reason, is_part or is_one_of_many)
             is_told = any(f"'{effect.name}'" in text for text in warnings)
@@ -207,18 +203,19 @@ def _why_missed(
     effect: TrackEffect,
     times: FeltTimes | None,
     has_response: bool,
-    is_far: bool,
-    is_always_on: bool,
+    is_seen_on: bool,
 ) -> str:
     """Reason why an effect has no sample at all."""
-    # Where a volume is near no skin, its level may not have been read.
-    is_unread = is_far and is_always_on
-    if times is not None and effect.id not in times.is_on and not is_unread:
+    if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
-            return "has a value that is no number wherever it would be on"
-        return f"{_NO_TOUCH}, or {_NEVER_ON}" if is_far else _NEVER_ON
-    if has_response:
+            what = times.no_number[effect.id]
+            return f"has {what} that is no number wherever it would be on"
+        if not is_seen_on:
+            return _NEVER_ON
+    if has_response and times is None:
         return f"{_NO_TOUCH}, or its contact response gives nothing"
+    if has_response and times is not None and effect.id in times.touched:
+        return "touches a body, but its contact response gives nothing"
     return _MISSED.get(effect.kind, _NEVER_ON)
 
 

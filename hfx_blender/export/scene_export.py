@@ -284,8 +284,7 @@ class SceneExport:
                 instances=self.reader.instance_ids,
                 times=recorded.times,
                 answering=_with_response(self.reader.description),
-                far=recorded.reading.get("far", {}),
-                always_on=self.reader.always_on,
+                seen_on=recorded.reading.get("on", {}),
             )
             if settings.per_clip:
                 written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)

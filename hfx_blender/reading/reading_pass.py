@@ -33,7 +33,7 @@ from .description.scene_description import IN_SCENE, HapticObjects, sample_frame
 from .reading_plan import Plan
 from .stepped import stepping
 from .stepped.nearness import SkinBoxes, may_meet
-from .stepped.scene_rows import Row, effect_block, pose_block, silence
+from .stepped.scene_rows import Places, Row, effect_block, pose_block, silence
 from .stepped.stepped_reading import SteppedReading
 from .stepped.stepped_volumes import SteppedVolumes, near, over_time
 
@@ -88,6 +88,8 @@ class Pass:
         self._placed = SteppedVolumes({k: found.effects[k] for k in stepped})
         placed = self._placed.numbers
         self._far = dict(enumerate(placed))  # of which only the place is read, by their number
+        self._not_seen_on = dict(self._far)
+        self._idle_now: set[int] = set()  # of those, in the present block
         self._full = [k for k in self._effects if k not in placed]
         model_ids = {scene.effects[k].model_id for k in placed}
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
@@ -132,7 +134,20 @@ class Pass:
         if self._far:
             row.places = self._placed.read(stepper)
             self._reading.counters.places_read += len(self._placed)
+            if 0 <= index < self._scene.time.sample_count:
+                self._look_who_is_on(row.places, stepper)
         return row
+
+    def _look_who_is_on(self, places: Places, stepper: stepping.Stepper) -> None:
+        """Note which volumes are on of those of which only the place is read, each once."""
+        for n, k in [*self._not_seen_on.items()]:
+            if k in self._idle_now or not places.there[n]:
+                continue
+            evaluated = stepper.evaluated(self._found.effects[k])
+            is_there = evaluated.is_evaluated and not evaluated.hide_viewport
+            if is_there and self._found.activations[k].level(evaluated.hfx) > 0.0:
+                self._reading.counters.on[self._scene.effects[k].id] = True
+                del self._not_seen_on[n]
 
     def _frames(self, indices: I64) -> F64:
         """Frames of the animation at samples."""
@@ -161,7 +176,7 @@ class Pass:
         for k in self._volumes:
             if k in effects:
                 wanted |= ~(effects[k].levels <= 0.0)
-        idle = self._idle(frames, wanted)
+        self._idle_now = idle = self._idle(frames, wanted)
         self._full = [k for k in self._full if k not in idle]
         is_stepped = len(idle) < len(self._effects)
         rows = [

@@ -120,8 +120,6 @@ class SceneReader:
     ----------
     unfelt : dict of str to Unfelt
         Effects of which nothing is felt, as far as that is known before times are read.
-    always_on : set of str
-        Names of effects that nothing turns on or off, and nothing hides.
 
     Raises
     ------
@@ -211,7 +209,6 @@ class SceneReader:
             elif (powerless := unfelt.why_powerless(effect, frames)) is not None:
                 new[effect.name] = Unfelt(powerless)
         self.unfelt = {**reasons, **new}
-        self.always_on = {e.name for e, state in states.items() if unfelt.is_always_on(e, state)}
         return (
             *unfelt.warnings_of_clips(lost, time),
             *(

@@ -25,7 +25,9 @@ class FeltTimes:
     """
 
     is_on: dict[str, bool] = field(default_factory=dict)  # level above 0 at any sample
-    no_number: dict[str, bool] = field(default_factory=dict)  # at any sample before it was on
+    # Where it would be on first: "a value" or "a place" that is no number.
+    no_number: dict[str, str] = field(default_factory=dict)
+    touched: dict[str, bool] = field(default_factory=dict)  # volumes with a contact response
     # By effect and body: number of samples whose strength is not 0, the first and the last of them.
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
 
@@ -39,11 +41,14 @@ class FeltTimes:
             if is_off.all():
                 continue
             parameters = animated.parameters[block.own]
-            finite = np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
-            if (finite & ~is_off).any():
+            finite = ~is_off & np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
+            placed = finite.copy()
+            if animated.matrices is not None:
+                placed &= np.isfinite(animated.matrices[block.own]).all(axis=(1, 2))
+            if placed.any():
                 self.is_on[effect.id] = True
             else:
-                self.no_number[effect.id] = True
+                self.no_number[effect.id] = "a place" if finite.any() else "a value"
 
     def add_runs(self, effects: Sequence[EffectDescription], runs: Iterable[SampleRun]) -> None:
         """Count samples whose strength is not 0; runs of a stream come in the order of time."""
@@ -59,6 +64,7 @@ class FeltTimes:
         """Count what was counted over another part of the recording."""
         self.is_on |= later.is_on
         self.no_number |= later.no_number
+        self.touched |= later.touched
         for effect_id, spans in later.felt.items():
             for body_id, span in spans.items():
                 self._count(effect_id, body_id, span)

@@ -27,7 +27,7 @@ from ...text import named
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
 from . import dormant, visibility
-from .activation import Activation, ActivationSource, spans_of_value
+from .activation import Activation, spans_of_value
 
 _STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind_speed"}
 """Property that the level of an effect scales."""
@@ -126,16 +126,6 @@ def of_dormant(why: str, is_part: bool) -> Unfelt:
     """Reason for an effect that is dormant; ``is_part``: only some frames are exported."""
     is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
-
-
-def is_always_on(effect: bpy.types.Object, state: Activation) -> bool:
-    """Test for an effect that nothing turns on or off, and nothing hides, at any time."""
-    return (
-        state.source is ActivationSource.ALWAYS_ON
-        and not visibility.is_keyed(effect)
-        and not visibility.is_keyed(effect, "hfx.intensity")
-        and stepping.foreign_handler() is None
-    )
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:

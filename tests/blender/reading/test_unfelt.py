@@ -384,10 +384,34 @@ def _begin_after_the_last_sample(effect: Any) -> None:
 def test_a_volume_that_is_never_on(touch: Any, told: Any, change: Callable[[Any], None]) -> None:
     change(_volume("pressure"))
     report = told()
-    # While a volume is hidden, its level is not read.
-    is_unread = change in (_drive_hidden, _without_influence)
-    reason = "touches no body, or is never on" if is_unread else "is never on"
-    assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+    assert _line(report, "Still")["reason"] == "is never on" and report["strict"] == 3
+
+
+@pytest.mark.parametrize(
+    ("level", "reason"),
+    [("0.5", "touches no body"), ("0*frame", "is never on"), ("frame>30", "touches no body")],
+)
+def test_a_stepped_volume_far_from_all_skin(touch: Any, told: Any, level: str, reason: str) -> None:
+    """Only its place is read, but also whether it is on; twice, as parts are merged."""
+    effect = _volume("pressure")
+    effect.hfx.shape, effect.location.x = "CUBOID", 5.0
+    _drive(effect, "hfx.intensity", level)
+    for words in ([], ["--split", "10"]):
+        report = told(*words)
+        assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+        assert report["reading"]["far"] == {"Still": LAST + 1}
+
+
+def test_a_place_that_is_no_number(touch: Any, told: Any) -> None:
+    effect = _volume("pressure")
+    effect.keyframe_insert("location", index=0, frame=1)
+    (curve,) = compat.fcurves(effect)
+    curve.keyframe_points[0].co.y = float("nan")
+    reason = "has a place that is no number wherever it would be on"
+    assert _line(told(), "Still")["reason"] == reason
+    effect = bpy.data.objects["Still"]
+    effect.driver_add("scale", 1).driver.expression = "1"  # which Blender has to evaluate
+    assert _line(told(), "Still")["reason"] == reason
 
 
 def test_an_intensity_that_is_no_number(touch: Any, told: Any) -> None:
@@ -400,13 +424,15 @@ def test_an_intensity_that_is_no_number(touch: Any, told: Any) -> None:
 
 
 def test_a_contact_response_that_gives_nothing(touch: Any, told: Any) -> None:
-    """Nothing strikes: ball and body stand still."""
+    """Nothing strikes: ball and body stand still. Elsewhere, nobody is there to be struck."""
     effect = _volume("vibration")
     bpy.context.view_layer.objects.active = effect
     bpy.ops.hfx.add_response_filter(kind="impact")
     report = told()
-    reason = "touches no body, or its contact response gives nothing"
+    reason = "touches a body, but its contact response gives nothing"
     assert _line(report, "Still")["reason"] == reason and report["strict"] == 3
+    bpy.data.objects["Still"].location.x = 5.0
+    assert _line(told(), "Still")["reason"] == "touches no body"
 
 
 # Bodies
