@@ -41,17 +41,24 @@ def call_soon(
     Parameters
     ----------
     function : callable
+        A method, too: methods of one object are the same if they are equal.
     delay_s : float
     outlives_load : bool
         Call it even if a file is loaded before.
     """
-    if bpy.app.timers.is_registered(function):
+    if is_waiting(function):
         return
+    for ended in [each for each in _timers if not is_waiting(each)]:
+        del _timers[ended]
     bpy.app.timers.register(function, first_interval=delay_s, persistent=outlives_load)
-    if not outlives_load:
-        ended = [each for each in _until_load if not bpy.app.timers.is_registered(each)]
-        _until_load.difference_update(ended)
-        _until_load.add(function)
+    _timers[function] = function, outlives_load
+
+
+def is_waiting(function: Callable[[], Any]) -> bool:
+    """Test for a function that a timer is to call."""
+    # Blender knows the very object that was registered; a method is another one each time.
+    registered, _ = _timers.get(function, (function, False))
+    return bpy.app.timers.is_registered(registered)
 
 
 def push_undo_soon() -> None:
@@ -95,11 +102,12 @@ def announce(event: str, *arguments: Any) -> None:
 def remove_timers(*functions: Callable[[], Any]) -> None:
     """Remove the timers of functions that wait for theirs."""
     for function in functions:
-        if bpy.app.timers.is_registered(function):
-            bpy.app.timers.unregister(function)
+        if is_waiting(function):
+            bpy.app.timers.unregister(_timers.pop(function, (function, False))[0])
 
 
-_until_load: set[Callable[[], Any]] = set()  # functions whose timers end when a file is loaded
+_timers: dict[Callable[[], Any], tuple[Callable[[], Any], bool]] = {}
+"""Functions that were given to timers, as they were registered; whether they outlive a load."""
 
 
 @bpy.app.handlers.persistent
@@ -107,8 +115,7 @@ def _before_loading(*_: object) -> None:
     """Remove timers: Blender only marks them, and its Python module 4.5 hangs at exit over those
     that it marked and never came to remove.
     """
-    remove_timers(*_until_load)
-    _until_load.clear()
+    remove_timers(*[each for each, (_, outlives_load) in _timers.items() if not outlives_load])
 
 
 def register() -> None:

@@ -15,7 +15,7 @@ from ..authoring.effects import effects, swarms
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError, InputError, fault_of_file
 from ..files.atomic import inputs_kept
-from ..playback.preview import preview
+from ..playback.preview.preview import preview
 from ..text import printable
 from . import framing
 

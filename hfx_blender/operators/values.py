@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..authoring.effects import effects, swarms
-from ..playback.preview import preview
+from ..playback.preview.preview import preview
 from ..playback.timeline.timeline_recorder import recorder
 from .shared import HfxOperator
 

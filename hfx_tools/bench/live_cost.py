@@ -285,7 +285,7 @@ def _in_blender(
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
-            live_handlers.stop_listening()  # called directly, in its place
+            live.handlers.stop_listening()  # called directly, in its place
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
                 live.exchange_heartbeat()

@@ -37,7 +37,7 @@ moves."""
 
 
 @dataclass(eq=False)
-class _Connected:
+class Connected:
     """Connected device."""
 
     device: DeviceConfig
@@ -46,7 +46,7 @@ class _Connected:
 
 
 @dataclass(frozen=True)
-class _Sent:
+class Sent:
     """Last message to the devices, which they still play."""
 
     at_s: float  # of the monotonic clock
@@ -59,6 +59,8 @@ class Live:
 
     Attributes
     ----------
+    handlers : LiveHandlers
+        Added while a device is connected.
     tracks : TrackSource
     slow_frames : SlowFrames
     fault : str
@@ -67,9 +69,18 @@ class Live:
         Devices whose scripts are to be approved first.
     approved : dict
         Fingerprints of the user's own scripts, by device.
+    client : LiveClient or None
+        The output process, once a device was connected.
+    connected : dict of Connected
+        By name.
+    described : Generation or None
+        Description that the devices follow.
+    sent : Sent or None
+        None: the devices have faded.
     """
 
     def __init__(self) -> None:
+        self.handlers = live_handlers.LiveHandlers(self)
         self.tracks = TrackSource()
         self.slow_frames = SlowFrames()
         self.fault = ""
@@ -77,15 +88,15 @@ class Live:
         self.approved: dict[str, str] = {}
         self._scene = SceneSource()
         self._playback = Playback()
-        self._client: LiveClient | None = None
-        self._devices: dict[str, _Connected] = {}
-        self._described: Generation | None = None  # what the devices were told of
-        self._sent: _Sent | None = None  # None: they have faded
+        self.client: LiveClient | None = None
+        self.connected: dict[str, Connected] = {}
+        self.described: Generation | None = None
+        self.sent: Sent | None = None
 
     @property
     def states(self) -> dict[str, DeviceState]:
         """States of the connected devices, by name."""
-        return {} if self._client is None else self._client.devices
+        return {} if self.client is None else self.client.devices
 
     @property
     def is_armed(self) -> bool:
@@ -100,15 +111,15 @@ class Live:
     @property
     def latencies_ms(self) -> set[float]:
         """Latencies of the connected actuators that are compensated."""
-        devices = [each.device for each in self._devices.values()]
+        devices = [each.device for each in self.connected.values()]
         return {ms for device in devices for ms in live_targets.latencies_ms(device)}
 
     def state(self, name: str) -> DeviceState | None:
-        return self.states.get(name) if name in self._devices else None
+        return self.states.get(name) if name in self.connected else None
 
     def device(self, name: str) -> DeviceConfig | None:
         """Configuration of a connected device."""
-        found = self._devices.get(name)
+        found = self.connected.get(name)
         return None if found is None else found.device
 
     def connect(self, name: str, settings: live_settings.LiveSettings) -> None:
@@ -137,9 +148,9 @@ class Live:
         if settings.path:
             settings = replace(settings, path=bpy.path.abspath(settings.path))
         target = live_targets.target_of(device, settings)
-        if self._client is None:
-            self._client = LiveClient()
-        self._client.connect(
+        if self.client is None:
+            self.client = LiveClient()
+        self.client.connect(
             name,
             name,
             target,
@@ -147,19 +158,19 @@ class Live:
             script=None if script is None else script.as_request(),
             offset_ms=settings.offset_ms,
         )
-        self._devices[name] = _Connected(device, script is not None, settings.offset_ms)
-        self._described = None
+        self.connected[name] = Connected(device, script is not None, settings.offset_ms)
+        self.described = None
         recorder.is_wanted_by_devices = bool(self.latencies_ms)
         evaluation.before_describing = self._before_describing
-        live_handlers.listen(self)
-        live_handlers.request_update()
+        self.handlers.listen()
+        self.handlers.request_update()
 
     def disconnect(self, name: str) -> None:
-        self._devices.pop(name, None)
+        self.connected.pop(name, None)
         recorder.is_wanted_by_devices = bool(self.latencies_ms)
-        if self._client is not None:
-            self._client.disconnect(name)
-            if not self._devices:
+        if self.client is not None:
+            self.client.disconnect(name)
+            if not self.connected:
                 self.close()
 
     def withdraw(self, marks: Collection[str]) -> None:
@@ -172,32 +183,32 @@ class Live:
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now; only :meth:`arm` plays again."""
-        if self._client is not None:
-            self._client.stop_all(reason)
+        if self.client is not None:
+            self.client.stop_all(reason)
 
     def arm(self) -> None:
         """Play again, from silence."""
-        if self._client is not None:
-            self._client.arm()
+        if self.client is not None:
+            self.client.arm()
             self.fault, self.slow_frames.newest = "", None
-            live_handlers.request_update()
+            self.handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
-        if self._client is not None:
-            self._client.pulse(name, actuator)
+        if self.client is not None:
+            self.client.pulse(name, actuator)
 
     def offset_ms(self, name: str) -> float:
         """Delay that is added to a connected device, milliseconds."""
-        found = self._devices.get(name)
+        found = self.connected.get(name)
         return 0.0 if found is None else found.offset_ms
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         """Set the delay that is added to a connected device, milliseconds."""
-        found = self._devices.get(name)
-        if self._client is not None and found is not None:
+        found = self.connected.get(name)
+        if self.client is not None and found is not None:
             found.offset_ms = offset_ms
-            self._client.set_offset(name, offset_ms)
+            self.client.set_offset(name, offset_ms)
 
     def send_vibration(
         self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
@@ -207,27 +218,27 @@ class Live:
         For what is tried by hand, without a body. A device that a script drives is left alone.
         What a surface drives (``drive``) is as strong as was calibrated for each device.
         """
-        if self._client is None or not self.is_armed:
+        if self.client is None or not self.is_armed:
             return
-        self._sent = replace(self._sent or _Sent(0.0), at_s=time.monotonic())
+        self.sent = replace(self.sent or Sent(0.0), at_s=time.monotonic())
         gains = self._gains(bpy.context.scene)
-        for name, each in self._devices.items():
+        for name, each in self.connected.items():
             if each.has_script:
                 continue
-            gain = gains.get(self._client.devices[name].number, 1.0)
+            gain = gains.get(self.client.devices[name].number, 1.0)
             own, played = each.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
             values = live_targets.vibrating(each.device, gain * played, frequency_hz)
-            self._client.send(name, values)
+            self.client.send(name, values)
 
     def close(self) -> None:
         """Silence everything and end the output process."""
-        client, self._client = self._client, None
-        self._devices.clear()
+        client, self.client = self.client, None
+        self.connected.clear()
         recorder.is_wanted_by_devices = False
         self.forget()
-        live_handlers.stop_listening()
+        self.handlers.stop_listening()
         if client is not None:
             client.close()
 
@@ -239,7 +250,7 @@ class Live:
         """Drop everything: the scene may have become another one."""
         evaluation.forget()
         self.tracks.forget()
-        self._described = None
+        self.described = None
 
     def fail(self, text: str) -> None:
         """Stop everything and tell the user, after a fault in this process."""
@@ -247,13 +258,13 @@ class Live:
         self.stop_all(text)
 
     def _pause(self) -> None:
-        if self._client is not None:
-            self._client.pause()
+        if self.client is not None:
+            self.client.pause()
 
     def _before_describing(self) -> None:
         self._pause()
         if self._source(bpy.context.scene) is self.tracks:
-            live_handlers.request_update()  # it is the preview's scene: the track plays on
+            self.handlers.request_update()  # it is the preview's scene: the track plays on
 
     def _source(self, scene: bpy.types.Scene) -> Source:
         """Source that devices are to play."""
@@ -269,40 +280,40 @@ class Live:
     def follow_other(self) -> None:
         """Follow what the user has chosen anew, the scene or a track, from silence."""
         self._pause()
-        self._described, self.fault = None, ""
-        if self._client is not None:
-            live_handlers.request_update()
+        self.described, self.fault = None, ""
+        if self.client is not None:
+            self.handlers.request_update()
 
     def exchange_heartbeat(self) -> bool:
         """Send a heartbeat, and take news from the devices; returns True if there are any."""
-        if self._client is None:
+        if self.client is None:
             return False
-        self._client.heartbeat()
+        self.client.heartbeat()
         self.slow_frames.sign()
-        news = self._client.events()
+        news = self.client.events()
         if any(each.event == "armed" for each in news):
-            live_handlers.request_update()  # it plays from now on: send it the present samples
+            self.handlers.request_update()  # it plays from now on: send it the present samples
         scene = evaluation.scene
-        if self._described == self._scene.generation and scene is not None and scene.rings:
+        if self.described == self._scene.generation and scene is not None and scene.rings:
             evaluation.touch()  # nothing moved, but responses are still ringing
             self.update(scene.objects.scene)
-        if self._sent is not None and time.monotonic() - self._sent.at_s > HOLD_S:
-            self._fade(self._sent)
-            self._sent = None
+        if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
+            self._fade(self.sent)
+            self.sent = None
         return bool(news)
 
-    def _fade(self, sent: _Sent) -> None:
+    def _fade(self, sent: Sent) -> None:
         """Send neutral values; a script decides by itself how to fade."""
         from ...devices.workers.haptics import encode_haptics
 
-        if self._client is None:
+        if self.client is None:
             return
-        for name, each in self._devices.items():
+        for name, each in self.connected.items():
             neutral = each.device.neutral
             if each.has_script and name not in sent.muted:
-                self._client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
+                self.client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
             else:
-                self._client.send(name, neutral)
+                self.client.send(name, neutral)
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe what is played anew if it has changed; never from within an update.
@@ -316,16 +327,16 @@ class Live:
 
         self._choose_schemes(context.scene)
         evaluation.with_positions = needs_positions(
-            [each.device for each in self._devices.values()]
+            [each.device for each in self.connected.values()]
         )
         source = self._source(context.scene)
         source.open(context)
-        if self._client is None or source.generation == self._described:
+        if self.client is None or source.generation == self.described:
             return
-        self._described, self.fault = source.generation, source.fault
+        self.described, self.fault = source.generation, source.fault
         self._pause()  # models may have to be loaded
         if source.is_open:
-            source.begin(self._client)
+            source.begin(self.client)
 
     def update(self, scene: bpy.types.Scene) -> None:
         """Send the current samples; the renderer reports devices that do not fit.
@@ -336,9 +347,9 @@ class Live:
             Something of the scene cannot be felt any more, or the track is damaged.
         """
         source = self._source(scene)
-        if self._client is None or not self.is_armed or not source.is_open:
+        if self.client is None or not self.is_armed or not source.is_open:
             return
-        if source.generation != self._described:
+        if source.generation != self.described:
             return  # described anew just now; devices will get it soon
         is_playing = live_handlers.is_playing()
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
@@ -346,14 +357,14 @@ class Live:
             frame = source.frame(scene, self._gains(scene), later)
         states = self.states.items()
         muted = frozenset(name for name, each in states if not frame.gains.get(each.number, 1.0))
-        self._sent = _Sent(time.monotonic(), frame.time_s, muted)
-        self._client.show(frame)
+        self.sent = Sent(time.monotonic(), frame.time_s, muted)
+        self.client.show(frame)
 
     def apply_mutes(self, scene: bpy.types.Scene) -> None:
         """The user has pressed a mute: that device is silent at once, whatever Blender does."""
-        if self._client is not None:
-            self._client.set_gains(self._gains(scene))
-            live_handlers.request_update()
+        if self.client is not None:
+            self.client.set_gains(self._gains(scene))
+            self.handlers.request_update()
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
         """Gains that the user has set, by a device's number; 0 is mute."""

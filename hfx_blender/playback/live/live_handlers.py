@@ -38,27 +38,6 @@ class Listener(Protocol):
 
 
 _log = logging.getLogger(__name__)
-_live: Listener | None = None
-_is_describing = False
-
-
-def listen(live: Listener) -> None:
-    """Follow the open scene, and give signs of life."""
-    global _live
-    _live = live
-    add_handlers(_HANDLERS)
-    call_soon(_beat, BEAT_S, outlives_load=True)
-
-
-def stop_listening() -> None:
-    """Remove handlers and timers, as no device is connected any more."""
-    remove_handlers(_HANDLERS)
-    remove_timers(_beat, _describe)
-
-
-def request_update() -> None:
-    """Describe and send soon; not from within an update of Blender's."""
-    call_soon(_describe)
 
 
 def is_playing() -> bool:
@@ -67,86 +46,113 @@ def is_playing() -> bool:
     return screen is not None and screen.is_animation_playing
 
 
-def _describe() -> None:
-    global _is_describing
-    if _live is None:
-        return
-    if getattr(bpy.context, "scene", None) is None:  # at this moment
-        _live.forget()
-        return
-    _is_describing = True
-    try:
-        _live.describe(bpy.context)
-        _live.update(bpy.context.scene)
-    except ReferenceError as error:  # something was deleted; the next change will describe it
-        _log.info("live: %s", error)
-        _live.forget()
-    except HfxError as error:
-        _live.fail(str(error))
-    except Exception as error:
-        _log.exception("live")
-        _live.fail(f"{type(error).__name__}: {error}")
-    finally:
-        _is_describing = False
+class LiveHandlers:
+    """Handlers and timers of one listener.
 
+    Parameters
+    ----------
+    listener : Listener
+    """
 
-@persistent
-def _on_change(scene: bpy.types.Scene, *_: object) -> None:
-    if _live is None:
-        return
-    _live.touch()  # also while nothing plays: the next Play needs the change
-    if _is_describing or not _live.is_armed or scene != bpy.context.scene:
-        return
-    if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
-        return
-    try:
-        _live.update(scene)
-    except (ReferenceError, HfxError) as error:
-        _live.forget()
-        _live.fail(str(error))
-    except Exception as error:
-        _log.exception("live")
-        _live.fail(f"{type(error).__name__}: {error}")
-    if not is_playing():
-        request_update()  # something may have been added, painted or muted
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self._is_describing = False
+        self._handlers = {
+            "frame_change_post": self.on_change,
+            "depsgraph_update_post": self.on_update,
+            "load_pre": self.on_load,
+            "undo_pre": self.on_undo,
+            "redo_pre": self.on_undo,
+        }
 
+    def listen(self) -> None:
+        """Follow the open scene, and give signs of life."""
+        add_handlers(self._handlers)
+        call_soon(self.beat, BEAT_S, outlives_load=True)
 
-@persistent
-def _on_update(scene: bpy.types.Scene, *_: object) -> None:
-    is_edit = _live is not None and not stepping.is_stepping()
-    _on_change(scene)
-    if is_edit and not _is_describing and is_playing():
-        request_update()  # edits during playback are felt at once
+    def stop_listening(self) -> None:
+        """Remove handlers and timers, as no device is connected any more."""
+        remove_handlers(self._handlers)
+        remove_timers(self.beat, self.describe)
 
+    def request_update(self) -> None:
+        """Describe and send soon; not from within an update of Blender's."""
+        call_soon(self.describe)
 
-@persistent
-def _on_load(*_: object) -> None:
-    _stop("another file was opened")
-
-
-@persistent
-def _on_undo(*_: object) -> None:
-    _stop("stopped by an undo or redo")
-
-
-def _stop(reason: str) -> None:
-    if _live is not None:
-        _live.stop_all(reason)
-        _live.forget()
-
-
-def _beat() -> float:
-    if _live is not None:
+    def describe(self) -> None:
+        """Describe what is played, and send the present samples."""
+        if getattr(bpy.context, "scene", None) is None:  # at this moment
+            self._listener.forget()
+            return
+        self._is_describing = True
         try:
-            if _live.exchange_heartbeat():
+            self._listener.describe(bpy.context)
+            self._listener.update(bpy.context.scene)
+        except ReferenceError as error:  # something was deleted; the next change will describe it
+            _log.info("live: %s", error)
+            self._listener.forget()
+        except HfxError as error:
+            self._listener.fail(str(error))
+        except Exception as error:
+            self._fail(error)
+        finally:
+            self._is_describing = False
+
+    @persistent
+    def on_change(self, scene: bpy.types.Scene, *_: object) -> None:
+        """Send the samples of a frame, or of an edit."""
+        self._listener.touch()  # also while nothing plays: the next Play needs the change
+        if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
+            return
+        if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
+            return
+        try:
+            self._listener.update(scene)
+        except (ReferenceError, HfxError) as error:
+            self._listener.forget()
+            self._listener.fail(str(error))
+        except Exception as error:
+            self._fail(error)
+        if not is_playing():
+            self.request_update()  # something may have been added, painted or muted
+
+    @persistent
+    def on_update(self, scene: bpy.types.Scene, *_: object) -> None:
+        """Take an edit; it is felt at once, also during playback."""
+        is_edit = not stepping.is_stepping()
+        self.on_change(scene)
+        if is_edit and not self._is_describing and is_playing():
+            self.request_update()
+
+    @persistent
+    def on_load(self, *_: object) -> None:
+        """Stop before another file is opened."""
+        self._stop("another file was opened")
+
+    @persistent
+    def on_undo(self, *_: object) -> None:
+        """Stop before an undo or redo."""
+        self._stop("stopped by an undo or redo")
+
+    def beat(self) -> float:
+        """Give a sign of life; returns the seconds until the next one."""
+        try:
+            if self._listener.exchange_heartbeat():
                 _redraw()
         except ReferenceError as error:  # something was deleted; the next change will describe it
             _log.info("live: %s", error)
-            _live.forget()
+            self._listener.forget()
         except Exception as error:  # a timer that raises is not called again
-            _log.exception("live")
-            _live.fail(f"{type(error).__name__}: {error}")
-    return BEAT_S
+            self._fail(error)
+        return BEAT_S
+
+    def _stop(self, reason: str) -> None:
+        self._listener.stop_all(reason)
+        self._listener.forget()
+
+    def _fail(self, error: Exception) -> None:
+        _log.error("live", exc_info=error)
+        self._listener.fail(f"{type(error).__name__}: {error}")
 
 
 def _redraw() -> None:
@@ -154,12 +160,3 @@ def _redraw() -> None:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
                 area.tag_redraw()
-
-
-_HANDLERS = {
-    "frame_change_post": _on_change,
-    "depsgraph_update_post": _on_update,
-    "load_pre": _on_load,
-    "undo_pre": _on_undo,
-    "redo_pre": _on_undo,
-}

@@ -11,10 +11,8 @@ import bpy
 
 from ...authoring.effects import effects
 from ...blender.scene_units import fps_of
-from ...devices.workers.live_frame import LiveFrame
 from ...errors import InputError, refuse_no_file
 from ...files.hashes import is_elsewhere
-from ...reading.description.play_space import pose_now
 from ..evaluation import evaluation
 from ..timeline.timeline_recorder import recorder
 from .latency import recorded_runs
@@ -22,6 +20,7 @@ from .latency import recorded_runs
 if TYPE_CHECKING:
     from ...devices.live.client import LiveClient
     from ...devices.live.played_track import PlayedTrack
+    from ...devices.workers.live_frame import LiveFrame
     from ...engine.samples import Stream
 
 Generation = tuple[str, int]
@@ -107,6 +106,9 @@ class SceneSource:
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
+        from ...devices.workers.live_frame import LiveFrame
+        from ...reading.description.play_space import pose_now
+
         assert evaluation.scene is not None
         objects = evaluation.scene.objects
         return LiveFrame(

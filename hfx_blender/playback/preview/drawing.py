@@ -14,11 +14,14 @@ from ...engine.arrays import F32, I32, U8
 if TYPE_CHECKING:
     import gpu
 
+    from ..timeline.timeline_record import TimelineRecord
+    from ..timeline.timeline_recorder import TimelineRecorder
     from ..timeline.value_chart import Chart
     from .actuator_glow import Discs, Looks
     from .coloured_mesh import Layer
 
 _MARGIN = 10.0
+_TALLEST = 0.45  # of the chart, as a share of the viewport
 _TEXT = (0.92, 0.92, 0.92, 1.0)
 _PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
 
@@ -245,6 +248,50 @@ class ChartDrawing:
         if note:
             _write(note, left + chart.left, _MARGIN + chart.height + 4 * scale, chart.width)
         gpu.state.blend_set("NONE")
+
+
+class ChartView:
+    """Values over time at the lower end of a viewport; keeps the charts of the last few sizes."""
+
+    def __init__(self) -> None:
+        self._charts: dict[tuple[object, ...], ChartDrawing] = {}
+
+    def draw(self, context: bpy.types.Context, recorder: TimelineRecorder) -> None:
+        """Draw the newest record into the region that is being drawn."""
+        area, region, scene = context.area, context.region, context.scene
+        if not context.space_data.overlay.show_overlays:
+            return
+        if region != next(each for each in area.regions if each.type == "WINDOW"):
+            return  # one chart is enough in quad view: beside the sidebar
+        left, right = free_part(area, region)
+        if right - left < 120.0:
+            return
+        record = recorder.result
+        if record is None:
+            write_note(recorder.fault or "Values over time: nothing is felt yet", left)
+            return
+        shown = self._chart_of(record, scene.hfx.palette, right - left, _TALLEST * region.height)
+        note = "; ".join(record.notes)
+        if recorder.must_step:
+            note = "Not up to date: press Update Values"
+        elif shown.chart.hidden:
+            note = f"{shown.chart.hidden} more rows; enlarge the viewport to see them"
+        shown.draw(left, scene.frame_current_final, recorder.is_fresh, note)
+
+    def _chart_of(
+        self, record: TimelineRecord, palette: str, width: float, height: float
+    ) -> ChartDrawing:
+        from ...engine.colouring import PALETTES
+        from ..timeline import value_chart
+
+        colours, scale = PALETTES[palette], bpy.context.preferences.system.ui_scale
+        key = (id(record), *colours.values(), width, height, scale)
+        if key not in self._charts:
+            if len(self._charts) > 8:
+                self._charts.clear()
+            chart = value_chart.chart(record, colours, width, height, scale)
+            self._charts[key] = ChartDrawing(chart)
+        return self._charts[key]
 
 
 def write_note(text: str, left: float) -> None:

@@ -26,9 +26,6 @@ _POINTS = 96
 _TEXT_ROW = 11.0
 """Height from which on a row has the effect's name, pixels."""
 
-_has_failed = False
-_handles: list[object] = []
-
 
 def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
     """Rows by the name of their effect or group: those of the selected effects, or else of all,
@@ -52,20 +49,6 @@ def wanted_height(context: bpy.types.Context) -> float:
     rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
     scale = context.preferences.system.ui_scale
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
-
-
-def _draw() -> None:
-    global _has_failed
-    context = bpy.context
-    if context.space_data.mode != "TIMELINE" or _has_failed:
-        return
-    try:
-        rows = shown_rows(context)
-        if rows:
-            _draw_rows(context, rows)
-    except Exception:  # it would be raised again at every redraw
-        _has_failed = True
-        _log.exception("clips in the timeline")
 
 
 def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
@@ -141,13 +124,50 @@ def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
         blf.disable(0, blf.SHADOW)
 
 
+class TimelineClips:
+    """Clips in all timelines.
+
+    Attributes
+    ----------
+    has_failed : bool
+        Drawing has failed; it would fail again at every redraw.
+    """
+
+    def __init__(self) -> None:
+        self.has_failed = False
+        self._handle: object = None
+
+    def begin_drawing(self) -> None:
+        """Draw into all timelines from now on."""
+        add = bpy.types.SpaceDopeSheetEditor.draw_handler_add
+        self._handle = add(self._draw, (), "WINDOW", "POST_PIXEL")
+
+    def end_drawing(self) -> None:
+        """Draw no more."""
+        if self._handle is not None:
+            bpy.types.SpaceDopeSheetEditor.draw_handler_remove(self._handle, "WINDOW")
+            self._handle = None
+
+    def _draw(self) -> None:
+        context = bpy.context
+        if context.space_data.mode != "TIMELINE" or self.has_failed:
+            return
+        try:
+            rows = shown_rows(context)
+            if rows:
+                _draw_rows(context, rows)
+        except Exception:
+            self.has_failed = True
+            _log.exception("clips in the timeline")
+
+
+_clips = TimelineClips()
+
+
 def register() -> None:
     if not bpy.app.background:
-        add = bpy.types.SpaceDopeSheetEditor.draw_handler_add
-        _handles.append(add(_draw, (), "WINDOW", "POST_PIXEL"))
+        _clips.begin_drawing()
 
 
 def unregister() -> None:
-    for handle in _handles:
-        bpy.types.SpaceDopeSheetEditor.draw_handler_remove(handle, "WINDOW")
-    _handles.clear()
+    _clips.end_drawing()

@@ -17,7 +17,7 @@ from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
 from ...blender.scene_units import fps_of
 from ...operators.shared import active_effect
-from ...playback.preview import preview
+from ...playback.preview.preview import preview
 
 
 def refresh() -> None:

@@ -17,7 +17,7 @@ from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
 from ...errors import InputError
 from ...operators.shared import active_effect, select_only, to_object_mode
-from ...playback.preview import preview
+from ...playback.preview.preview import preview
 
 ICONS = {
     "vibration": "FORCE_HARMONIC",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...playback.preview import preview
+from ...playback.preview.preview import preview
 from ...playback.timeline.timeline_recorder import recorder
 from ..sidebar import HfxPanel, draw_text
 
@@ -31,7 +31,7 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
                 context, layout, "Add a device under Live Devices to see its actuators", "INFO"
             )
         notes = [
-            *(preview.preview().notes if context.window_manager.hfx_show_actuators else ()),
+            *(preview.content.notes if context.window_manager.hfx_show_actuators else ()),
             *(recorder.result.notes if recorder.result is not None else ()),
         ]
         for note in dict.fromkeys(notes):

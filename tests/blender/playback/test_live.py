@@ -35,7 +35,7 @@ from hfx_blender.playback.live import live as live_module
 from hfx_blender.playback.live import live_handlers
 from hfx_blender.playback.live.latency import uncompensated
 from hfx_blender.playback.live.live import live
-from hfx_blender.playback.preview import preview as preview_module
+from hfx_blender.playback.preview.preview import preview as viewport_preview
 from hfx_blender.playback.preview.preview_layers import Preview
 from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_tolerance import scene_tolerance
@@ -83,10 +83,10 @@ def until(happened: Callable[[], object]) -> None:
     end = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
-        live_handlers._beat()
-        if bpy.app.timers.is_registered(live_handlers._describe):
-            bpy.app.timers.unregister(live_handlers._describe)
-            live_handlers._describe()
+        live.handlers.beat()
+        if events.is_waiting(live.handlers.describe):
+            events.remove_timers(live.handlers.describe)
+            live.handlers.describe()
         time.sleep(0.005)
 
 
@@ -106,7 +106,7 @@ def play(log: Path) -> None:
         return live.is_armed
 
     until(plays)
-    live_handlers._describe()
+    live.handlers.describe()
     go(15)
     until(lambda: is_loud(log))
 
@@ -149,7 +149,7 @@ def test_dragging_is_felt_at_once(log: Path) -> None:
     )
     ball = bpy.context.object
     bpy.context.view_layer.update()
-    until(lambda: not bpy.app.timers.is_registered(live_handlers._describe))
+    until(lambda: not events.is_waiting(live.handlers.describe))
     ball.location.x = 0.0
     bpy.context.view_layer.update()
     until(lambda: is_loud(log))
@@ -182,7 +182,7 @@ def test_what_stands_still_is_silent_after_a_while(
 STOPS = {
     "the button": lambda: bpy.ops.hfx.live_stop_all(),
     "another file": lambda: bpy.ops.wm.read_homefile(use_empty=True),
-    "an undo": lambda: live_handlers._on_undo(),  # nothing can be undone without a window
+    "an undo": lambda: live.handlers.on_undo(),  # nothing can be undone without a window
     "a fault here": lambda: live.stop_all("fault"),
 }
 
@@ -195,7 +195,7 @@ def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
     count = len(rows(log))
     go(16)
     for _ in range(10):
-        live_handlers._beat()
+        live.handlers.beat()
         time.sleep(0.01)
     assert len(rows(log)) == count
     bpy.ops.hfx.live_play()
@@ -205,16 +205,18 @@ def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
 def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Path) -> None:
     names = ("undo_pre", "redo_pre", "load_pre", "frame_change_post", "depsgraph_update_post")
 
+    def here(name: str) -> list[Any]:
+        return getattr(bpy.app.handlers, name)
+
     def ours() -> list[bool]:
         return [
-            any(each.__module__ == live_handlers.__name__ for each in getattr(bpy.app.handlers, n))
-            for n in names
+            any(getattr(each, "__self__", None) is live.handlers for each in here(n)) for n in names
         ]
 
     assert ours() == [True] * 5
     bpy.ops.hfx.live_disconnect(name=PAD)
     assert ours() == [False] * 5
-    assert not bpy.app.timers.is_registered(live_handlers._beat)
+    assert not events.is_waiting(live.handlers.beat)
 
 
 def test_disabling_the_add_on_is_silence(log: Path) -> None:
@@ -246,9 +248,9 @@ def test_an_export_is_not_played(log: Path) -> None:
     count = len(rows(log))
     with stepping.own_scene(SceneReader(bpy.context.scene)._found):
         go(15)
-        live_handlers._beat()
+        live.handlers.beat()
         time.sleep(0.05)
-        live_handlers._beat()
+        live.handlers.beat()
     time.sleep(0.05)
     assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
 
@@ -261,7 +263,7 @@ def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.M
 
     with monkeypatch.context() as patched:
         patched.setattr(live_module.Live, "exchange_heartbeat", deleted)
-        assert live_handlers._beat() > 0.0  # and is called again
+        assert live.handlers.beat() > 0.0  # and is called again
     assert live.fault == "" and evaluation.scene is None
 
 
@@ -308,9 +310,9 @@ def test_what_moved_after_a_stop_is_felt_by_the_next_play(log: Path) -> None:
     until(lambda: not live.is_armed)
     go(15)
     live.arm()
-    if bpy.app.timers.is_registered(live_handlers._describe):  # before the device has armed
-        bpy.app.timers.unregister(live_handlers._describe)
-        live_handlers._describe()
+    if events.is_waiting(live.handlers.describe):  # before the device has armed
+        events.remove_timers(live.handlers.describe)
+        live.handlers.describe()
     until(lambda: is_loud(log))
 
 
@@ -323,7 +325,7 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
     bpy.context.view_layer.update()
     preview.describe(bpy.context)
     go(16)  # between: renderers are of the scene before, and nothing is sent for a moment
-    live_handlers._describe()
+    live.handlers.describe()
     until(lambda: is_loud(log))
     assert live.fault == ""
     assert len(evaluation.runs()) == 2
@@ -348,9 +350,9 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     bpy.ops.hfx.live_add(name="late")
     bpy.ops.hfx.live_connect(name="late", kind="SIMULATOR", path=str(path))
     play(path)
-    events.add_handlers(preview_module._HANDLERS)
+    viewport_preview.listen()
     yield path
-    events.remove_handlers(preview_module._HANDLERS)
+    viewport_preview.stop_listening()
     recorder.forget()
 
 
@@ -397,7 +399,7 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
         for key in curve.keyframe_points:
             key.interpolation = "CONSTANT"
     bpy.context.view_layer.update()
-    live_handlers._describe()
+    live.handlers.describe()
     monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
 
     def until_at(frame: int, of_pad: bool, of_late: bool) -> None:
@@ -420,7 +422,7 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
     assert uncompensated(scene) == ""
     until_on_time()
     bpy.data.objects["Box"].hfx.amplitude = 3.0  # an edit while it plays
-    preview_module.look()
+    viewport_preview.look()
     bpy.context.view_layer.update()
     assert recorder.valid is None
     until_at(10, False, False)
@@ -498,7 +500,7 @@ def test_a_script_is_asked_about_before_it_runs(
     bpy.ops.hfx.live_approve(name="mine")
     bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     until(lambda: live.states["mine"].is_armed)
-    live_handlers._describe()
+    live.handlers.describe()
 
     def is_played() -> bool:
         go(15)
@@ -539,11 +541,10 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
         "blender_session.start()\n"
         "patient_host.use()\n"
         "from hfx_blender.playback.live.live import live\n"
-        "from hfx_blender.playback.live.live_handlers import _beat\n"
         "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
         "values = live.device('back_pad').neutral; values[0] = 5.0\n"
         "for _ in range(3000):\n"
-        "    _beat(); live._client.send('back_pad', values); time.sleep(0.01)\n"
+        "    live.handlers.beat(); live.client.send('back_pad', values); time.sleep(0.01)\n"
         "    if '5.0' in open(sys.argv[1]).read() if live.is_armed else False: break\n"
         "sys.exit()\n"
     )
@@ -568,11 +569,11 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
 
 def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
     found, told = live_module.Live(), []
-    found._client = SimpleNamespace(  # type: ignore[assignment]
+    found.client = SimpleNamespace(  # type: ignore[assignment]
         send=lambda name, _: told.append((name, "values")),
         send_haptics=lambda name, _: told.append((name, "haptics")),
     )
     for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
-        found._devices[name] = live_module._Connected(load_device(PAD), has_script, 0.0)
-    found._fade(live_module._Sent(0.0, muted=frozenset({"muted"})))
+        found.connected[name] = live_module.Connected(load_device(PAD), has_script, 0.0)
+    found._fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
     assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

@@ -74,13 +74,13 @@ def test_a_device_that_blender_was_too_slow_for_waits_for_play(
     for state in live.states.values():
         state.update(Event("frozen", state.number, text))
     assert live.is_frozen and not live.is_armed
-    live._client.stop(PAD)  # type: ignore[union-attr]
+    live.client.stop(PAD)  # type: ignore[union-attr]
     until(lambda: "stop" in rows(log)[-1])
     count = len(rows(log))
     monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
     for frame in range(12, 18):  # Blender's own playback
         go(frame)
-        live_handlers._beat()
+        live.handlers.beat()
     assert len(rows(log)) == count and not live.is_armed
     bpy.ops.hfx.live_play()
     until(lambda: live.is_armed)

@@ -27,7 +27,7 @@ bpy = blender_session.start()
 import gpu
 import numpy as np
 from mathutils import Matrix
-from hfx_blender.playback.preview import preview
+from hfx_blender.playback.preview.preview import preview
 
 bpy.ops.wm.read_homefile(use_empty=True)
 if hasattr(gpu, "init"):
@@ -74,10 +74,10 @@ found["glowing"] = picture()
 effect.hfx.pressure = 0.0
 effect.update_tag()
 found["silent"] = picture()
-(discs,) = preview.preview().discs("PAPER")
+(discs,) = preview.content.discs("PAPER")
 at = np.array(discs.matrix) @ np.append(discs.rows[0, 0, :3], 1.0)
 np.savez(sys.argv[1], first=at[:3], radius=discs.looks.radii[0], **found)
-print(json.dumps(preview.preview().fault))
+print(json.dumps(preview.content.fault))
 sys.stdout.flush()
 os._exit(0)
 """

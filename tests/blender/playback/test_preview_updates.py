@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from hfx_blender.authoring.effects import effects
-from hfx_blender.blender.events import add_handlers, remove_handlers, remove_timers
+from hfx_blender.blender.events import is_waiting, remove_timers
 from hfx_blender.operators.shared import HfxOperator
 from hfx_blender.playback.evaluation import evaluation
-from hfx_blender.playback.preview import preview
+from hfx_blender.playback.preview.preview import preview
 from hfx_blender.reading.description.scene_tolerance import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
@@ -31,11 +31,10 @@ ELSEWHERE = (
 @pytest.fixture
 def following(scene: Any) -> Iterator[Any]:
     """The preview's handlers, which a Blender without a window does not have."""
-    add_handlers(preview._HANDLERS)
+    preview.listen()
     preview.forget()
     yield scene
-    remove_handlers(preview._HANDLERS)
-    remove_timers(preview.look, preview._reread)
+    preview.stop_listening()
     preview.forget()
 
 
@@ -47,8 +46,8 @@ def redraw() -> None:
 
 def idle() -> None:
     for _ in range(3):
-        if bpy.app.timers.is_registered(preview.look):
-            bpy.app.timers.unregister(preview.look)
+        if is_waiting(preview.look):
+            remove_timers(preview.look)
             preview.look()
         bpy.context.view_layer.update()
 
@@ -123,11 +122,11 @@ def test_every_property_of_effects_and_bodies_is_told(only_told: None) -> None:
                 continue
             if prop.identifier == "role":  # it is no effect any more: the list of them is compared
                 continue
-            preview._is_drawn = True
+            preview.is_drawn = True
             setattr(owner, prop.identifier, other_value(prop, getattr(owner, prop.identifier)))
             redraw()
             count += 1
-            if preview._is_drawn:
+            if preview.is_drawn:
                 untold.append(prop.identifier)
     assert count > 90
     assert untold == []
@@ -142,10 +141,10 @@ def test_areas_and_lists_that_a_script_changes_are_told(only_told: None) -> None
         lambda: effect[effects.WEIGHTS].__setitem__(1, 0.75),
         lambda: effect.hfx.drive.clear(),
     ):
-        preview._is_drawn = True
+        preview.is_drawn = True
         change()
         redraw()
-        assert not preview._is_drawn
+        assert not preview.is_drawn
 
 
 def test_a_change_that_is_evaluated_while_the_scene_is_read_is_told(
@@ -153,11 +152,11 @@ def test_a_change_that_is_evaluated_while_the_scene_is_read_is_told(
 ) -> None:
     effect = effects.add_volume(bpy.context.scene, "vibration", "SPHERE")
     redraw()
-    preview._is_drawn = True
+    preview.is_drawn = True
     effect.hfx.radius = 0.7
-    monkeypatch.setattr(preview, "_is_describing", True)
+    monkeypatch.setattr(preview, "is_describing", True)
     bpy.context.view_layer.update()  # as reading does
-    assert not preview._is_drawn
+    assert not preview.is_drawn
 
 
 def operators() -> list[str]:

@@ -175,7 +175,7 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     registered: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.playback.live.live import Live, _Connected
+    from hfx_blender.playback.live.live import Connected, Live
 
     sent: dict[str, Any] = {}
 
@@ -188,8 +188,8 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     live = Live()
     live.send_vibration(5.0, 200.0)  # nothing is connected: nothing happens
     device = load_device("back_pad")
-    monkeypatch.setattr(live, "_client", Client())
-    live._devices["a"] = _Connected(device, False, (), 0.0)
+    monkeypatch.setattr(live, "client", Client())
+    live.connected["a"] = Connected(device, False, 0.0)
     live.send_vibration(5.0, 200.0)
     values = np.array(sent["a"]).reshape(len(device.actuators), -1)
     assert all(a.type.modality == "vibration" for a in device.actuators)
@@ -201,7 +201,7 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     item.is_muted = True
     live.send_vibration(5.0, 200.0)
     assert sent["a"][:2] == [0.0, 200.0]
-    live._devices["a"] = _Connected(device, True, (), 0.0)
+    live.connected["a"] = Connected(device, True, 0.0)
     sent.clear()
     live.send_vibration(5.0, 200.0)
     assert not sent  # a script decides by itself

@@ -106,7 +106,7 @@ def set_up(h: Any) -> None:
 
 def show_life(live: Any) -> None:
     while live.states:
-        live._client.heartbeat()
+        live.client.heartbeat()
         time.sleep(0.05)
 
 
