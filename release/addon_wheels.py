@@ -46,6 +46,7 @@ IN_BLENDER = {
 }
 COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
+    "blender/registration.py": set(),  # the package's own operators and panels
     "commands/left_out.py": set(),  # of 'hfx_tools': where it is absent, the user is told so
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
 }

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registering a package's modules with Blender, in order, and taking them back in reverse."""
+"""Registering modules with Blender, in order, and taking them back in reverse."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from pkgutil import walk_packages
 from types import ModuleType
 
+Registration = tuple[Callable[[], None], Callable[[], None]]
+"""Functions ``register`` and ``unregister``."""
 
-def of_modules(
-    modules: Callable[[], tuple[ModuleType, ...]],
-) -> tuple[Callable[[], None], Callable[[], None]]:
+
+def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
     """``register`` and ``unregister`` for modules that have both.
 
     Parameters
@@ -24,7 +27,24 @@ def of_modules(
             module.register()
 
     def unregister() -> None:
-        for module in reversed(modules()):
+        for module in reversed([*modules()]):
             module.unregister()
 
     return register, unregister
+
+
+def of_package(name: str, path: Iterable[str]) -> Registration:
+    """``register`` and ``unregister`` for all modules of a package that have both, by name.
+
+    Parameters
+    ----------
+    name, path
+        ``__name__`` and ``__path__`` of the package; its packages are searched, too.
+    """
+
+    def modules() -> list[ModuleType]:
+        found = [each for each in walk_packages(path, f"{name}.") if not each.ispkg]
+        imported = (import_module(each.name) for each in sorted(found, key=lambda each: each.name))
+        return [module for module in imported if hasattr(module, "register")]
+
+    return of_modules(modules)

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import blf
 import bpy
 import gpu
-import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ...engine.arrays import F64
 from ...properties.surfaces import RENDERERS
 
 if TYPE_CHECKING:
+    from ...engine.arrays import F64
     from ...playback.strokes.stroke_pad import StrokePad
 
 _Colour = tuple[float, float, float, float]
@@ -51,9 +50,12 @@ class PadPlace:
         scale = pad.metres_per_pixel
         return (x - self.left) * scale, (y - self.bottom) * scale
 
-    def pixels(self, pad: StrokePad, points_m: F64) -> F64:
-        """Pixels of surface coordinates (N, 2)."""
-        return points_m / pad.metres_per_pixel + (self.left, self.bottom)
+    def pixels(
+        self, pad: StrokePad, points_m: Sequence[tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """Pixels of surface coordinates, metres."""
+        scale = pad.metres_per_pixel
+        return [(x / scale + self.left, y / scale + self.bottom) for x, y in points_m]
 
 
 def draw(
@@ -71,7 +73,7 @@ def draw(
     _frame(left, bottom, side, side)
     if len(pad.trail_m) > 1:
         gpu.state.line_width_set(2.0)
-        _lines(place.pixels(pad, np.array(pad.trail_m)), _WAY)
+        _lines(place.pixels(pad, pad.trail), _WAY)
         gpu.state.line_width_set(1.0)
     _texts(pad, place)
     _plots(pad, left + side + 16, bottom)
@@ -102,6 +104,8 @@ def _texts(pad: StrokePad, place: PadPlace) -> None:
 
 
 def _plots(pad: StrokePad, left: float, bottom: float) -> None:
+    import numpy as np
+
     shown = pad.recent(_SHOWN_S)
     device = pad.texture.device
     end = shown[-1][0] if shown else 0.0
@@ -141,6 +145,8 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
 
 def _tiles(image: bpy.types.Image, pad: StrokePad, place: PadPlace) -> None:
     """Draw the map as often as it fits onto the pad; clipped at its edges."""
+    import numpy as np
+
     assert pad.texture.map is not None
     size = np.array(pad.texture.map.size_m) / pad.metres_per_pixel
     count = np.ceil(place.side / size).astype(int)
