@@ -15,20 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import F64
-from .modality import MODALITIES, neutral_temperature_c
+from .modality import MODALITIES, Colour, neutral_temperature_c
 from .samples import Sample
-
-Colour = tuple[float, float, float]
 
 COLD: Final = "cold"
 """Temperature below neutral, which a palette may tell from warmth."""
 
 COLOURS: Final[Mapping[str, Colour]] = {
-    "vibration": (0.9, 0.05, 0.05),
-    "pressure": (0.05, 0.65, 0.08),
-    "temperature": (0.08, 0.2, 0.95),
-    COLD: (0.08, 0.2, 0.95),
-    "wind": (0.1, 0.7, 0.75),  # not in the paper
+    **{name: modality.colour for name, modality in MODALITIES.items()},
+    COLD: MODALITIES["temperature"].colour,
 }
 
 _WARM_COLD: Final = {**COLOURS, "temperature": (1.0, 0.45, 0.0), COLD: (0.1, 0.45, 1.0)}
@@ -40,23 +35,12 @@ PALETTES: Final[Mapping[str, Mapping[str, Colour]]] = {
     "WARM_COLD": _WARM_COLD,
     # Okabe and Ito, Color Universal Design (2008): told apart by all common kinds of vision.
     "COLOUR_BLIND": {
-        "vibration": (0.835, 0.369, 0.0),
-        "pressure": (0.0, 0.620, 0.451),
-        "temperature": (0.902, 0.624, 0.0),
+        **{name: modality.colour_blind for name, modality in MODALITIES.items()},
         COLD: (0.0, 0.447, 0.698),
-        "wind": (0.337, 0.706, 0.914),
     },
     "OWN": _own,
 }
 """Colours by modality, and of cold."""
-
-FULL_COLOUR: Final[Mapping[str, float]] = {
-    "vibration": 8.0,  # m/s^2
-    "pressure": 6.0,  # kPa
-    "temperature": 6.0,  # degC from neutral
-    "wind": 6.0,  # m/s
-}
-"""Strength at which an effect has its full colour."""
 
 
 def set_own_palette(colours: Mapping[str, Colour]) -> None:
@@ -91,7 +75,7 @@ def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float6
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
         value -= neutral_temperature_c(is_contact)
-    scale = sample.level * abs(value) / FULL_COLOUR[modality.name]
+    scale = sample.level * abs(value) / modality.full_colour
     found: F64 = np.minimum(sample.weights * scale, 1.0, dtype=np.float64)
     return found
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final
 
-from .modality import neutral_temperature_c
+from .modality import MODALITIES, neutral_temperature_c
 
 
 @dataclass
@@ -97,14 +97,12 @@ class Unfelt:
     is_expected: bool = False  # the user asked for it: no warning
 
 
-_STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind speed"}
-
-
 def powerless_reason(modality: str, is_contact: bool) -> str:
     """Reason why an effect without strength is not felt; it goes on after the effect's name."""
     if modality == "temperature":
         return f"has the neutral temperature, {neutral_temperature_c(is_contact):g} °C"
-    return f"has {_STRENGTHS[modality]} 0"
+    strength = MODALITIES[modality].strength_parameter
+    return f"has {strength.prop.replace('_', ' ')} 0"
 
 
 @dataclass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The four haptic modalities: their parameters, units and how effects combine.
+"""Haptic modalities: one table of their facts, and how effects combine.
 
 Physical units everywhere: vibration m/s^2 (peak) and Hz, pressure kPa, temperature degrees
 Celsius, wind m/s. What an effect does at a place is ``weight * level * parameter``; for
@@ -8,6 +8,7 @@ temperature that product scales the deviation from a neutral temperature.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -27,29 +28,60 @@ Danieau et al. 2018, section 4.1), so one neutral temperature cannot serve both.
 """
 
 
+MAX_TEMPERATURE_C: Final = 40.0
+"""Highest temperature of any device: a conservative default for heat near skin, not a certified
+one."""
+
+Colour = tuple[float, float, float]
+"""Linear RGB, 0..1."""
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """Physical parameter of a modality."""
+    """Physical parameter of a modality.
+
+    A direction has no property: it is that of the volume.
+    """
 
     name: str
     unit: str
     default: float
     minimum: float
     maximum: float
+    prop: str = ""  # property of Object.hfx
+    neutral: float = 0.0  # of a device whose configuration names none
+    device_maximum: float = math.inf  # that a device ever gives
+
+    @property
+    def symbol(self) -> str:
+        """Unit as people read it."""
+        return self.unit.replace("^2", "²").replace("degC", "°C")
 
 
 @dataclass(frozen=True)
 class Modality:
-    """Haptic modality: its perceptual model, and its parameters.
+    """Haptic modality: everything that tables of the product hold about it.
 
     ``strength`` names the parameter that the level scales: it is what a device turns up
-    and down. The other parameters only describe.
+    and down. The other parameters only describe. Effects at one place add, unless
+    ``engine/rendering/conditioning/mixing.py`` has another rule.
     """
 
     name: str
+    title: str
+    description: str  # for menus
+    devices: str  # actuators of a device, for menus
     model: str  # modality of the perceptual model that it is felt on
     parameters: tuple[Parameter, ...]
     strength: str
+    combining: str  # how effects at one place combine, for the header of a track
+    colour: Colour
+    colour_blind: Colour  # Okabe and Ito, Color Universal Design (2008)
+    full_colour: float  # strength at which an effect has its full colour
+    icon: str  # Blender's
+    hjif: str  # perception_modality of ISO/IEC 23090-31
+    hjif_unit: str  # of full scale
+    gltf: int = 5  # hapticModality of MPEG's glTF extension; 5: custom
 
     @cached_property
     def limits(self) -> F64:
@@ -70,11 +102,8 @@ class Modality:
 
     @cached_property
     def controls(self) -> tuple[Parameter, ...]:
-        """Parameters that a device has and a file holds, the strength first.
-
-        A direction is that of the volume.
-        """
-        return tuple(each for each in self.parameters if not each.name.startswith("direction_"))
+        """Parameters with a property, which devices and files have, the strength first."""
+        return tuple(each for each in self.parameters if each.prop)
 
     @property
     def is_silent_at_0(self) -> bool:
@@ -87,38 +116,95 @@ MODALITIES: Final[dict[str, Modality]] = {
     for modality in (
         Modality(
             "vibration",
+            "Vibration",
+            "Oscillation of the skin, with an amplitude and a frequency",
+            "All that vibrate",
             "vibration",
             (
-                Parameter("amplitude_m_s2", "m/s^2", 10.0, 0.0, 1000.0),
-                Parameter("frequency_hz", "Hz", 100.0, 0.1, 1000.0),
+                Parameter("amplitude_m_s2", "m/s^2", 10.0, 0.0, 1000.0, "amplitude"),
+                Parameter("frequency_hz", "Hz", 100.0, 0.1, 1000.0, "frequency", neutral=100.0),
             ),
             strength="amplitude_m_s2",
+            combining="Amplitudes of equal frequency (within 1 Hz) add; "
+            "unequal ones add as powers.",
+            colour=(0.9, 0.05, 0.05),
+            colour_blind=(0.835, 0.369, 0.0),
+            full_colour=8.0,
+            icon="FORCE_HARMONIC",
+            hjif="Vibrotactile",
+            hjif_unit="m/s^2",
+            gltf=4,
         ),
         Modality(
             "pressure",
+            "Pressure",
+            "Static force on the skin",
+            "All that press",
             "pressure",
-            (Parameter("pressure_kpa", "kPa", 5.0, 0.0, 100.0),),
+            (Parameter("pressure_kpa", "kPa", 5.0, 0.0, 100.0, "pressure"),),
             strength="pressure_kpa",
+            combining="Pressures at one place add.",
+            colour=(0.05, 0.65, 0.08),
+            colour_blind=(0.0, 0.620, 0.451),
+            full_colour=6.0,
+            icon="FULLSCREEN_EXIT",
+            hjif="Pressure",
+            hjif_unit="kPa",
         ),
         Modality(
             "temperature",
+            "Temperature",
+            "Warmth or cold of the air or of a touched object",
+            "All temperature actuators",
             "temperature",
-            (Parameter("temperature_c", "degC", 30.0, -20.0, 60.0),),
+            (
+                Parameter(
+                    "temperature_c",
+                    "degC",
+                    30.0,
+                    -20.0,
+                    60.0,
+                    "temperature",
+                    neutral=AMBIENT_NEUTRAL_C,
+                    device_maximum=MAX_TEMPERATURE_C,
+                ),
+            ),
             strength="temperature_c",
+            combining="Deviations from each effect's own neutral temperature add.",
+            colour=(0.08, 0.2, 0.95),
+            colour_blind=(0.902, 0.624, 0.0),
+            full_colour=6.0,  # from neutral
+            icon="LIGHT_SUN",
+            hjif="Temperature",
+            hjif_unit="K from neutral",
+            gltf=3,
         ),
         Modality(
             "wind",
+            "Wind",
+            "Moving air, along the effect's local Z axis",
+            "All that blow",
             "pressure",
             (
-                Parameter("speed_m_s", "m/s", 5.0, 0.0, 60.0),
+                Parameter("speed_m_s", "m/s", 5.0, 0.0, 60.0, "wind_speed"),
                 Parameter("direction_x", "1", 0.0, -1.0, 1.0),
                 Parameter("direction_y", "1", 0.0, -1.0, 1.0),
                 Parameter("direction_z", "1", 1.0, -1.0, 1.0),
             ),
             strength="speed_m_s",
+            combining="Winds at one place add as vectors; world space, the way that the air moves.",
+            colour=(0.1, 0.7, 0.75),  # not in the paper
+            colour_blind=(0.337, 0.706, 0.914),
+            full_colour=6.0,
+            icon="FORCE_WIND",
+            hjif="Wind",
+            hjif_unit="m/s",
         ),
     )
 }
+
+MODALITY_ITEMS: Final = tuple((m.name, m.title, m.description) for m in MODALITIES.values())
+"""Modalities as items of an enumeration."""
 
 
 def neutral_temperature_c(is_contact: bool) -> float:

@@ -15,7 +15,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..engine.modality import MODALITIES
+from ..engine.modality import MODALITIES, MODALITY_ITEMS
 from . import generation, scenes, surfaces
 from .responses import HfxResponseFilter
 
@@ -25,12 +25,6 @@ ROLES = (
     ("NONE", "None", "A normal object"),
     ("EFFECT", "Effect", "A haptic effect, painted on a body or placed in the scene"),
     ("BODY", "Body", "An armature whose wearer feels the effects"),
-)
-MODALITY_ITEMS = (
-    ("vibration", "Vibration", "Oscillation of the skin, with an amplitude and a frequency"),
-    ("pressure", "Pressure", "Static force on the skin"),
-    ("temperature", "Temperature", "Warmth or cold of the air or of a touched object"),
-    ("wind", "Wind", "Moving air, along the effect's local Z axis"),
 )
 KINDS = (
     ("PAINTED", "Painted", "Felt where it is painted on the body (egocentric)"),

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import list_devices, load_device
-from hfx_blender.devices.configurations.configuration_reader import MAX_TEMPERATURE_C
 from hfx_blender.devices.host.opening import kind_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_blender.engine.modality import MAX_TEMPERATURE_C
 from hfx_blender.engine.rendering.device import BodyPlace
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.files import resources

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine import colouring
-from hfx_blender.engine.colouring import COLOURS, FULL_COLOUR, Spread
+from hfx_blender.engine.colouring import COLOURS, Spread
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import Sample, Stream
 from hfx_tools.demo.avatar_colours import avatar_colours
@@ -16,6 +16,9 @@ from hfx_tools.felt_shares import SKIN, felt_shares
 # Two avatar vertices, each on one of the two vertices of every model.
 SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}
 COUNTS = dict.fromkeys(SPREADS, 2)
+
+FULL_COLOUR = {"vibration": 8.0, "pressure": 6.0, "temperature": 6.0, "wind": 6.0}
+"""Strengths of full colour, in m/s^2, kPa, degrees from neutral and m/s."""
 
 
 def _sample(

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import (
@@ -601,7 +602,7 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
     assert rules.validate(data, "x") == []
     document = reader.decode(data, "x")
     (perception,) = document.perceptions
-    assert perception.perception_modality == perceptions.PERCEPTIONS[modality]
+    assert perception.perception_modality == MODALITIES[modality].hjif
     assert perception.description.startswith("Zoë")
     mesh = document.avatars[0].mesh
     assert mesh == f"scene%20%C3%A4.hfx-{'pressure' if modality == 'wind' else modality}-1.glb"

@@ -35,7 +35,6 @@ from .effect_file import (
     VolumeRecipe,
     load,
 )
-from .effect_values import PARAMETER_PROPERTIES
 
 OWN = "own/"
 """Begins the names of the user's own sensations."""
@@ -103,9 +102,8 @@ def place(
             assert body is not None
             effect = effects.add_painted(scene, recipe.modality, body, name)
             painting.set_weights(effect, _weights(recipe))
-        controls = MODALITIES[recipe.modality].controls
-        for control, prop in zip(controls, PARAMETER_PROPERTIES[recipe.modality], strict=True):
-            setattr(effect.hfx, prop, recipe.parameters[control.name])
+        for control in MODALITIES[recipe.modality].controls:
+            setattr(effect.hfx, control.prop, recipe.parameters[control.name])
         effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
         effect.hfx.temperature_reference = recipe.temperature_reference
         for clip in recipe.clips:
@@ -284,12 +282,11 @@ def _recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
 ) -> EffectRecipe:
     hfx = effect.hfx
-    properties = PARAMETER_PROPERTIES[hfx.modality]
-    names = [control.name for control in MODALITIES[hfx.modality].controls]
+    controls = MODALITIES[hfx.modality].controls
     return EffectRecipe(
         name=effect.name,
         modality=hfx.modality,
-        parameters={n: float(getattr(hfx, p)) for n, p in zip(names, properties, strict=True)},
+        parameters={each.name: float(getattr(hfx, each.prop)) for each in controls},
         where=_where(scene, effect, first, fps),
         intensity=float(hfx.intensity),
         temperature_reference=hfx.temperature_reference,

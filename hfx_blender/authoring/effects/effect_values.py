@@ -11,18 +11,16 @@ import numpy as np
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
 from ...engine.counters import ReadingCounters
+from ...engine.modality import MODALITIES
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.shape import Falloff, FalloffKind, Shape
 from ...errors import InputError
 from .. import volumes
 
-PARAMETER_PROPERTIES = {
-    "vibration": ("amplitude", "frequency"),
-    "pressure": ("pressure",),
-    "temperature": ("temperature",),
-    "wind": ("wind_speed",),
-}
-"""Properties of ``Object.hfx`` in the order of a modality's parameters; wind adds a direction."""
+
+def properties_of(modality: str) -> tuple[str, ...]:
+    """Properties of ``Object.hfx`` in the order of a modality's parameters, without a direction."""
+    return tuple(control.prop for control in MODALITIES[modality].controls)
 
 
 def world_of(placed: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F64:
@@ -36,7 +34,7 @@ def world_of(placed: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F6
 
 def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
     """An effect's values in the order of its modality's parameters; world matrix (4, 4)."""
-    values = [limited(hfx, name) for name in PARAMETER_PROPERTIES[hfx.modality]]
+    values = [limited(hfx, name) for name in properties_of(hfx.modality)]
     return [*values, *directions(world).tolist()] if hfx.modality == "wind" else values
 
 

@@ -15,14 +15,6 @@ from ...blender import compat
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...errors import InputError
 
-STRENGTHS = {
-    "vibration": "amplitude",
-    "pressure": "pressure",
-    "temperature": "temperature",
-    "wind": "wind_speed",
-}
-"""Property that scales the strength of an effect, by modality."""
-
 _MODULATION = "HFX Modulation"
 
 
@@ -37,7 +29,7 @@ def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
         neutral = 0.0
         if hfx.modality == "temperature":
             neutral = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
-        _scale(effect, STRENGTHS[hfx.modality], factor, neutral)
+        _scale(effect, MODALITIES[hfx.modality].strength_parameter.prop, factor, neutral)
         count += 1
     return count
 
@@ -109,6 +101,3 @@ def _intensity_curve(effect: bpy.types.Object, *, create: bool) -> bpy.types.FCu
         return None
     effect.keyframe_insert("hfx.intensity", frame=0.0)
     return _intensity_curve(effect, create=False)
-
-
-assert set(STRENGTHS) == set(MODALITIES)

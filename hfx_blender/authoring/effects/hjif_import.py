@@ -20,20 +20,13 @@ from ...formats.glb import glb_rules
 from ...formats.hjif import reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.document import Hjif
-from ...formats.hjif.perceptions import PERCEPTIONS
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
 from ...formats.signals.curves import Curve, with_zeros
 from ...formats.signals.signals import Piece, mixed, simplified_signals
 from . import effects
 
-_STRENGTHS = {
-    "vibration": "amplitude",
-    "pressure": "pressure",
-    "temperature": "temperature",
-    "wind": "wind_speed",
-}
-_OURS = {theirs: ours for ours, theirs in PERCEPTIONS.items()}
+_OURS = {modality.hjif: name for name, modality in MODALITIES.items()}
 _OURS |= dict.fromkeys(VIBRATIONS, "vibration")
 _ANYWHERE = 0xFFFFFFFF  # mask of all body parts
 _MANY = 500  # keyframes of a channel: beyond it they are simplified
@@ -176,7 +169,7 @@ def _positive(curve: Curve, sign: float) -> Curve:
 def _set_strength(
     effect: bpy.types.Object, modality: str, sign: float, peak: float, full: float | None
 ) -> None:
-    name = _STRENGTHS[modality]
+    name = MODALITIES[modality].strength_parameter.prop
     if modality == "temperature":
         effect.hfx.temperature = AMBIENT_NEUTRAL_C + sign * peak * (full or _WARMER_K)
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...blender import compat
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ..effects import effects
 
@@ -40,7 +41,6 @@ def add(
     InputError
         The device has no actuator of the modality, or the body is none.
     """
-    from ..effects.effect_values import PARAMETER_PROPERTIES
 
     modality = modality or device.modalities[0]
     chosen = [each for each in device.actuators if each.type.modality == modality]
@@ -58,7 +58,7 @@ def add(
         name or f"{device.name} Vector",
     )
     highest = max(each.type.strength.highest for each in chosen)
-    setattr(effect.hfx, PARAMETER_PROPERTIES[modality][0], highest)
+    setattr(effect.hfx, MODALITIES[modality].strength_parameter.prop, highest)
     if modality == "vibration" and len(chosen[0].type.controls) > 1:
         effect.hfx.frequency = chosen[0].type.controls[1].neutral
     if modality == "temperature":

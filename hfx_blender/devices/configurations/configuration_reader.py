@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import itertools
-from typing import Final
 
-from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES, Modality, Parameter
+from ...engine.modality import MODALITIES, Modality, Parameter
 from ...engine.rendering.conditioning.drive import DriveCurve
 from ...engine.rendering.device import (
     Actuator,
@@ -22,10 +21,7 @@ from ...errors import InputError
 from ...files.json_shapes import Node, Number
 from ...files.kinds import refuse_another
 from . import layout_reader, output_reader
-from .device_shape import DEVICE, MAX_TEMPERATURE_C, SCHEMA
-
-_NEUTRAL: Final = {"temperature_c": AMBIENT_NEUTRAL_C, "frequency_hz": 100.0}
-"""Neutral values of controls that are not silent at 0 and whose configuration names none."""
+from .device_shape import DEVICE, SCHEMA
 
 
 def device_from(document: Node) -> DeviceConfig:
@@ -139,11 +135,10 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> Control:
         if "maximum" in bounds:
             bounds["maximum"].hold(Number(lowest, maximum, known.unit))
             highest = bounds.number("maximum")
-    if modality.name == "temperature":
-        highest = min(highest, MAX_TEMPERATURE_C)
-        if lowest > highest:
-            node.fail(f"a range that reaches below {MAX_TEMPERATURE_C:g} degC, the hottest allowed")
-    neutral = min(max(_NEUTRAL.get(known.name, 0.0), lowest), highest)
+    highest = min(highest, known.device_maximum)
+    if lowest > highest:
+        node.fail(f"a range that reaches below {highest:g} {known.unit}, the hottest allowed")
+    neutral = min(max(known.neutral, lowest), highest)
     if "neutral" in node:
         node["neutral"].hold(Number(lowest, highest, known.unit))
         neutral = node.number("neutral")

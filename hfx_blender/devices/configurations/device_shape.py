@@ -39,9 +39,6 @@ VERSION: Final = 1
 
 MAX_ACTUATORS: Final = 1000
 WEARABLE_SIDES: Final = ("left", "right")
-MAX_TEMPERATURE_C: Final = 40.0
-"""Highest temperature of any device: a conservative default for heat near skin, not a certified
-one."""
 
 BAUDS: Final = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000)
 
@@ -113,11 +110,11 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
     if modality.is_silent_at_0:
         silent = Number(0, 0, note="0, at which the actuator is silent")
         return strict({"unit": unit, "minimum": silent, "maximum": value}, {"neutral": silent})
-    hottest = f"{MAX_TEMPERATURE_C:g} {parameter.unit}, the hottest allowed"
+    highest = f"{parameter.device_maximum:g} {parameter.unit}, the hottest allowed"
     low = Number(
         parameter.minimum,
-        MAX_TEMPERATURE_C,
-        note=f"a number from {parameter.minimum:g} to {hottest}",
+        parameter.device_maximum,
+        note=f"a number from {parameter.minimum:g} to {highest}",
     )
     return strict({"unit": unit, "minimum": low, "maximum": value}, {"neutral": low})
 

@@ -26,10 +26,7 @@ _KINDS: Final[dict[int, tuple[EffectKind, ...]]] = {
 
 _NOTES = {
     "effect": "What an effect does at a vertex is weight * level * strength parameter.",
-    "vibration": "Amplitudes of equal frequency (within 1 Hz) add; unequal ones add as powers.",
-    "pressure": "Pressures at one place add.",
-    "wind": "Winds at one place add as vectors; world space, the way that the air moves.",
-    "temperature": "Deviations from each effect's own neutral temperature add.",
+    **{name: modality.combining for name, modality in MODALITIES.items()},
 }
 
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from ...engine.active_rows import FARTHEST
 from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel
+from ...engine.modality import MODALITIES
 from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, SceneDescription
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Shape
@@ -34,7 +35,6 @@ _COLLISION, _ACTION_HAPTIC = 0, 7
 _CUBOID, _CYLINDER, _CAPSULE, _SPHEROID = 0, 2, 3, 4
 _ACTIVATE_ON, _PARALLEL, _PLAY = 2, 1, 0
 _ALL_OF_THE_BODY: Final = 2**32 - 1
-_MODALITIES: Final = {"temperature": 3, "vibration": 4, "pressure": 5, "wind": 5}  # 5: custom
 
 
 @dataclass(eq=False)
@@ -241,7 +241,7 @@ def _add_interactivity(
         media = {
             "mediaIndex": 0,
             "perceptionIndices": [],  # all that the file has of this modality
-            "hapticModality": [_MODALITIES[modalities[effect_id]]],
+            "hapticModality": [MODALITIES[modalities[effect_id]].gltf],
             "hapticControl": _PLAY,
             "loop": False,
         }

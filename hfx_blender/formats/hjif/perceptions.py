@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...files.strict_json import clean
 from ..registry import FORMATS
@@ -33,18 +34,6 @@ from .semantics import MAX_CHANNELS
 SUFFIX: Final = FORMATS["hjif"].suffix
 DATE: Final = "2024-01-01T00:00:00+00:00"  # the same scene gives the same bytes
 
-PERCEPTIONS: Final = {
-    "vibration": "Vibrotactile",
-    "pressure": "Pressure",
-    "temperature": "Temperature",
-    "wind": "Wind",
-}
-UNITS: Final = {  # of full scale
-    "vibration": "m/s^2",
-    "pressure": "kPa",
-    "temperature": "K from neutral",
-    "wind": "m/s",
-}
 PITCH_HZ: Final = 1.0
 
 TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
@@ -126,14 +115,14 @@ def perception_of(
             band.append(_transient_band(place.transients, timescale))
     reference = []
     if has_units:
-        title = f"full scale: {full:.6g} {UNITS[modality]}"
+        title = f"full scale: {full:.6g} {MODALITIES[modality].hjif_unit}"
         reference.append(ReferenceDevice(1, title, maximum_amplitude=full))
     reference += _devices(devices, modality, len(reference))
     return Perception(
         id=id,
         avatar_id=0,
         description=modality,
-        perception_modality=PERCEPTIONS[modality],
+        perception_modality=MODALITIES[modality].hjif,
         effect_library=effects,
         reference_devices=tuple(reference),
         unit_exponent=-3,

@@ -8,7 +8,8 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ...authoring.effects import effects
 from ...blender.scene_units import metres_of
-from ...properties.objects import MODALITY_ITEMS, SHAPES
+from ...engine.modality import MODALITY_ITEMS
+from ...properties.objects import SHAPES
 from ..shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _NAME_TIP = "Name in the outliner; empty: named after its kind"

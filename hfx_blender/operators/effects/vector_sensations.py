@@ -7,6 +7,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring.paths import vector_sensations
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
 from ..shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
@@ -23,10 +24,7 @@ def _devices(_self: object, _context: object) -> list[tuple[str, str, str]]:
 
 _MODALITIES = (
     ("FIRST", "Its First", "Of the device's first actuator"),
-    ("vibration", "Vibration", "All that vibrate"),
-    ("pressure", "Pressure", "All that press"),
-    ("temperature", "Temperature", "All temperature actuators"),
-    ("wind", "Wind", "All that blow"),
+    *((modality.name, modality.title, modality.devices) for modality in MODALITIES.values()),
 )
 
 

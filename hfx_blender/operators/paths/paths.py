@@ -13,9 +13,9 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
 from ...blender.scene_units import fps_of, metres_of
+from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
 from ...files import suffixes
-from ...properties.objects import MODALITY_ITEMS
 from ..shared import (
     EnumItems,
     HfxOperator,

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...engine.arrays import F32, F64
-from ...engine.colouring import COLD, FULL_COLOUR, Colour
+from ...engine.colouring import COLD, Colour
+from ...engine.modality import MODALITIES
 from .timeline_record import TimelineRecord
 
 CURVE_HEIGHT = 22.0  # pixels of an effect's row, times the user's scale
@@ -79,7 +80,8 @@ def chart(
         if at + curve + gap > height:
             hidden += 1
             continue
-        full = max(FULL_COLOUR[effect.stream.modality], float(np.abs(effect.values).max()))
+        full_colour = MODALITIES[effect.stream.modality].full_colour
+        full = max(full_colour, float(np.abs(effect.values).max()))
         shares = _columns(effect.values, columns) / full
         quads.append(
             _bars(shares, _tints(shares, effect.stream.modality, palette), at, curve, left)

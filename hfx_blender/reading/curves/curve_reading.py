@@ -48,7 +48,7 @@ class CurveEffect:
         self.shape = shape
         self._unit_m = unit_m
         self._place = PlainObject(effect, self._default, parents)
-        self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
+        self._names = effect_values.properties_of(effect.hfx.modality)
         animated = {path for path, _ in self._place.values.columns}
         known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity", "envelope")}
         animated = {p for p in animated if response_values.place_of(p) is None}

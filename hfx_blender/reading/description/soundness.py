@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 
 from ...authoring.effects import effects
-from ...authoring.effects.effect_values import PARAMETER_PROPERTIES
 from ...blender import compat, stored_values
 from ...blender.stored_values import BadValue
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 
 MOST_FILTERS = 64
@@ -150,9 +150,9 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
         return False
     if name == "activation":  # always on without animation
         return obj.animation_data is not None
-    of_others = {n for each in PARAMETER_PROPERTIES.values() for n in each}
-    if name in of_others and hfx.modality in PARAMETER_PROPERTIES:
-        return name in PARAMETER_PROPERTIES[hfx.modality]
+    users = [m.name for m in MODALITIES.values() if name in [c.prop for c in m.controls]]
+    if users and hfx.modality in MODALITIES:
+        return hfx.modality in users
     if name in ("falloff", "falloff_share"):
         return hfx.kind in ("VOLUME", "SPOT") and (name == "falloff" or hfx.falloff != "none")
     if name in ("size", "radius", "height", "shape"):

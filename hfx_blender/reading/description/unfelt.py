@@ -21,16 +21,13 @@ from ...blender.stored_values import limited
 from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
 from ...engine.arrays import F64
 from ...engine.counters import Unfelt, powerless_reason
-from ...engine.modality import neutral_temperature_c
+from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.scene import Clip, TimeBase
 from ...text import named
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
 from . import dormant, visibility
 from .activation import Activation, spans_of_value
-
-_STRENGTHS: Final = {"vibration": "amplitude", "pressure": "pressure", "wind": "wind_speed"}
-"""Property that the level of an effect scales."""
 
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
 
@@ -144,7 +141,7 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
         is_still = not visibility.is_keyed(effect, "hfx.temperature")
         deviation = abs(limited(hfx, "temperature") - neutral)
         return reason if is_still and deviation < NEUTRAL_WITHIN_C else None
-    name = _STRENGTHS[hfx.modality]
+    name = MODALITIES[hfx.modality].strength_parameter.prop
     spans = spans_of_value(effect, f"hfx.{name}")
     if spans is not None:
         is_nothing = not any(((frames >= a) & (frames <= b)).any() for a, b in spans)

@@ -15,16 +15,11 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringPrope
 from ...authoring.clips import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...operators.shared import active_effect, select_only, to_object_mode
 from ...playback.preview.preview import preview
 
-ICONS = {
-    "vibration": "FORCE_HARMONIC",
-    "pressure": "FULLSCREEN_EXIT",
-    "temperature": "LIGHT_SUN",
-    "wind": "FORCE_WIND",
-}
 _LEAST_ROWS, _MOST_ROWS = 3, 10
 
 _open: set[str] = set()
@@ -148,7 +143,7 @@ class HFX_UL_effects(bpy.types.UIList):
         if row.effect:
             if row.group:
                 title.label(text="", icon="BLANK1")
-            icon = "ERROR" if title.alert else ICONS[found[0].hfx.modality]
+            icon = "ERROR" if title.alert else MODALITIES[found[0].hfx.modality].icon
             title.prop(found[0], "name", text="", icon=icon, emboss=False)
         else:
             icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"

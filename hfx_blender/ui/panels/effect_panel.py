@@ -8,24 +8,12 @@ import bpy
 from ...authoring.areas.painting import PAINTED_EFFECT
 from ...authoring.effects import effects
 from ...authoring.surfaces import surfaces
+from ...engine.modality import MODALITIES, Parameter
 from ...operators.export import draw_devices, last_written
 from ...operators.shared import active_effect
 from ..sidebar import HfxPanel, draw_text
 from .effects_panel import draw_moving
 
-_PARAMETERS = {
-    "vibration": ("amplitude", "frequency"),
-    "pressure": ("pressure",),
-    "temperature": ("temperature", "temperature_reference"),
-    "wind": ("wind_speed",),
-}
-_UNITS = {
-    "amplitude": "m/s²",
-    "frequency": "Hz",
-    "pressure": "kPa",
-    "temperature": "°C",
-    "wind_speed": "m/s",
-}
 _DIMENSIONS = {
     "CUBOID": ("size",),
     "SPHERE": ("radius",),
@@ -65,8 +53,10 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         row = layout.row()
         row.alert = hfx.intensity <= 0.0  # nothing of it is felt
         row.prop(hfx, "intensity")
-        for name in _PARAMETERS[hfx.modality]:
-            self._draw_parameter(layout, hfx, name)
+        for control in MODALITIES[hfx.modality].controls:
+            self._draw_parameter(layout, hfx, control)
+        if hfx.modality == "temperature":
+            layout.prop(hfx, "temperature_reference")
         if hfx.kind == "VOLUME":
             self._draw_volume(layout, hfx)
         else:
@@ -76,15 +66,13 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
 
     @staticmethod
     def _draw_parameter(
-        layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, name: str
+        layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, control: Parameter
     ) -> None:
-        if name not in _UNITS:
-            layout.prop(hfx, name)
-            return
+        name = control.prop
         row = layout.row(align=True)
         row.use_property_split = False  # beside the field, a label with its unit is cut off
         label = hfx.bl_rna.properties[name].name
-        row.prop(hfx, name, text=f"{label} ({_UNITS[name]})")
+        row.prop(hfx, name, text=f"{label} ({control.symbol})")
         row.prop_decorator(hfx, name)
 
     @staticmethod

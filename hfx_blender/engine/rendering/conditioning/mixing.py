@@ -48,11 +48,11 @@ def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
     strengths *= parameters[..., 0]
     if modality == "vibration":
         return Mixed(*combine_vibration(strengths, parameters[..., 1]))
-    if modality == "pressure":
-        return Mixed(combine_pressure(strengths))
     if modality == "wind":
         return Mixed(combine_wind(strengths, parameters[..., 1:4])[0])
-    raise ValueError(f"modality: expected one of {', '.join(MODALITIES)}, got '{modality}'")
+    if modality not in MODALITIES:
+        raise ValueError(f"modality: expected one of {', '.join(MODALITIES)}, got '{modality}'")
+    return Mixed(combine_pressure(strengths))
 
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
