@@ -154,7 +154,8 @@ class VolumeRecorder:
         if triggers and hjif_name is None:
             notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
-        document.json["scenes"] = [{"nodes": [*roots, *nodes]}]
+        shown = [*roots, *nodes]
+        document.json["scenes"] = [{"nodes": shown} if shown else {}]  # no list may be empty
         document.json["scene"] = 0
         path = stem.with_name(f"{stem.name}.scene{SUFFIX}")
         with atomic_file(path) as file:
