@@ -84,7 +84,9 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     is_valid = not any(strict or each.severity == "error" for each in findings)
     verdict = "valid" if is_valid else "not valid"
     count = len(findings)
-    console.say(f"{path}: {found.title}, {verdict}" + (f", {count} findings" if count else ""))
+    told = f", {count} findings" if count else ""
+    told += f"; {found.unchecked}" if found.unchecked and is_valid else ""
+    console.say(f"{path}: {found.title}, {verdict}{told}")
     return {
         "file": str(path),
         "format": found.id,

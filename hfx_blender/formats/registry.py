@@ -68,6 +68,8 @@ class FormatInfo:
         ``(device) -> str``: why it can hold nothing of a device; empty: it can.
     check : str
         ``(content, name) -> list of Finding``: faults of a file of anybody.
+    unchecked : str
+        Rules that ``check`` leaves to others, told with its verdict.
     read : str
         ``(path)``: reads a file that is too large, or needs too many others, for ``check``;
         raises ``InputError`` for its first fault.
@@ -103,6 +105,7 @@ class FormatInfo:
     held: str = ""
     why_nothing: str = ""
     check: str = ""
+    unchecked: str = ""
     read: str = ""
     decode: str = ""
     read_raster: str = ""
@@ -181,8 +184,10 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".glb",
             dialog=("glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 3),
             own_start=rb'.{20}\{"asset":\{"version":"2\.0","generator":"HFX"',
-            check="glb.glb_rules:validate",
-            facts="glb.glb_rules:facts",
+            check="glb.glb_reader:validate",
+            unchecked="only what HFX reads of it was checked; all rules of glTF are those of "
+            "Khronos' gltf-validator",
+            facts="glb.glb_reader:facts",
         ),
         FormatInfo(
             "clip",

@@ -16,7 +16,7 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
 from ...files.strict_json import read_bytes
-from ...formats.glb import glb_rules
+from ...formats.glb import glb_reader
 from ...formats.hjif import reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.document import Hjif
@@ -111,15 +111,12 @@ def _own_models(document: Hjif, folder: Path) -> set[str]:
             continue
         try:
             content = read_bytes(folder / name)
-            meshes = glb_rules.read_json(content, str(folder / name)).get("meshes", [])
+            hashes = glb_reader.model_hashes(content, str(folder / name))
         except InputError:
             continue
-        for mesh in meshes:
-            extras = mesh.get("extras") or {}
-            model_id = extras.get("hfx_model")
-            if model_id in {effects.model_id_for(each) for each in MODALITIES}:
-                if extras.get("hfx_content_hash") == load_model(model_id).content_hash:
-                    found.add(model_id)
+        for model_id in {effects.model_id_for(each) for each in MODALITIES} & hashes.keys():
+            if hashes[model_id] == load_model(model_id).content_hash:
+                found.add(model_id)
     return found
 
 

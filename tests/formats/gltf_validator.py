@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Khronos' validator of glTF: npm's package gltf-validator, which Node finds by NODE_PATH.
+
+``npm install --no-save --prefix FOLDER gltf-validator`` and ``NODE_PATH=FOLDER/node_modules``
+install it; ``.ci/run`` does, and demands that Node finds it. Without it files count as sound, and
+``test_khronos_validator_is_asked`` says that it was skipped.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+_PROGRAM = """
+const validator = require('gltf-validator');
+const bytes = new Uint8Array(require('fs').readFileSync(process.argv[1]));
+validator.validateBytes(bytes).then(
+  report => console.log(JSON.stringify(report.issues.messages)));
+"""
+
+
+@cache
+def is_there() -> bool:
+    """Test that Node and the package can be used."""
+    node = shutil.which("node")
+    wanted = [node or "", "-e", "require('gltf-validator')"]
+    return node is not None and subprocess.run(wanted, capture_output=True).returncode == 0
+
+
+def gltf_faults(path: Path) -> list[str]:
+    """Errors and warnings about a GLB file; extensions that are not Khronos' are none."""
+    if not is_there():
+        return []
+    done = subprocess.run(
+        ["node", "-e", _PROGRAM, str(path)], capture_output=True, text=True, check=True
+    )
+    found = json.loads(done.stdout)
+    return [f"{each['pointer']}: {each['message']}" for each in found if each["severity"] < 2]
