@@ -42,7 +42,7 @@ NOT_USED = {"pycparser"}
 cffi compiles no declarations for sounddevice, which brings its own compiled ones."""
 IN_BLENDER = {
     *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
-    *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui"),
+    *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui", "zstandard"),
 }
 COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},

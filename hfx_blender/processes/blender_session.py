@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from ..errors import HfxError, InputError, OutputError, is_endless
 from ..files.atomic import remove_at_end
@@ -21,9 +21,6 @@ from .process_end import check
 from .process_end import end_on_signals as end_on_signals
 from .process_end import leave as leave
 from .start import is_child
-
-_WITH_FILES: Final = ("images", "sounds", "movieclips", "fonts", "volumes", "cache_files")
-"""Kinds of datablocks that may be in a file of their own."""
 
 _SYSTEM_PACKAGES = (
     "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
@@ -147,38 +144,18 @@ def open_blend(path: Path) -> None:
     if path.suffix.lower() == ".json":
         raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
     bpy = start()
+    from ..blender import blend_paths, linked_files
+
+    blend_paths.refuse_endless(path)  # some are read while the file is opened
     try:
         # Blender does not look for bare names in the working folder.
         full = os.path.abspath(path)
-        _refuse_endless(bpy, path, full)
         bpy.ops.wm.open_mainfile(filepath=full, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[0].rpartition(": ")[2]
         reason = reason.replace(f' in file "{full}"', "")
         raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
-    from ..blender import linked_files
-
     linked_files.refuse_endless()
-
-
-def _refuse_endless(bpy: Any, path: Path, full: str) -> None:
-    """Refuse a .blend one of whose pictures, sounds or caches is a pipe, a device or a socket.
-
-    Blender reads some of them as soon as it opens the file, and would wait for ever. So they are
-    linked first, which reads none.
-    """
-    try:
-        with bpy.data.libraries.load(full, link=True) as (there, linked):
-            for kind in _WITH_FILES:
-                setattr(linked, kind, list(getattr(there, kind)))
-    except (OSError, ValueError):  # no .blend, or the one that is open: it was looked at before
-        return
-    for kind in _WITH_FILES:
-        for block in filter(None, getattr(linked, kind)):
-            name = bpy.path.abspath(block.filepath, library=block.library)
-            if not getattr(block, "packed_file", None) and is_endless(Path(name)):
-                user = f"{block.bl_rna.name.lower()} '{block.name}'"
-                raise InputError(f"{path}: '{name}' of {user} is a pipe, a device or a socket.")
 
 
 def remove_temporary_files() -> None:

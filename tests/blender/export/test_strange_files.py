@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import hfx_scenes
+import numpy as np
 import pytest
 
 from hfx_blender import cli
+from hfx_blender.blender import blend_paths
 from hfx_blender.errors import InputError
 from hfx_blender.files.hashes import NOT_READ, is_elsewhere, state_of
 
@@ -85,15 +87,62 @@ def _volume(folder: Path) -> Path:
     return folder / "smoke.vdb"
 
 
-def _mesh_cache(folder: Path) -> Path:
-    """A path of a modifier, known only when the file is open."""
+def _mesh_cache(folder: Path, is_shown: bool = True) -> Path:
+    """A path of a modifier, which Blender reads while it opens the file, if it is shown."""
     modifier = _plane().modifiers.new("Cache", "MESH_CACHE")
-    modifier.filepath, modifier.show_viewport = str(folder / "motion.mdd"), False
+    modifier.filepath, modifier.show_viewport = str(folder / "motion.mdd"), is_shown
     (folder / "motion.mdd").write_bytes(b"none")
     return folder / "motion.mdd"
 
 
-@pytest.mark.parametrize("named", [_displaced, _unused, _sound, _volume, _mesh_cache])
+def _hidden_mesh_cache(folder: Path) -> Path:
+    return _mesh_cache(folder, is_shown=False)
+
+
+def _import_node(folder: Path) -> Path:
+    """A path in a node, whose name tells nothing."""
+    tree = bpy.data.node_groups.new("Tree", "GeometryNodeTree")
+    tree.use_fake_user = True
+    length = tree.nodes.new("FunctionNodeStringLength")
+    length.inputs[0].default_value = str(folder / "points.csv")
+    (folder / "points.csv").write_text("x")
+    return folder / "points.csv"
+
+
+def _linked(source: Path) -> None:
+    """Link a plane from another file into an empty one."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(source), link=True) as (there, linked):
+        linked.objects = [name for name in there.objects if name.startswith("Plane")]
+    for plane in linked.objects:
+        bpy.context.scene.collection.objects.link(plane)
+
+
+def _library(folder: Path) -> Path:
+    _plane()
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "props.blend"), copy=True)
+    _linked(folder / "props.blend")
+    return folder / "props.blend"
+
+
+def _file_of_a_library(folder: Path) -> Path:
+    """A path that only the library's own file holds, beside that file."""
+    (folder / "shared").mkdir()
+    victim = _displaced(folder / "shared")
+    props = folder / "shared" / "props.blend"
+    bpy.data.images["skin.png"].filepath = "//skin.png"
+    bpy.ops.wm.save_as_mainfile(filepath=str(props), copy=True, relative_remap=False)
+    _linked(props)
+    return victim
+
+
+NAMED = [
+    *(_displaced, _unused, _sound, _volume, _mesh_cache, _hidden_mesh_cache, _import_node),
+    *(_library, _file_of_a_library),
+]
+
+
+@pytest.mark.parametrize("named", NAMED)
 def test_a_pipe_that_a_scene_names_is_refused(
     base: Path, tmp_path: Path, named: Callable[[Path], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,6 +158,21 @@ def test_a_pipe_that_a_scene_names_is_refused(
         (line,) = capsys.readouterr().err.splitlines()
         assert victim.name in line and "is a pipe" in line
     assert not list((tmp_path / "out").glob("*"))
+
+
+def test_a_damaged_blend_is_left_to_blender(base: Path, tmp_path: Path) -> None:
+    """Bytes changed in the compressed file and in the plain one; cut anywhere."""
+    bpy.ops.wm.open_mainfile(filepath=str(base))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "plain.blend"), compress=False)
+    rng = np.random.default_rng(5)
+    for source in (base, tmp_path / "plain.blend"):
+        whole = source.read_bytes()
+        for k in range(40):
+            content = bytearray(whole[: rng.integers(len(whole))] if k % 2 else whole)
+            for place in rng.integers(max(len(content), 1), size=20 if len(content) else 0):
+                content[place] = rng.integers(256)
+            (tmp_path / "bad.blend").write_bytes(content)
+            blend_paths.refuse_endless(tmp_path / "bad.blend")
 
 
 PIPES = """
