@@ -9,13 +9,9 @@ alone, whoever recorded it in however many parts.
 from __future__ import annotations
 
 import logging
-import subprocess
-import threading
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from queue import SimpleQueue
 from typing import Final
 
 import numpy as np
@@ -28,18 +24,11 @@ from ..engine.samples import SampleRun
 from ..engine.stepwise import finish
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, ScriptError
-from ..processes import start
+from ..processes.messages import Message, MessageError, MessageKind, encode_json, message
+from ..processes.worker import Worker
 from .live import approval
 from .workers.haptics import encode_haptics
-from .workers.messages import (
-    MessageError,
-    MessageKind,
-    decode_values,
-    encode_json,
-    message,
-    read_message,
-)
-from .workers.script_process import end_group
+from .workers.message_bodies import decode_values
 
 FeltRuns = list[tuple[SampleRun, F64]]
 
@@ -149,7 +138,7 @@ def _answers(
     row = 0
     times_s = _scene_times_s(track.header)
     try:
-        with _Worker(script, device, answers) as worker:
+        with _ScriptRun(script, device, answers) as run:
             batch: list[bytes] = []
             size = 0
             for felt in _felt_by_row(track, renderer):
@@ -158,11 +147,11 @@ def _answers(
                 size += len(batch[-1])
                 row += 1
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
-                    worker.ask(batch)
+                    run.ask(batch)
                     batch, size = [], 0
                     yield 1.0  # the track is complete; progress of reading it again is not shown
-            worker.ask(batch)
-            worker.wait()
+            run.ask(batch)
+            run.wait()
     except MessageError as error:  # more than a message holds
         reason = f"cannot be told {error}{_when(track.header, row)}"
         raise ScriptError(_nothing_for(device, script, reason)) from None
@@ -244,10 +233,8 @@ class _FaultError(Exception):
         self.row = row
 
 
-class _Worker:
-    """Worker of a script, which is asked row after row; it ends with the ``with`` block.
-
-    One thread writes, as a worker that does not read must keep nobody waiting; one reads.
+class _ScriptRun:
+    """Run of a script, which is asked row after row; it ends with the ``with`` block.
 
     Parameters
     ----------
@@ -258,39 +245,27 @@ class _Worker:
     def __init__(self, script: approval.DeviceScript, device: DeviceConfig, answers: F64) -> None:
         assert device.script is not None
         self._answers = answers
+        self._path = script.path
         self._request = {**script.as_request(), "device": str(device.script.device), "folder": None}
-        self._answers_changed = threading.Condition()
-        self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
+        # Where a script goes through a set, it does so in one order.
+        self._worker = Worker("devices.workers.script_worker", variables={"PYTHONHASHSEED": "0"})
         self._asked = self._answered = self._last = 0  # rows; asked before the last batch
         self._is_ready = False
-        self._fault: str | None = None
         self._went_on_at = 0.0
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
 
-    def __enter__(self) -> _Worker:
+    def __enter__(self) -> _ScriptRun:
         try:
-            self._process = start.start(
-                start.command("devices.workers.script_worker"),
-                # Where a script goes through a set, it does so in one order.
-                {"PYTHONHASHSEED": "0"},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # it ends together with its child processes
-            )
+            self._worker.start()
         except OSError as error:  # too many processes, no memory
             raise _FaultError(f"cannot be started: {error}") from None
         self._went_on_at = time.monotonic()
-        for work in (self._write, self._listen):
-            threading.Thread(target=work, args=(self._process,), daemon=True).start()
-        self._unsent.put(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
+        self._worker.send(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
         return self
 
     def __exit__(self, *_: object) -> None:
-        with self._answers_changed:
-            self._fault = self._fault or "was ended"
-        end_group(self._process)
-        self._unsent.put(None)
-        self._process.wait()
+        self._worker.kill()
+        self._worker.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
         """Send the messages of the next rows, after the rows before the last are answered.
@@ -301,94 +276,62 @@ class _Worker:
             The script has failed, or does not answer.
         """
         self.wait(self._asked - self._last)
-        with self._answers_changed:
-            if self._answered == self._asked:
-                self._went_on_at = time.monotonic()
-            self._last, self._asked = self._asked, self._asked + len(batch)
-        self._unsent.put(b"".join(batch))
+        if self._answered == self._asked:
+            self._went_on_at = time.monotonic()
+        self._last, self._asked = self._asked, self._asked + len(batch)
+        self._worker.send(b"".join(batch))
 
     def wait(self, most: int = 0) -> None:
-        """Wait until at most ``most`` rows are not answered.
+        """Wait until no more than some rows are unanswered.
 
         Raises
         ------
         _FaultError
             The script has failed, or does not answer.
         """
-        with self._answers_changed:
-            while self._fault is None and (
-                not self._is_ready or self._asked - self._answered > most
-            ):
-                began = time.monotonic()
-                patience_s = ROW_S if self._is_ready else START_S
-                left_s = min(self._went_on_at + patience_s - began, self._left_s)
-                if left_s <= 0.0:
-                    self._fault = self._late(patience_s)
-                    break
-                self._answers_changed.wait(left_s)
-                if self._is_ready:
-                    self._left_s -= time.monotonic() - began
-            if self._fault is not None:
-                raise _FaultError(self._fault, self._answered if self._is_ready else None)
+        while not self._is_ready or self._asked - self._answered > most:
+            began = time.monotonic()
+            limit_s = self._went_on_at + (ROW_S if self._is_ready else START_S) - began
+            if self._is_ready:
+                limit_s = min(limit_s, self._left_s)
+            try:
+                found = self._worker.receive(max(limit_s, 0.0))
+            except TimeoutError:
+                raise self._fault(self._late(is_sum=limit_s == self._left_s)) from None
+            if self._is_ready:
+                self._left_s -= time.monotonic() - began
+            self._process_message(found)
 
-    def _late(self, patience_s: float) -> str:
+    def _fault(self, text: str) -> _FaultError:
+        return _FaultError(text, self._answered if self._is_ready else None)
+
+    def _late(self, *, is_sum: bool) -> str:
         if not self._is_ready:
-            return f"did not start within {patience_s:g} s"
-        if self._left_s <= 0.0:
+            return f"did not start within {START_S:g} s"
+        if is_sum:
             allowed_s = SUM_S + SUM_ROW_S * len(self._answers)
             return f"it took longer than {allowed_s:g} s for {len(self._answers)} rows in all"
-        return f"it did not answer within {patience_s:g} s"
+        return f"it did not answer within {ROW_S:g} s"
 
-    def _write(self, process: subprocess.Popen[bytes]) -> None:
-        stream = process.stdin
-        assert stream is not None
-        with suppress(OSError, ValueError):  # the listener reports it
-            while (data := self._unsent.get()) is not None:
-                stream.write(data)
-                stream.flush()
-        with suppress(OSError, ValueError):
-            stream.close()
-
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
-        stream = process.stdout
-        assert stream is not None
-        text: str | None
-        try:
-            with stream:
-                while True:
-                    found = read_message(stream)
-                    if found is None:
-                        text = "it ended itself" if self._is_ready else "ended as it was started"
-                        break
-                    text = self._process_message(found.kind, found.body)
-                    if text is not None:
-                        break
-        except (MessageError, OSError, ValueError) as error:
-            text = f"its process sent {error}"
-        with self._answers_changed:
-            self._fault = self._fault or text
-            self._answers_changed.notify()
-
-    def _process_message(self, kind: MessageKind, body: bytes) -> str | None:
-        """Process a message of the worker; returns its fault."""
-        if kind is MessageKind.FAULT:
-            text = body.decode(errors="replace")
-            return text if self._is_ready else f"cannot be started: {text}"
-        if kind is MessageKind.LOG:
-            _log.info("%s: %s", self._request["path"], body.decode(errors="replace"))
-            return None
-        with self._answers_changed:
-            if kind is MessageKind.READY and not self._is_ready:
-                self._is_ready = True
-            elif kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked:
-                values = decode_values(body)
-                if values.shape != self._answers[0].shape:
-                    return "its process sent no values"
-                self._answers[self._answered] = values
-                self._answered += 1
-            else:
-                return "it sent an answer without a question"
-            self._went_on_at = time.monotonic()
-            if not self._asked - self._answered or self._answered == self._last:
-                self._answers_changed.notify()
-        return None
+    def _process_message(self, found: Message | None) -> None:
+        if found is None and self._worker.fault:
+            raise self._fault(f"its process {self._worker.fault}")
+        if found is None:
+            raise self._fault("it ended itself" if self._is_ready else "ended as it was started")
+        if found.kind in (MessageKind.LOG, MessageKind.FAULT):
+            text = found.body.decode(errors="replace")
+            if found.kind is MessageKind.LOG:
+                _log.info("%s: %s", self._path, text)
+                return
+            raise self._fault(text if self._is_ready else f"cannot be started: {text}")
+        if found.kind is MessageKind.READY and not self._is_ready:
+            self._is_ready = True
+        elif found.kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked:
+            values = decode_values(found.body)
+            if values.shape != self._answers[0].shape:
+                raise self._fault("its process sent no values")
+            self._answers[self._answered] = values
+            self._answered += 1
+        else:
+            raise self._fault("it sent an answer without a question")
+        self._went_on_at = time.monotonic()

@@ -3,20 +3,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import tempfile
-import threading
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from ..processes import start
-
-_MODULE: Final = "generation.worker"
-_END_S: Final = 5.0
-_SHOWN: Final = 300  # characters of an unexpected failure
+from ..processes.messages import Message, decode_json, json_message
+from ..processes.worker import Worker
 
 
 class GenerationChild:
@@ -43,52 +35,30 @@ class GenerationChild:
         self.share = 0.0
         self.records: list[Path] = []
         self.fault = ""
-        self._errors = tempfile.TemporaryFile()
-        self._process = start.start(
-            start.command(_MODULE),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        assert self._process.stdin is not None
-        with suppress(OSError):  # it has ended at once: its exit code tells
-            self._process.stdin.write(json.dumps(dict(job)).encode())
-            self._process.stdin.close()
+        self._worker = Worker("generation.worker", received=self._take, keeps_errors=True)
+        self._worker.start()
+        self._worker.send(json_message(dict(job)))
 
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with suppress(ValueError):
-                line_read = json.loads(line)
-                self.share = float(line_read.get("share", self.share))
-                self.fault = line_read.get("error", self.fault)
-                if "made" in line_read:
-                    self.records.append(Path(line_read["made"]))
+    def _take(self, _worker: Worker, message: Message) -> None:
+        found = decode_json(message.body)
+        self.share = float(found.get("share", self.share))
+        self.fault = found.get("error", self.fault)
+        if "made" in found:
+            self.records.append(Path(found["made"]))
 
     @property
     def is_running(self) -> bool:
         """Test that it still works; afterwards all that it told is known."""
-        if self._process.poll() is None:
+        if self._worker.is_running:
             return True
-        self._reader.join(_END_S)
-        if self._process.returncode and not self.fault:
-            self._errors.seek(0)
-            last = self._errors.read().decode(errors="replace").strip().splitlines()[-1:]
-            self.fault = f"Generation ended with code {self._process.returncode}: "
-            self.fault += "".join(last)[:_SHOWN]
+        self.wait()
         return False
 
     def wait(self) -> None:
         """Wait for its end."""
-        self._process.wait()
-        _ = self.is_running
+        if self._worker.wait() and not self.fault:
+            self.fault = f"Generation {self._worker.how_it_ended()}"
 
     def cancel(self) -> None:
         """End it at once."""
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait(_END_S)
-        self._reader.join(_END_S)
-        self._errors.close()
+        self._worker.close(0.0)

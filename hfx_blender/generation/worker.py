@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Process that generates surfaces beside Blender: one job in JSON on its input, lines out.
+"""Process that generates surfaces beside Blender: one job in, and messages out.
 
-Lines are JSON: ``{"share": 0..1}``, ``{"made": PATH of a record}``, ``{"error": sentence}``.
+All are JSON; out go ``{"share": 0..1}``, ``{"made": PATH of a record}``, ``{"error": sentence}``.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,8 @@ import numpy as np
 
 from ..engine.texture.device_range import NoticeableSteps
 from ..errors import HfxError
+from ..processes.messages import decode_json, json_message
+from ..processes.owner import Owner
 from . import library_search, picture_folder
 from .generated import Generated, write
 
@@ -58,23 +58,18 @@ def _of_picture(job: Mapping[str, Any], steps: NoticeableSteps | None) -> Genera
 
 
 def main() -> None:
-    """Read a job from standard input, do it, and tell on standard output."""
-    tell = sys.stdout
-    sys.stdout = sys.stderr  # nothing else may come between the lines
-    job = json.load(sys.stdin)
+    """Do the job that the owner sends, and tell it what is made."""
+    owner = Owner()
+    job = decode_json(owner.receive().body)
     try:
         for share, made in run(job):
             files = write(made, Path(job["folder"]), job["version"]).files
-            _tell(tell, {"share": share, "made": str(files[-1])})
+            owner.send(json_message({"share": share, "made": str(files[-1])}))
     except HfxError as error:
-        _tell(tell, {"error": str(error)})
+        owner.send(json_message({"error": str(error)}))
     except ModuleNotFoundError as error:  # the small extension comes without its wheels
-        _tell(tell, {"error": f"This needs the Python package {error.name}, which is missing."})
-
-
-def _tell(stream: Any, line: Mapping[str, Any]) -> None:
-    stream.write(json.dumps(line) + "\n")
-    stream.flush()
+        text = f"This needs the Python package {error.name}, which is missing."
+        owner.send(json_message({"error": text}))
 
 
 if __name__ == "__main__":

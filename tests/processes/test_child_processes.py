@@ -55,7 +55,7 @@ def test_no_child_runs_what_lies_in_the_current_folder(
         {"PYTHONPROFILEIMPORTTIME": "1"},
         cwd=strange,
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
     ) as process:

@@ -6,7 +6,6 @@ The result is an image in the .blend, which the surface is then made of as of an
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from pathlib import Path
 
@@ -16,7 +15,8 @@ import numpy as np
 from ...engine.texture.height_field import HeightField
 from ...engine.texture.relief.relief_estimate import EstimatedRelief
 from ...errors import InputError, OutputError
-from ...processes import start
+from ...processes.messages import decode_json
+from ...processes.worker import Worker
 from . import image_values, material_relief, surface_sources, surfaces
 
 
@@ -56,16 +56,14 @@ class ReliefEstimation:
             np.savez(source, srgb=colours, size_m=np.divide(size_mm, 1000.0), tiles=tiles)
         except OSError as error:
             raise OutputError(f"The temporary folder cannot be written to ({error}).") from error
-        self._process = start.start(
-            start.command("engine.texture.relief.relief_worker", source, self._target),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+        self._worker = Worker(
+            "engine.texture.relief.relief_worker", source, self._target, keeps_errors=True
         )
+        self._worker.start()
 
     @property
     def is_running(self) -> bool:
-        return self._process.poll() is None
+        return self._worker.is_running
 
     def result(self) -> EstimatedRelief:
         """Estimate, when the process has ended; waits for it.
@@ -75,11 +73,15 @@ class ReliefEstimation:
         InputError
             It failed.
         """
-        _, error_output = self._process.communicate()
         try:
-            if self._process.returncode:
-                lines = error_output.decode(errors="replace").strip().splitlines() or ["it ended"]
-                raise InputError(f"The relief of '{self.name}' was not estimated: {lines[-1]}")
+            refusal = self._worker.receive()
+            if refusal is not None or self._worker.wait():
+                reason = (
+                    f"its process {self._worker.how_it_ended()}"
+                    if refusal is None
+                    else decode_json(refusal.body)["error"]
+                )
+                raise InputError(f"The relief of '{self.name}' was not estimated: {reason}")
             with np.load(self._target) as file:
                 heights, slope, roughness = (
                     file[name] for name in ("heights_m", "slope", "roughness")
@@ -92,8 +94,7 @@ class ReliefEstimation:
 
     def stop(self) -> None:
         """End the process without a result."""
-        self._process.kill()
-        self._process.communicate()
+        self._worker.close(0.0)
         self._folder.cleanup()
 
 

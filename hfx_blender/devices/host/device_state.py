@@ -58,10 +58,10 @@ class DeviceState:
             self.state, self.text, self.levels = event.event, event.text, ()
 
 
-def event_of(line: bytes) -> Event | None:
-    """Parse the event of a line; None if it is none."""
+def event_of(body: bytes) -> Event | None:
+    """Parse the event of a message's body; None if it is none."""
     try:
-        found = json.loads(line)
+        found = json.loads(body)
         return Event(
             str(found["event"]),
             int(found["device"]),

@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.rendering.conditioning.limits import DeviceLimits
 from ...engine.rendering.device import DeviceConfig
-from ..workers.messages import as_row
+from ..workers.message_bodies import as_row
 from .time_on import AccountUse, TimeOn
 
 LONGEST_RISE_S: Final = 0.05

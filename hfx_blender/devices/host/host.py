@@ -2,8 +2,8 @@
 """Output process: it owns every port, and falls silent when anybody fails.
 
 Run as ``python -m hfx_blender.devices.host.host PID`` by the process PID. Messages come over
-standard input, events go out as JSON lines over standard output. It needs neither Blender nor a
-window.
+standard input, events go out over standard output, as messages of JSON. It needs neither Blender
+nor a window.
 
 Silence comes from: a stop message, the end of standard input or of the process that writes it,
 SIGTERM, an exception here, no sign of life for 250 ms, a process that stood still, as a computer
@@ -12,7 +12,6 @@ that sleeps, a lost output, a fault of a script or of what renders. Only an arm 
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import signal
@@ -25,21 +24,22 @@ from functools import partial
 from math import isnan
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO, Final, TextIO
+from typing import Any, BinaryIO, Final
 
 from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
 from ...files import resources
-from ..configuration import load_device
-from ..workers.messages import (
+from ...processes.messages import (
     EVERY_DEVICE,
     Message,
     MessageError,
     MessageKind,
     decode_json,
-    decode_values,
-    read_message,
+    json_message,
+    messages,
 )
+from ..configuration import load_device
+from ..workers.message_bodies import decode_values
 from ..workers.render_process import Questions, RenderProcess
 from ..workers.script_process import ScriptProcess
 from .clock import SYSTEM, Clock
@@ -67,16 +67,16 @@ _log = logging.getLogger(__name__)
 class Reporter:
     """Writes events in a thread of its own: a reader that sleeps must not stop a device."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
-        self._events: deque[str] = deque(maxlen=_MAX_EVENTS)  # the oldest are dropped
+        self._events: deque[bytes] = deque(maxlen=_MAX_EVENTS)  # the oldest are dropped
         self._wake = threading.Condition()
         threading.Thread(target=self._run, name="events", daemon=True).start()
 
     def __call__(self, event: str, device: int = EVERY_DEVICE, **facts: Any) -> None:
-        line = json.dumps({"event": event, "device": device, **facts})
+        content = json_message({"event": event, "device": device, **facts})
         with self._wake:
-            self._events.append(line)
+            self._events.append(content)
             self._wake.notify()
 
     def _run(self) -> None:
@@ -84,10 +84,10 @@ class Reporter:
             with self._wake:
                 while not self._events:
                     self._wake.wait()
-                lines = list(self._events)
+                content = b"".join(self._events)
                 self._events.clear()
             try:
-                self._stream.write("\n".join(lines) + "\n")
+                self._stream.write(content)
                 self._stream.flush()
             except (OSError, ValueError):
                 return  # the reader has gone; the end of standard input follows
@@ -114,10 +114,7 @@ class Host:
         """Read messages to the end of the stream, then end the process's work."""
         end = "Blender has gone"
         try:
-            while True:
-                message = read_message(stream)
-                if message is None:
-                    break
+            for message in messages(stream):
                 self.receive(message)
         except MessageError as error:
             end = f"Blender sent {error}"
@@ -342,7 +339,7 @@ def main() -> None:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), _note_signal)
     # Whatever prints must not garble the events.
-    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     sys.setswitchinterval(0.001)  # a thread with data to send must not wait long for others
     host = Host(Reporter(events))

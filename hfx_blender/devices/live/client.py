@@ -11,10 +11,11 @@ from typing import Any
 import numpy.typing as npt
 
 from ...engine.track.header import TrackHeader
+from ...processes.messages import EVERY_DEVICE, MessageKind, encode_json, message
 from ..host.device_state import DeviceState as DeviceState
 from ..host.device_state import Event as Event
 from ..workers.live_frame import LiveFrame, RenderedDevice, SceneMessage, encode_scene
-from ..workers.messages import EVERY_DEVICE, MessageKind, encode_json, encode_values, message
+from ..workers.message_bodies import encode_values
 from .host_pipe import HostPipe
 
 
@@ -26,7 +27,7 @@ class LiveClient:
     """
 
     def __init__(self) -> None:
-        self._pipe = HostPipe()
+        self.pipe = HostPipe()  # to the output process
         self._numbers = 0
         self._gains: Mapping[int, float] = {}  # of the newest moment
         self.devices: dict[str, DeviceState] = {}
@@ -34,12 +35,12 @@ class LiveClient:
 
     @property
     def is_running(self) -> bool:
-        return self._pipe.is_running
+        return self.pipe.is_running
 
     @property
     def pid(self) -> int | None:
         """Process id of the output process, or None."""
-        return self._pipe.pid
+        return self.pipe.pid
 
     def start(self) -> None:
         """Start the output process, unless it runs.
@@ -51,7 +52,7 @@ class LiveClient:
         """
         if not self.is_running:
             self.close()
-            self._pipe.start()
+            self.pipe.start()
 
     def connect(
         self,
@@ -99,14 +100,14 @@ class LiveClient:
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
-        self._pipe.send(MessageKind.CONNECT, known.number, encode_json(request))
-        self._pipe.send(MessageKind.ARM, known.number)
+        self.pipe.send(MessageKind.CONNECT, known.number, encode_json(request))
+        self.pipe.send(MessageKind.ARM, known.number)
         return known
 
     def disconnect(self, name: str) -> None:
         known = self.devices.pop(name, None)
         if known is not None:
-            self._pipe.send(MessageKind.DISCONNECT, known.number)
+            self.pipe.send(MessageKind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
         """Send a device's values (columns,); replaces unsent ones."""
@@ -128,9 +129,9 @@ class LiveClient:
             for each in self.devices.values()
         )
         body = encode_scene(SceneMessage(header, body_id, rendered))
-        self._pipe.void(EVERY_DEVICE)
-        self._pipe.places = {stream: k for k, stream in enumerate(header.streams)}
-        self._pipe.send(MessageKind.SCENE, body=body)
+        self.pipe.void(EVERY_DEVICE)
+        self.pipe.places = {stream: k for k, stream in enumerate(header.streams)}
+        self.pipe.send(MessageKind.SCENE, body=body)
 
     def show(self, moment: LiveFrame) -> None:
         """Send the current samples for every device; replaces what was not sent yet.
@@ -139,7 +140,7 @@ class LiveClient:
         by it is silent at once.
         """
         self.set_gains(moment.gains)
-        self._pipe.replace(EVERY_DEVICE, moment)
+        self.pipe.replace(EVERY_DEVICE, moment)
 
     def set_gains(self, gains: Mapping[int, float]) -> None:
         """Turn devices down, by their numbers, in moments from now on; 0 is mute, and silence at
@@ -147,34 +148,34 @@ class LiveClient:
         """
         for number, gain in gains.items():
             if not gain and self._gains.get(number, 1.0):
-                self._pipe.void(EVERY_DEVICE)
-                self._pipe.void(number)
-                self._pipe.send(MessageKind.PAUSE, number)
+                self.pipe.void(EVERY_DEVICE)
+                self.pipe.void(number)
+                self.pipe.send(MessageKind.PAUSE, number)
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
         if name in self.devices:
-            self._pipe.send(
+            self.pipe.send(
                 MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
             )
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         if name in self.devices:
             number = self.devices[name].number
-            self._pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))
+            self.pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
         """A sign of life."""
-        self._pipe.send(MessageKind.HEARTBEAT)
-        self._pipe.watch()
+        self.pipe.send(MessageKind.HEARTBEAT)
+        self.pipe.watch()
 
     def pause(self) -> None:
         """Announce work of several 100 ms: devices are silent until the next values, and no
         heartbeat is missed.
         """
-        self._pipe.void()
-        self._pipe.send(MessageKind.PAUSE)
+        self.pipe.void()
+        self.pipe.send(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
         """Resume playing, from silence; all devices, or one."""
@@ -183,23 +184,23 @@ class LiveClient:
     def stop(self, name: str) -> None:
         """Silence one device."""
         if name in self.devices:
-            self._pipe.void(self.devices[name].number)
+            self.pipe.void(self.devices[name].number)
         self._command(MessageKind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now, before anything that waits. If it is not confirmed,
         :meth:`heartbeat` ends the output process.
         """
-        self._pipe.stop(reason)
+        self.pipe.stop(reason)
 
     def close(self) -> None:
         """Stop everything and end the output process, in at most a moment."""
-        if self._pipe.close():
+        if self.pipe.close():
             self.devices.clear()
 
     def events(self) -> list[Event]:
         """Events since the last call; brings :attr:`devices` up to date."""
-        found = list(self._pipe.events())
+        found = list(self.pipe.events())
         for event in found:
             for state in self.devices.values():
                 state.update(event)
@@ -207,11 +208,11 @@ class LiveClient:
 
     def _command(self, kind: MessageKind, name: str | None) -> None:
         if name is None:
-            self._pipe.send(kind)
+            self.pipe.send(kind)
         elif name in self.devices:
-            self._pipe.send(kind, self.devices[name].number)
+            self.pipe.send(kind, self.devices[name].number)
 
     def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
         state = self.devices.get(name)
-        if state is not None and self._pipe.is_open:
-            self._pipe.replace(state.number, message(kind, state.number, body))
+        if state is not None and self.pipe.is_open:
+            self.pipe.replace(state.number, message(kind, state.number, body))

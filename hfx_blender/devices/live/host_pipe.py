@@ -4,23 +4,22 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from queue import SimpleQueue
-from typing import IO, Final, TypeVar
+from typing import Final, TypeVar
 
 from ...engine.samples import Stream
 from ...errors import DeviceError
-from ...processes import start as own_processes
+from ...processes.messages import EVERY_DEVICE, Message, MessageKind, message
+from ...processes.worker import Worker
 from ..host.device_state import Event, event_of
 from ..workers.live_frame import LiveFrame, encode_live_frame
-from ..workers.messages import EVERY_DEVICE, MessageKind, message
 
 _MAX_EVENTS: Final = 1000
+_END_S: Final = 1.0
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
@@ -32,7 +31,7 @@ class HostPipe:
     """Output processes, one after another. Only its threads wait for them."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
+        self.worker: Worker | None = None
         # Between threads without a lock, which Blender would wait for: each step is atomic.
         self._wake: SimpleQueue[None] = SimpleQueue()
         self._urgent: deque[bytes] = deque()
@@ -47,15 +46,15 @@ class HostPipe:
     @property
     def is_open(self) -> bool:
         """Test that a process was started and not ended by us; cheaper than asking if it runs."""
-        return self._process is not None
+        return self.worker is not None
 
     @property
     def is_running(self) -> bool:
-        return self._process is not None and self._process.poll() is None
+        return self.worker is not None and self.worker.is_running
 
     @property
     def pid(self) -> int | None:
-        return self._process.pid if self._process is not None else None
+        return None if self.worker is None else self.worker.pid
 
     def start(self) -> None:
         """Start the output process.
@@ -65,22 +64,21 @@ class HostPipe:
         DeviceError
             It cannot be started.
         """
-        try:
-            process = own_processes.start(
-                own_processes.command("devices.host.host", str(os.getpid())),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few
-                bufsize=0,
-                start_new_session=True,  # Ctrl-C in Blender's terminal is not meant for it
-            )
-        except OSError as error:
-            raise DeviceError(f"The output process cannot be started ({error}).") from None
-        self._process, self._is_closing, self._asked_silence_s = process, False, None
-        self._is_ready = False
+        worker = self.worker = Worker(
+            "devices.host.host",
+            str(os.getpid()),
+            received=self.take,
+            ended=self._ended,
+            outgoing=self.outgoing,
+            variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few
+        )
+        self._is_closing, self._is_ready, self._asked_silence_s = False, False, None
         self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
-        for target in (self._write, self._listen):
-            threading.Thread(target=target, args=(process,), daemon=True).start()
+        try:
+            worker.start()
+        except OSError as error:
+            self.worker = None
+            raise DeviceError(f"The output process cannot be started ({error}).") from None
 
     def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
         """A message; they arrive in their order."""
@@ -93,7 +91,7 @@ class HostPipe:
 
     def replace(self, device: int, newest: bytes | LiveFrame) -> None:
         """Set what a device is to play now, in place of what was not sent yet."""
-        if self._process is None:
+        if self.worker is None:
             return
         self._newest[device] = newest
         self._nudge()
@@ -125,27 +123,23 @@ class HostPipe:
         if not self._is_ready or asked is None:
             return
         if time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
-            if self._process is not None:
-                self._process.kill()
+            if self.worker is not None:
+                self.worker.kill()
             self._asked_silence_s = None
             text = "the output process did not confirm the stop and was ended"
             self._events.append(Event("gone", EVERY_DEVICE, text))
 
     def close(self) -> bool:
         """Stop everything and end the process; at most a moment. Whether there was any."""
-        process, self._process = self._process, None
-        if process is None:
+        worker, self.worker = self.worker, None
+        if worker is None:
             return False
         self.void()
         self._urgent.clear()
         self._urgent.append(message(MessageKind.STOP))
         self._is_closing = True
         self._nudge()
-        try:
-            process.wait(1.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        worker.close(_END_S)
         return True
 
     def events(self) -> Iterator[Event]:
@@ -157,33 +151,28 @@ class HostPipe:
         if self._wake.empty():
             self._wake.put(None)
 
-    # Threads: pipes may make them wait.
+    # Called in threads of the worker: pipes may make them wait.
 
-    def _write(self, process: subprocess.Popen[bytes]) -> None:
-        stream, wake = process.stdin, self._wake
-        assert stream is not None
-        try:
-            while True:
-                wake.get()
-                if process is not self._process and not self._is_closing:
-                    return
-                # New values first: urgent messages from before them are then present as well.
-                silences, is_last, places = self._silences, self._is_closing, self.places
-                newest = list(_taken(self._newest.popitem))[::-1]
-                waiting = list(_taken(self._urgent.popleft))
-                if waiting:
-                    _write_all(stream, b"".join(waiting))
-                data = b"".join(self._as_bytes(each, places) for _, each in newest)
-                if silences != self._silences and not is_last:
-                    continue  # a stop came meanwhile: values from before it are dropped
-                _write_all(stream, data)
-                if is_last:
-                    return
-        except (OSError, ValueError):
-            pass  # the listener reports it
-        finally:
-            with suppress(OSError):
-                stream.close()
+    def outgoing(self, worker: Worker) -> Iterator[bytes]:
+        """Yield what is to be written next, until the worker is closed."""
+        wake = self._wake
+        while True:
+            wake.get()
+            if worker is not self.worker and not self._is_closing:
+                return
+            # New values first: urgent messages from before them are then present as well.
+            silences, is_last, places = self._silences, self._is_closing, self.places
+            newest = list(_taken(self._newest.popitem))[::-1]
+            waiting = list(_taken(self._urgent.popleft))
+            if waiting:
+                yield b"".join(waiting)
+            data = b"".join(self._as_bytes(each, places) for _, each in newest)
+            if silences != self._silences and not is_last:
+                continue  # a stop came meanwhile: values from before it are dropped
+            if data:
+                yield data
+            if is_last:
+                return
 
     def _as_bytes(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
         if not isinstance(newest, LiveFrame):
@@ -196,18 +185,13 @@ class HostPipe:
             self.stop(f"what is felt cannot be handed over ({error})")
             return b""
 
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        with process.stdout, suppress(OSError, ValueError):
-            buffered = os.fdopen(os.dup(process.stdout.fileno()), "rb")
-            with buffered:
-                for line in buffered:
-                    self._receive(line)
-        if process is self._process:
+    def _ended(self, worker: Worker, _reason: str) -> None:
+        if worker is self.worker:
             self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
 
-    def _receive(self, line: bytes) -> None:
-        event = event_of(line)
+    def take(self, _worker: Worker, found: Message) -> None:
+        """Take an event of the output process."""
+        event = event_of(found.body)
         if event is None:
             return
         if event.event == "silent":
@@ -225,9 +209,3 @@ def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
     with suppress(IndexError, KeyError):
         while True:
             yield take()
-
-
-def _write_all(stream: IO[bytes], content: bytes) -> None:
-    data = memoryview(content)
-    while data:
-        data = data[stream.write(data) or 0 :]

@@ -17,7 +17,8 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import Actuator, DeviceConfig
 from ...engine.samples import SampleRun
-from .messages import Array, MessageError, as_row, decode_arrays, encode_arrays
+from ...processes.messages import MessageError
+from .message_bodies import Array, as_row, decode_arrays, encode_arrays
 
 API_VERSION: Final = 1
 """Changes whenever a script could notice; an approval is for one version."""

@@ -20,8 +20,9 @@ from ...engine.modality import MODALITIES
 from ...engine.samples import Drive, SampleRun, Stream
 from ...engine.track.header import TrackHeader
 from ...engine.track.header_json import from_json, to_json
+from ...processes.messages import MessageError, decode_json, encode_json
 from .haptics import ARRAYS
-from .messages import Array, MessageError, decode_arrays, decode_json, encode_arrays, encode_json
+from .message_bodies import Array, decode_arrays, encode_arrays
 
 _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.values())
 

@@ -8,16 +8,14 @@ time, ends or talks nonsense is ended, and every device that it renders for has 
 
 from __future__ import annotations
 
-import subprocess
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Final
 
-from ...processes import start
+from ...processes.messages import Message, MessageKind, message
+from ...processes.worker import Worker
 from ..host.clock import SYSTEM, Clock
 from ..host.device_thread import Question
-from .messages import Message, MessageError, MessageKind, message, read_message
 
 SCENE_S: Final = 60.0
 """Time limit of preparing a scene, seconds: body models are loaded, and distances on skin are
@@ -54,8 +52,8 @@ class RenderProcess:
         self._answer, self._fault, self._clock = answer, fault, clock
         self._prepared = prepared
         self._is_preparing = False
-        self._wake = threading.Condition(threading.RLock())
-        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.RLock()
+        self._worker: Worker | None = None
         self._known: bytes | None = None  # the newest scene
         self._scene: bytes | None = None  # if it has not been sent yet
         self._moment: tuple[bytes, Questions] | None = None
@@ -64,32 +62,37 @@ class RenderProcess:
 
     def describe(self, scene: bytes) -> None:
         """Set another scene: later moments belong to it."""
-        with self._wake:
+        with self._lock:
             self._known = self._scene = scene
             self.forget()
-            self._start()
-            self._wake.notify()
+            if self._worker is None:
+                worker = Worker(
+                    "devices.workers.render_worker", received=self._take, ended=self._ended
+                )
+                worker.start()
+                self._worker = worker
+            self._ask_next()
 
     def show(self, moment: bytes, questions: Questions) -> None:
         """Set the newest moment, with the requests of each device."""
-        with self._wake:
+        with self._lock:
             self._moment = moment, questions
-            self._wake.notify()
+            self._ask_next()
 
     def forget(self) -> None:
         """Discard a moment that waits."""
-        with self._wake:
+        with self._lock:
             self._moment = None
 
     def restart(self) -> None:
         """Start again, if it had to be ended."""
-        with self._wake:
-            if self._process is None and self._known is not None:
+        with self._lock:
+            if self._worker is None and self._known is not None:
                 self.describe(self._known)
 
     def is_overdue(self, now_s: float) -> bool:
         """Test for a late answer; then the process is ended."""
-        with self._wake:
+        with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
         if is_late:
             self.close()
@@ -97,76 +100,45 @@ class RenderProcess:
 
     def close(self) -> None:
         """End the worker at once."""
-        with self._wake:
-            process, self._process = self._process, None
+        with self._lock:
+            worker, self._worker = self._worker, None
             self._deadline_s, self._moment, self._questions = None, None, {}
-            self._wake.notify_all()
-        if process is not None:
-            process.kill()
-            threading.Thread(target=process.wait, daemon=True).start()
+        if worker is not None:
+            worker.kill()
 
-    def _start(self) -> None:
-        if self._process is not None:
+    def _ask_next(self) -> None:
+        if self._worker is None or self._deadline_s is not None:
             return
-        self._process = process = start.start(
-            start.command("devices.workers.render_worker"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
-        for target in (self._write, self._listen):
-            threading.Thread(target=target, args=(process,), daemon=True).start()
+        kind, limit_s = MessageKind.MOMENT, MOMENT_S
+        questions: Questions = {}
+        if self._scene is not None:
+            kind, limit_s = MessageKind.SCENE, SCENE_S
+            body, self._scene, self._is_preparing = self._scene, None, True
+        elif self._moment is not None:
+            (body, questions), self._moment = self._moment, None
+        else:
+            return
+        self._questions, self._deadline_s = questions, self._clock.now() + limit_s
+        self._worker.send(message(kind, body=body), is_awaited=True)
 
-    def _write(self, process: subprocess.Popen[bytes]) -> None:
-        """Write to the worker's pipe, which may block; only this thread waits."""
-        stream = process.stdin
-        assert stream is not None
-        with suppress(OSError, ValueError):  # the listener reports it
-            with stream:
-                while True:
-                    asked = self._next(process)
-                    if asked is None:
-                        return
-                    stream.write(asked)
-                    stream.flush()
+    # Called in a thread of the worker.
 
-    def _next(self, process: subprocess.Popen[bytes]) -> bytes | None:
-        with self._wake:
-            while process is self._process:
-                if self._deadline_s is None and self._scene is not None:
-                    body, self._scene, self._questions = self._scene, None, {}
-                    self._deadline_s = self._clock.now() + SCENE_S
-                    self._is_preparing = True
-                    return message(MessageKind.SCENE, body=body)
-                if self._deadline_s is None and self._moment is not None:
-                    (body, self._questions), self._moment = self._moment, None
-                    self._deadline_s = self._clock.now() + MOMENT_S
-                    return message(MessageKind.MOMENT, body=body)
-                self._wake.wait()
-        return None
+    def _take(self, worker: Worker, found: Message) -> None:
+        with self._lock:
+            if worker is not self._worker:
+                return
+            if found.kind is not MessageKind.READY:
+                self._answer(found, self._questions)
+                return
+            self._deadline_s = None
+            if self._is_preparing:
+                self._is_preparing = False
+                self._prepared()
+            self._ask_next()
 
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
-        stream = process.stdout
-        assert stream is not None
-        text = "the process that renders has ended"
-        try:
-            with stream:
-                while (found := read_message(stream)) is not None:
-                    with self._wake:
-                        if process is not self._process:
-                            return
-                        if found.kind is MessageKind.READY:
-                            self._deadline_s = None
-                            if self._is_preparing:
-                                self._is_preparing = False
-                                self._prepared()
-                            self._wake.notify()
-                        else:
-                            self._answer(found, self._questions)
-        except (MessageError, OSError, ValueError) as error:
-            text = f"the process that renders sent {error}"
-        with self._wake:
-            if process is not self._process:
+    def _ended(self, worker: Worker, reason: str) -> None:
+        with self._lock:
+            if worker is not self._worker:
                 return
             self.close()
-        self._fault(text)
+        self._fault(f"the process that renders {reason}")

@@ -9,7 +9,6 @@ tells; the others go on.
 from __future__ import annotations
 
 import logging
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,12 +17,13 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
+from ...processes.messages import EVERY_DEVICE, Message, MessageError, MessageKind, message
+from ...processes.owner import Owner
 from ..configuration import load_device
 from ..host.tones import Tones, frame_of, of_partials
 from .haptics import encode_haptics
 from .live_frame import LiveFrame, RenderedDevice, SceneMessage, decode_live_frame, decode_scene
-from .messages import EVERY_DEVICE, Message, MessageError, MessageKind, encode_values, message
-from .worker_input import messages_of_owner
+from .message_bodies import encode_values
 
 _log = logging.getLogger(__name__)
 
@@ -134,19 +134,16 @@ def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None
 
 def main() -> None:
     """Answer until standard input ends."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever prints must not garble the answers
-    waiting = messages_of_owner(os.fdopen(os.dup(0), "rb"))
+    owner = Owner()
     renderers: Renderers | None = None
     while True:
-        asked = waiting.get()
+        asked = owner.receive()
         answers: list[bytes] = []
         try:
             renderers, answers = taken(asked, renderers)
         except MessageError as error:
             answers = [_fault(EVERY_DEVICE, error)]
-        out.write(b"".join((*answers, message(MessageKind.READY))))
-        out.flush()
+        owner.send(b"".join((*answers, message(MessageKind.READY))))
 
 
 if __name__ == "__main__":

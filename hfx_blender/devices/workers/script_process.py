@@ -8,22 +8,19 @@ in a minute the script stays off.
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any, Final
 
 from ...engine.arrays import F64
-from ...processes import start as own_processes
+from ...processes.messages import Message, MessageKind, encode_json, message
+from ...processes.worker import Worker
 from ..host.clock import SYSTEM, Clock
 from ..host.device_thread import PATIENCE_S, ScriptRefusedError
 from ..live.approval import Approval
-from .messages import MessageError, MessageKind, decode_values, encode_json, message, read_message
+from .message_bodies import decode_values
 
 READY_S: Final = 10.0
 """Time limit of a script's start, seconds: it may import what it needs."""
@@ -62,7 +59,7 @@ class ScriptProcess:
         self._fault, self._log, self._clock = fault, log, clock
         self._approval = Approval(str(request.get("fingerprint")))
         self._lock = threading.RLock()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._worker: Worker | None = None
         self._is_ready = False
         self._deadline_s: float | None = None
         self._next: tuple[bytes, Answer] | None = None
@@ -87,20 +84,15 @@ class ScriptProcess:
                     f"its script stays off after {FAULTS} faults within "
                     f"{FAULTS_WITHIN_S:.0f} s; connect the device again to retry"
                 )
-            self._process = own_processes.start(
-                own_processes.command("devices.workers.script_worker"),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # it ends together with its child processes
-            )
+            worker = Worker("devices.workers.script_worker", received=self._take, ended=self._ended)
+            worker.start()
+            self._worker = worker
             self._is_ready, self._next = False, None
             self._deadline_s = self._clock.now() + READY_S
-            threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
             if self._approval.was_given:
-                threading.Thread(
-                    target=self._watch_approval, args=(self._process,), daemon=True
-                ).start()
-            self._send(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
+                threading.Thread(target=self._watch_approval, args=(worker,), daemon=True).start()
+            request = encode_json(self._request)
+            worker.send(message(MessageKind.HEARTBEAT, 0, request), is_awaited=True)
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
         """Send the newest haptic data, as soon as the last have been answered.
@@ -121,20 +113,15 @@ class ScriptProcess:
             return is_late
 
     def close(self) -> None:
-        """End the worker at once."""
+        """End the worker at once, with all processes that the script has started."""
         with self._lock:
-            process, self._process = self._process, None
+            worker, self._worker = self._worker, None
             self._deadline_s = self._next = self._answer = None
-        if process is None:
-            return
-        end_group(process)
-        with suppress(OSError):
-            assert process.stdin is not None
-            process.stdin.close()
-        threading.Thread(target=process.wait, daemon=True).start()
+        if worker is not None:
+            worker.kill()
 
-    def _watch_approval(self, process: subprocess.Popen[bytes]) -> None:
-        while process is self._process:
+    def _watch_approval(self, worker: Worker) -> None:
+        while worker is self._worker:
             if self._approval.is_withdrawn():
                 self.close()
                 self._fault(WITHDRAWN)
@@ -142,81 +129,41 @@ class ScriptProcess:
             time.sleep(_WATCH_S)
 
     def _ask_next(self) -> None:
-        if self._process is None or not self._is_ready or self._next is None:
+        if self._worker is None or not self._is_ready or self._next is None:
             return
         if self._deadline_s is None:
             (body, self._answer), self._next = self._next, None
             self._number = (self._number + 1) % _NUMBERS
             self._deadline_s = self._clock.now() + PATIENCE_S
-            self._send(message(MessageKind.HAPTICS, self._number, body))
+            self._worker.send(message(MessageKind.HAPTICS, self._number, body), is_awaited=True)
 
-    def _send(self, data: bytes) -> None:
-        """Send data in a thread: a worker that does not read must not block the reader."""
-        process = self._process
-        if process is None or process.stdin is None:
-            return
-        stream = process.stdin
+    # Called in a thread of the worker.
 
-        def write() -> None:
-            with suppress(OSError, ValueError):  # the listener reports it
-                stream.write(data)
-                stream.flush()
-
-        if len(data) <= _PIPE:
-            write()  # one question at a time, all of it read before: this fits into the pipe
-        else:
-            threading.Thread(target=write, daemon=True).start()
-
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
-        stream = process.stdout
-        assert stream is not None
-        text = "its script has ended"
-        try:
-            with stream:
-                while True:
-                    found = read_message(stream)
-                    if found is None:
-                        break
-                    with self._lock:
-                        if process is not self._process:
-                            return
-                        if found.kind is MessageKind.FAULT:
-                            text = f"its script failed: {found.body.decode(errors='replace')}"
-                            break
-                        if found.kind is MessageKind.LOG:
-                            self._log(found.body.decode(errors="replace"))
-                            continue
-                        is_ready = found.kind is MessageKind.READY and not self._is_ready
-                        is_answer = (
-                            found.kind is MessageKind.ANSWER
-                            and self._is_ready
-                            and found.device == self._number
-                        )
-                        if self._deadline_s is None or not (is_ready or is_answer):
-                            text = "its script sent an answer without a question"
-                            break
-                        self._is_ready, self._deadline_s = True, None
-                        answer, self._answer = self._answer, None
-                        self._ask_next()
-                    if is_answer and answer is not None:
-                        answer(decode_values(found.body))
-        except (MessageError, OSError, ValueError) as error:
-            text = f"its script's process sent {error}"
+    def _take(self, worker: Worker, found: Message) -> str | None:
         with self._lock:
-            if process is not self._process:
+            if worker is not self._worker:
+                return ""
+            if found.kind is MessageKind.FAULT:
+                return f"failed: {found.body.decode(errors='replace')}"
+            if found.kind is MessageKind.LOG:
+                self._log(found.body.decode(errors="replace"))
+                return None
+            is_ready = found.kind is MessageKind.READY and not self._is_ready
+            is_answer = (
+                found.kind is MessageKind.ANSWER and self._is_ready and found.device == self._number
+            )
+            if self._deadline_s is None or not (is_ready or is_answer):
+                return "sent an answer without a question"
+            self._is_ready, self._deadline_s = True, None
+            answer, self._answer = self._answer, None
+            self._ask_next()
+        if is_answer and answer is not None:
+            answer(decode_values(found.body))
+        return None
+
+    def _ended(self, worker: Worker, reason: str) -> None:
+        with self._lock:
+            if worker is not self._worker:
                 return
             self._faults.append(self._clock.now())
-        self._fault(text)
-
-
-_PIPE: Final = 4096
-"""Bytes that a pipe takes at once on every system."""
-
-
-def end_group(process: subprocess.Popen[bytes]) -> None:
-    """End a script's worker at once, with all processes that it has started."""
-    with suppress(OSError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
+        self._fault(f"its script {reason}")

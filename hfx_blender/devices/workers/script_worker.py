@@ -11,19 +11,19 @@ from __future__ import annotations
 import builtins
 import os
 import sys
-import threading
 import time
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from ...engine.rendering.device import DeviceConfig
+from ...processes.messages import Message, MessageKind, decode_json, message
+from ...processes.owner import Owner
 from ..configuration import load_device
 from ..live.approval import fingerprint_of, how_to_approve, may_run
 from .haptics import as_values, decode_haptics
-from .messages import Message, MessageKind, decode_json, encode_values, message, read_message
-from .worker_input import messages_of_owner
+from .message_bodies import encode_values
 
 MAX_MEMORY: Final = 4 << 30
 _LOGS_PER_S: Final = 10
@@ -31,20 +31,14 @@ _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """Output pipe of a worker; a script's prints are sent as messages, a few lines a second."""
+    """Messages of a script to the owner; its prints are sent, too, a few lines a second."""
 
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
-        self._lock = threading.Lock()
+    def __init__(self, owner: Owner) -> None:
+        self._owner = owner
         self._since, self._count = 0.0, 0
 
-    def send(self, kind: MessageKind, body: bytes = b"", number: int = 0) -> None:
-        with self._lock:
-            self._stream.write(message(kind, number, body))
-            self._stream.flush()
-
-    def fault(self, text: str) -> None:
-        self.send(MessageKind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
+    def send_text(self, kind: MessageKind, text: str) -> None:
+        self._owner.send(message(kind, 0, text[:_LONGEST_TEXT].encode(errors="replace")))
 
     def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
         """Takes the place of ``print``."""
@@ -53,38 +47,29 @@ class _Outlet:
             self._since, self._count = now, 0
         self._count += 1
         if self._count <= _LOGS_PER_S:
-            text = (" " if sep is None else sep).join(map(str, parts))
-            self.send(MessageKind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
+            self.send_text(MessageKind.LOG, (" " if sep is None else sep).join(map(str, parts)))
 
 
 def main() -> None:
-    """Answer until standard input ends."""
-    outlet = _Outlet(os.fdopen(os.dup(1), "wb"))
+    """Answer until the owner ends."""
     nowhere = os.open(os.devnull, os.O_RDWR)
-    source = os.fdopen(os.dup(0), "rb")
-    for number in (0, 1, 2):  # its output there is discarded
+    owner = Owner(printed=nowhere)
+    for number in (0, 2):  # its output there is discarded
         os.dup2(nowhere, number)
     _limit_resources()
-    first = read_message(source)
-    if first is None:
-        os._exit(0)
+    outlet = _Outlet(owner)
     try:
-        device, render = _load(first, outlet)
-    except BaseException as error:
-        outlet.fault(_described(error))
-        os._exit(1)
-    waiting = messages_of_owner(source)
-    outlet.send(MessageKind.READY)
-    while True:
-        asked = waiting.get()
-        try:
+        device, render = _load(owner.receive(), outlet)
+        owner.send(message(MessageKind.READY, 0))
+        while True:
+            asked = owner.receive()
             haptics = decode_haptics(asked.body, device)
             values = as_values(render(haptics), haptics)
-        except BaseException as error:
-            outlet.fault(_described(error))
-            os._exit(1)
-        # The number is the question's.
-        outlet.send(MessageKind.ANSWER, encode_values(values), asked.device)
+            # The number is the question's.
+            owner.send(message(MessageKind.ANSWER, asked.device, encode_values(values)))
+    except BaseException as error:
+        outlet.send_text(MessageKind.FAULT, _described(error))
+        os._exit(1)
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:

@@ -15,7 +15,7 @@ from typing import Final, Protocol
 
 from ...files.stage_folders import temporary_folder
 from .units import Outcome, Unit
-from .worker_process import WorkerProcess, do_or_retry
+from .worker_process import UnitWorker, do_or_retry
 
 Progress = Callable[[float], None]
 
@@ -76,8 +76,8 @@ class LocalWorkers:
         with suppress(OSError):  # else each finds what it can use
             folder = self._stack.enter_context(temporary_folder())
             variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
-        self._workers = [WorkerProcess(variables) for _ in range(jobs)]
-        self._idle: queue.LifoQueue[WorkerProcess] = queue.LifoQueue()
+        self._workers = [UnitWorker(variables) for _ in range(jobs)]
+        self._idle: queue.LifoQueue[UnitWorker] = queue.LifoQueue()
         for worker in self._workers:
             self._idle.put(worker)
         self._pool = ThreadPoolExecutor(jobs)
@@ -110,7 +110,7 @@ class LocalWorkers:
             return
         self._pool.shutdown(wait=False, cancel_futures=True)
         with ThreadPoolExecutor(len(workers)) as closing:  # a hanging process takes time
-            list(closing.map(WorkerProcess.close, workers))
+            list(closing.map(UnitWorker.close, workers))
         # Until units have tidied up. Not until their threads have ended: where Ctrl-C struck while
         # their outcomes were waited for, these may wait for a lock that is never released.
         end = time.monotonic() + _TIDY_LIMIT_S

@@ -9,7 +9,6 @@ A unit and its outcome are JSON, so that a worker can be another process.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -47,13 +46,12 @@ class Unit:
         """Copy of the unit with another folder for unfinished files."""
         return replace(self, stage=str(stage))
 
-    def as_json(self) -> str:
-        """Serialize to one line of text for :meth:`from_json`."""
-        return json.dumps({**asdict(self), "options": self.options.as_json()})
+    def as_json(self) -> dict[str, Any]:
+        """Plain data, for :meth:`from_json`."""
+        return {**asdict(self), "options": self.options.as_json()}
 
     @classmethod
-    def from_json(cls, text: str) -> Self:
-        data = json.loads(text)
+    def from_json(cls, data: dict[str, Any]) -> Self:
         return cls(
             **{
                 **data,

@@ -22,6 +22,7 @@ from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.local_workers import LocalWorkers, ThisProcess
 from hfx_blender.export.batch.options import ExportOptions
 from hfx_blender.export.batch.units import Unit
+from hfx_blender.processes.messages import json_message, read_message
 
 bpy = pytest.importorskip("bpy")
 
@@ -283,14 +284,14 @@ def test_a_worker_whose_master_has_gone_ends(moving: Path, tmp_path: Path) -> No
     unit = _unit(moving, tmp_path / "o", tmp_path / "s", frames=(0, 1_000_000))
     worker = subprocess.Popen(
         [sys.executable, "-m", "hfx_blender.export.batch.export_worker"],
-        env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
     assert worker.stdin is not None and worker.stdout is not None
     try:
-        assert json.loads(worker.stdout.readline()) == {"ready": True}
-        worker.stdin.write(unit.as_json() + "\n")
+        assert json.loads(read_message(worker.stdout).body) == {"ready": True}
+        worker.stdin.write(json_message(unit.as_json()))
         worker.stdin.flush()
-        assert "progress" in json.loads(worker.stdout.readline())
+        assert "progress" in json.loads(read_message(worker.stdout).body)
         threading.Thread(target=worker.stdout.read, daemon=True).start()
         worker.stdin.close()
         assert worker.wait(30) == 0

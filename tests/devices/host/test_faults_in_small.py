@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import io
-import math
 import os
 import struct
 import subprocess
@@ -17,6 +16,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fake_worker import FakeWorker
 from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
@@ -25,22 +25,20 @@ from hfx_blender.devices.host.device_thread import DeviceThread, Question
 from hfx_blender.devices.host.encoders import Channels
 from hfx_blender.devices.host.host import Host
 from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.live import host_pipe
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.host_pipe import STOP_PATIENCE_S, HostPipe
 from hfx_blender.devices.transports import buttplug, serial_port
 from hfx_blender.devices.transports.wire_board import WireBoard
 from hfx_blender.devices.workers import script_process
 from hfx_blender.devices.workers.live_frame import LiveFrame
-from hfx_blender.devices.workers.messages import (
-    EVERY_DEVICE,
-    Message,
-    MessageKind,
-    encode_json,
-    encode_values,
-    message,
-)
+from hfx_blender.devices.workers.message_bodies import encode_values
 from hfx_blender.devices.workers.script_process import ScriptProcess
 from hfx_blender.errors import DeviceError
+from hfx_blender.processes import start
+from hfx_blender.processes.messages import EVERY_DEVICE, Message, MessageKind, encode_json, message
+from hfx_blender.processes.worker import Worker
+from hfx_tools import processes
 
 DEVICE = load_device(BAND)
 
@@ -125,27 +123,11 @@ def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None
     thread.wait_closed()
 
 
-class Process:
-    """An output process that takes its time."""
-
-    def __init__(self) -> None:
-        self.is_killed = False
-
-    def poll(self) -> None:
-        return None
-
-    def wait(self, timeout: float | None = None) -> None:
-        if not self.is_killed:
-            raise subprocess.TimeoutExpired("host", timeout or 0.0)
-
-    def kill(self) -> None:
-        self.is_killed = True
-
-
 @pytest.fixture
-def client() -> LiveClient:
+def client(monkeypatch: pytest.MonkeyPatch) -> LiveClient:
+    FakeWorker.replace(monkeypatch, host_pipe)
     found = LiveClient()
-    found._pipe._process = Process()  # type: ignore[assignment]
+    found.start()
     found.devices["band"] = DeviceState(1, "band", "armed")
     return found
 
@@ -154,9 +136,9 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.arm()
     client.send("band", playing())
     client.stop_all("enough")
-    assert not client._pipe._newest
+    assert not client.pipe._newest
     stop = message(MessageKind.STOP, EVERY_DEVICE, b"enough")
-    waiting = list(client._pipe._urgent)
+    waiting = list(client.pipe._urgent)
     assert waiting[0] == stop
     armed = max(at for at, each in enumerate(waiting) if each == message(MessageKind.ARM))
     assert stop in waiting[armed:]  # else the device would be armed after the stop
@@ -167,45 +149,40 @@ def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
 ) -> None:
     now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    pipe = client._pipe
-    process: Any = pipe._process
+    pipe = client.pipe
+    worker: Any = pipe.worker
     client.stop_all("enough")
     now[0] += 5.0
     pipe.watch()
-    assert not process.is_killed  # it imports numpy still, and has no port open
-    pipe._receive(b'{"event": "ready", "device": 0, "text": "1"}\n')
+    assert not worker.is_killed  # it imports numpy still, and has no port open
+    worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
     now[0] += STOP_PATIENCE_S + 0.01
     pipe.watch()
-    assert process.is_killed
+    assert worker.is_killed
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
     client: LiveClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Pipe(io.BytesIO):
-        def close(self) -> None: ...
-
-    pipe = client._pipe
-    process: Any = pipe._process
-    process.stdin = Pipe()
+    pipe = client.pipe
+    worker: Any = pipe.worker
 
     def packed(*_: Any) -> bytes:
         client.stop_all("enough")
-        pipe._is_closing = True
         return b"a moment"
 
-    monkeypatch.setattr(pipe, "_as_bytes", packed)
+    monkeypatch.setattr(host_pipe, "encode_live_frame", packed)
     client.show(LiveFrame(0.0, []))
-    pipe._write(process)
-    assert process.stdin.getvalue() == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    assert next(pipe.outgoing(worker)) == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
 
 
 @pytest.mark.parametrize(
-    "line",
+    "body",
     [b"\xff", b"nonsense", b"[]", b"3", b'{"event": "armed"}', b'{"event": 1, "device": "x"}'],
 )
-def test_a_line_that_is_no_event_is_not_heard(client: LiveClient, line: bytes) -> None:
-    client._pipe._receive(line)
+def test_a_body_that_is_no_event_is_not_heard(client: LiveClient, body: bytes) -> None:
+    worker: Any = client.pipe.worker
+    worker.says(MessageKind.JSON, body)
     assert client.events() == []
 
 
@@ -227,10 +204,10 @@ def test_the_output_process_finds_packages_that_an_extension_brings(
 
 
 def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> None:
-    process = client._pipe._process
+    worker: Any = client.pipe.worker
     client.close()
-    assert process.is_killed  # type: ignore[union-attr]
-    assert client._pipe._urgent[-1] == message(MessageKind.STOP)
+    assert worker.is_killed
+    assert next(client.pipe.outgoing(worker)) == message(MessageKind.STOP)
 
 
 def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,20 +268,20 @@ def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
     assert written == [b"stop"]
 
 
-def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
-    class Worker:
-        stdout = io.BytesIO(
-            message(MessageKind.READY, 0) + message(MessageKind.ANSWER, 0, encode_values(playing()))
-        )
-
+def test_a_script_that_answers_without_being_asked_is_not_heard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = FakeWorker.replace(monkeypatch, script_process)
     answers: list[Any] = []
     faults: list[str] = []
     script = ScriptProcess({}, faults.append, lambda text: None)
-    script._process = Worker()  # type: ignore[assignment]
-    script._answer = answers.append
-    script._deadline_s = math.inf  # it was started, so that it may say that it is ready
-    script._listen(script._process)  # type: ignore[arg-type]
-    assert not answers
+    script.start()
+    made[0].says(MessageKind.READY)
+    script.ask(b"", answers.append)
+    made[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
+    assert len(answers) == 1 and not faults
+    made[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
+    assert len(answers) == 1
     assert faults == ["its script sent an answer without a question"]
 
 
@@ -323,16 +300,24 @@ def test_a_script_can_only_take_so_much_memory() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes by /proc")
-def test_what_a_script_has_started_ends_with_it() -> None:
-    process = subprocess.Popen(
-        ["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, start_new_session=True
+def test_what_a_script_has_started_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = (
+        "import os, time\n"
+        "from hfx_blender.processes.messages import json_message\n"
+        "child = os.fork()\n"
+        "if child:\n"
+        "    os.write(1, json_message(child))\n"
+        "time.sleep(60)\n"
     )
-    assert process.stdout is not None
-    with process.stdout:
-        child = Path("/proc", process.stdout.readline().decode().strip(), "stat")
+    monkeypatch.setattr(start, "command", lambda _: processes.program(source))
+    worker = Worker("a script")
+    worker.start()
+    said = worker.receive(PATIENCE_S)
+    assert said is not None
+    child = Path("/proc", said.body.decode(), "stat")
     assert child.exists()
-    script_process.end_group(process)
-    process.wait(PATIENCE_S)
+    worker.kill()
+    worker.wait(PATIENCE_S)
     end = time.monotonic() + PATIENCE_S
     while child.exists() and child.read_text().rsplit(")", 1)[1].split()[0] != "Z":
         assert time.monotonic() < end, "it lives on"
@@ -584,8 +569,8 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
 
 
 def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
-    class Stuck(io.StringIO):
-        def write(self, text: str) -> int:
+    class Stuck(io.BytesIO):
+        def write(self, content: Any) -> int:
             raise OSError("nobody reads")
 
     reporter = host_module.Reporter(Stuck())

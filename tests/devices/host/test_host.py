@@ -18,7 +18,8 @@ from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
 
 from hfx_blender.devices.host import host, process_watch
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.workers.messages import MessageKind, encode_json, encode_values, message
+from hfx_blender.devices.workers.message_bodies import encode_values
+from hfx_blender.processes.messages import MessageKind, encode_json, message
 
 SENDER = """
 import sys, time
@@ -125,7 +126,7 @@ def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None
     holding = SENDER.replace(
         "while True:",
         "import subprocess\n"
-        "pipe = client._pipe._process.stdin.fileno()\n"
+        "pipe = client.pipe.worker.process.stdin.fileno()\n"
         "held = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=0, pass_fds=(pipe,))\n"
         "while True:",
     )
@@ -195,7 +196,7 @@ def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log:
 
 def test_garbage_instead_of_messages_is_silence(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    client._pipe._process.stdin.write(b"\xff" * 64)
+    client.pipe.worker.process.stdin.write(b"\xff" * 64)
     until(lambda: is_silent(log))
 
 
@@ -212,7 +213,7 @@ def test_nonsense_inside_a_message_does_not_leave_anything_on(
     client: LiveClient, log: Path, kind: MessageKind, body: bytes
 ) -> None:
     play(client, "band", log)
-    client._pipe._process.stdin.write(message(kind, client.devices["band"].number, body))
+    client.pipe.worker.process.stdin.write(message(kind, client.devices["band"].number, body))
     time.sleep(0.1)
     client.close()
     assert is_silent(log)
@@ -321,14 +322,14 @@ def test_sending_never_waits_for_an_output_process_that_sleeps(
         client.send("band", playing())
         client.heartbeat()
     assert time.monotonic() - begun < PATIENCE_S
-    assert len(client._pipe._newest) <= 1
-    assert len(client._pipe._urgent) <= 1
+    assert len(client.pipe._newest) <= 1
+    assert len(client.pipe._urgent) <= 1
     os.kill(client.pid or 0, signal.SIGKILL)
 
 
 def test_without_blender_no_device_is_left_behind(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    process = client._pipe._process
+    process = client.pipe.worker.process
     process.stdin.close()
     assert process.wait(PATIENCE_S) == 0
     assert is_silent(log)

@@ -3,25 +3,21 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from fake_time import FakeClock, Played, frame, run
+from fake_worker import FakeWorker
 
 from hfx_blender.devices.host.host import HEARTBEAT_S, PAUSE_S, Host
 from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.workers import script_process
 from hfx_blender.devices.workers.live_frame import LiveFrame
-from hfx_blender.devices.workers.messages import (
-    EVERY_DEVICE,
-    Message,
-    MessageKind,
-    encode_values,
-    message,
-)
+from hfx_blender.devices.workers.message_bodies import encode_values
 from hfx_blender.devices.workers.script_process import FAULTS_WITHIN_S, ScriptProcess
+from hfx_blender.processes.messages import EVERY_DEVICE, Message, MessageKind
 
 WATCH_S = 0.02
 
@@ -242,46 +238,47 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
 # Scripts
 
 
-class Worker:
-    """A script's process that has said so much."""
-
-    def __init__(self, *said: bytes) -> None:
-        self.stdout, self.stdin, self.pid = io.BytesIO(b"".join(said)), io.BytesIO(), 0
-
-    def wait(self) -> None: ...
-
-
-def asked(*said: bytes) -> tuple[ScriptProcess, Worker, list[str], FakeClock]:
-    clock, faults, worker = FakeClock(), [], Worker(message(MessageKind.READY, 0), *said)
+def started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> tuple[ScriptProcess, FakeWorker, list[str], FakeClock]:
+    """A script that has been started and is ready."""
+    made = FakeWorker.replace(monkeypatch, script_process)
+    clock, faults = FakeClock(), []
     script = ScriptProcess({}, faults.append, lambda text: None, clock)
-    script._process = worker  # type: ignore[assignment]
-    script._deadline_s = clock.now() + 1.0
-    return script, worker, faults, clock
+    script.start()
+    return script, made[0], faults, clock
 
 
-def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault() -> None:
+def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     found: list[str] = []
-    answer = message(MessageKind.ANSWER, 1, encode_values(frame()))
-    script, worker, faults, _ = asked(answer)
+    values = encode_values(frame())
+    script, worker, faults, _ = started(monkeypatch)
     script.ask(b"first", lambda values: found.append("first"))
     script.ask(b"second", lambda values: found.append("second"))  # the first was not told yet
-    script._listen(worker)  # type: ignore[arg-type]
+    worker.says(MessageKind.READY)
+    worker.says(MessageKind.ANSWER, values, 1)
+    worker.ends()
     assert found == ["second"] and faults == ["its script has ended"]
-    script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, encode_values(frame())))
+    script, worker, faults, _ = started(monkeypatch)
+    worker.says(MessageKind.READY)
     script.ask(b"first", lambda values: found.append("wrong"))
-    script._listen(worker)  # type: ignore[arg-type]
+    worker.says(MessageKind.ANSWER, values, 7)
     assert found == ["second"] and faults == ["its script sent an answer without a question"]
 
 
-def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once() -> None:
-    script, worker, _, clock = asked()
-    script._is_ready, script._deadline_s = True, None
+def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    script, worker, _, clock = started(monkeypatch)
+    worker.says(MessageKind.READY)
     script.ask(b"", lambda values: None)
     clock.now_s += 0.099
     assert not script.is_overdue(clock.now())
     clock.now_s += 0.002
     assert script.is_overdue(clock.now()) and not script.is_overdue(clock.now())
-    assert worker.stdin.getvalue()[4:7] == bytes([MessageKind.HAPTICS, 1, 0])
+    assert worker.sent[-1] == Message(MessageKind.HAPTICS, 1, b"")
     assert FAULTS_WITHIN_S == 60.0
 
 
@@ -294,11 +291,11 @@ class ToleratedFaults(LiveClient):
     def __init__(self) -> None:
         super().__init__()
         self.order: list[Any] = []
-        self._pipe.send = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
+        self.pipe.send = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
             (kind, device)
         )
-        self._pipe.void = lambda device=None: self.order.append(("void", device))  # type: ignore[method-assign]
-        self._pipe.replace = lambda device, newest: self.order.append("show")  # type: ignore[method-assign]
+        self.pipe.void = lambda device=None: self.order.append(("void", device))  # type: ignore[method-assign]
+        self.pipe.replace = lambda device, newest: self.order.append("show")  # type: ignore[method-assign]
 
 
 def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:

@@ -10,17 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.devices.workers.messages import (
+from hfx_blender.devices.workers.message_bodies import (
+    decode_arrays,
+    decode_values,
+    encode_arrays,
+    encode_values,
+)
+from hfx_blender.processes.messages import (
     MAX_BODY,
     Message,
     MessageError,
     MessageKind,
-    decode_arrays,
     decode_json,
-    decode_values,
-    encode_arrays,
     encode_json,
-    encode_values,
     message,
     read_message,
 )

@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_time import FakeClock
+from fake_worker import FakeWorker
 from live_process import BAND, PATIENCE_S, is_loud, rows_of, wait
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.device_thread import Question
 from hfx_blender.devices.host.tones import frame_of, of_partials
 from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.workers import render_process
 from hfx_blender.devices.workers.live_frame import (
     LiveFrame,
     RenderedDevice,
@@ -33,15 +35,7 @@ from hfx_blender.devices.workers.live_frame import (
     encode_live_frame,
     encode_scene,
 )
-from hfx_blender.devices.workers.messages import (
-    EVERY_DEVICE,
-    Message,
-    MessageError,
-    MessageKind,
-    decode_values,
-    encode_arrays,
-    encode_json,
-)
+from hfx_blender.devices.workers.message_bodies import decode_values, encode_arrays
 from hfx_blender.devices.workers.render_process import RenderProcess
 from hfx_blender.devices.workers.render_worker import Renderers, taken
 from hfx_blender.engine.body.model import load_model
@@ -50,6 +44,13 @@ from hfx_blender.engine.samples import Drive, SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from hfx_blender.files import resources
+from hfx_blender.processes.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageError,
+    MessageKind,
+    encode_json,
+)
 
 MODEL = load_model("hfx-vibration-1")
 BODY = "someone"
@@ -231,6 +232,29 @@ def test_what_renders_ends_with_the_output_process():
         assert worker.wait(PATIENCE_S) == 0
 
 
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch) -> list[FakeWorker]:
+    """Workers that the test plays, the last one last."""
+    return FakeWorker.replace(monkeypatch, render_process)
+
+
+def test_one_question_at_a_time_and_the_newest_moment_only(played: list[FakeWorker]) -> None:
+    process = RenderProcess(lambda *_: None, lambda text: None)
+    process.describe(b"scene")
+    for content in (b"early", b"newer"):
+        process.show(content, {})
+    worker = played[-1]
+    assert [each.body for each in worker.sent] == [b"scene"]
+    worker.says(MessageKind.READY)
+    worker.says(MessageKind.READY)
+    process.show(b"now", {})
+    assert [each.body for each in worker.sent] == [b"scene", b"newer", b"now"]
+    process.close()
+    assert worker.is_killed
+    process.restart()
+    assert [each.body for each in played[-1].sent] == [b"scene"] and played[-1] is not worker
+
+
 def test_nothing_is_rendered_before_a_scene_is_described() -> None:
     body = encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),)))
     first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
@@ -321,7 +345,7 @@ class Asked:
             time.sleep(0.002)
 
     def is_idle(self) -> bool:
-        with self.process._wake:
+        with self.process._lock:
             return self.process._deadline_s is None and self.process._scene is None
 
 
@@ -341,7 +365,7 @@ def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_as
         if k % 2:
             asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
         else:
-            with asked.process._wake:
+            with asked.process._lock:
                 is_waiting = asked.process._moment is not None
                 asked.process.forget()
                 count = len(asked.told)
@@ -360,23 +384,17 @@ def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
 @pytest.mark.parametrize(
     ("kind", "after_s"), [(MessageKind.SCENE, 60.0), (MessageKind.MOMENT, 0.25)]
 )
-def test_one_that_does_not_answer_in_time_is_ended(kind: MessageKind, after_s: float) -> None:
-    class Worker:
-        is_killed = False
-
-        def kill(self) -> None:
-            self.is_killed = True
-
-        def wait(self) -> None: ...
-
-    clock, worker = FakeClock(), Worker()
+def test_one_that_does_not_answer_in_time_is_ended(
+    kind: MessageKind, after_s: float, played: list[FakeWorker]
+) -> None:
+    clock = FakeClock()
     process = RenderProcess(lambda *_: None, lambda text: None, clock)
-    process._process = worker  # type: ignore[assignment]
-    if kind is MessageKind.SCENE:
-        process.describe(b"scene")
-    else:
+    process.describe(b"scene")
+    worker = played[-1]
+    if kind is MessageKind.MOMENT:
+        worker.says(MessageKind.READY)
         process.show(b"moment", {})
-    assert process._next(worker)[4] == kind  # type: ignore[arg-type, index]
+    assert worker.sent[-1].kind == kind
     clock.now_s += after_s - 0.001
     assert not process.is_overdue(clock.now())
     clock.now_s += 0.002
@@ -387,7 +405,7 @@ def test_one_that_does_not_answer_in_time_is_ended(kind: MessageKind, after_s: f
 def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     huge = replace(felt(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
     stopped: list[str] = []
-    pipe = client._pipe
+    pipe = client.pipe
     pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
     assert pipe._as_bytes(LiveFrame(0.0, [huge]), places()) == b""
     assert "cannot be handed over" in stopped[0]

@@ -20,16 +20,19 @@ from hfx_blender.export.batch import batch, worker_process
 from hfx_blender.export.batch.local_workers import LocalWorkers
 from hfx_blender.export.batch.options import ExportOptions
 from hfx_blender.export.batch.units import Outcome, Unit
-from hfx_blender.processes import start
+from hfx_blender.processes import start, worker
 
 STAND_IN = """
-import json, os, signal, sys, tempfile, time
+import json, os, signal, struct, sys, tempfile, time
 from pathlib import Path
+HEAD, JSON = struct.Struct("<IBH"), 32
 def answer(**message):
-    print(json.dumps(message), flush=True)
+    body = json.dumps(message).encode()
+    sys.stdout.buffer.write(HEAD.pack(len(body), JSON, 0) + body)
+    sys.stdout.buffer.flush()
 answer(ready=True)
-for line in sys.stdin:
-    unit = json.loads(line)
+while head := sys.stdin.buffer.read(HEAD.size):
+    unit = json.loads(sys.stdin.buffer.read(HEAD.unpack(head)[0]))
     name = unit["stem"]
     (Path(unit["folder"]) / f"{name}.{unit['kind']}.{os.getpid()}.{time.monotonic_ns()}").touch()
     tried = len(list(Path(unit["folder"]).glob(f"{name}.scene.*")))
@@ -48,7 +51,7 @@ for line in sys.stdin:
         print("no such thing", file=sys.stderr, flush=True)
         sys.exit(7)
     if name.startswith("babble"):
-        print("hello")
+        sys.stdout.buffer.write(b"hello")
     if name.startswith("bad"):
         answer(outcome={"input": name, "error": "is bad", "exit_code": 3})
     elif name.startswith("long") and unit["kind"] == "scene" and unit["parts"] > 1:
@@ -68,9 +71,7 @@ for line in sys.stdin:
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = tmp_path / "stand_in.py"
     program.write_text(STAND_IN)
-    monkeypatch.setattr(
-        worker_process, "worker_command", lambda: [sys.executable, "-S", str(program)]
-    )
+    monkeypatch.setattr(start, "command", lambda module: [sys.executable, "-S", str(program)])
 
 
 @pytest.fixture
@@ -202,7 +203,7 @@ def test_closing_ends_every_process_whatever_it_does(
         time.sleep(0.02)
     pids = workers.pids
     assert len(pids) == 2
-    monkeypatch.setattr(worker_process, "_END_LIMIT_S", 0.2)  # the stand-in does not listen
+    monkeypatch.setattr(worker, "END_LIMIT_S", 0.2)  # the stand-in does not listen
     workers.close()
     for pid in pids:
         with pytest.raises(ProcessLookupError):

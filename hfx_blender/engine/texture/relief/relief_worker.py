@@ -14,18 +14,21 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import HfxError
+from ....processes.messages import json_message
+from ....processes.owner import Owner
 from .relief_estimate import estimate
 
 
-def main(source: str, target: str) -> int:
-    """Estimate; returns the exit code, 3 with a message for a picture that cannot be used."""
+def main(source: str, target: str) -> None:
+    """Estimate; for a picture that cannot be used, tell the owner why."""
+    owner = Owner()
     with np.load(source) as file:
         srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])
     try:
         found = estimate(srgb, (float(size_m[0]), float(size_m[1])), tiles=tiles)
     except HfxError as error:
-        sys.stderr.write(str(error))
-        return 3
+        owner.send(json_message({"error": str(error)}))
+        return
     with Path(target).open("wb") as stream:
         np.savez(
             stream,
@@ -33,8 +36,7 @@ def main(source: str, target: str) -> int:
             slope=found.slope,
             roughness=found.roughness,
         )
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -159,8 +159,8 @@ def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
 def test_esc_ends_the_process_and_leaves_the_object_alone(painted: Any) -> None:
     window = Window()
     operator = dialog(window)
-    process = operator._estimation._process
+    estimation = operator._estimation
     esc = SimpleNamespace(type="ESC", value="PRESS")
     assert operator.modal(window, esc) == {"CANCELLED"}
-    assert process.poll() is not None and window.timers == 0
+    assert not estimation.is_running and window.timers == 0
     assert not surfaces.is_surface(painted)
