@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..operators.effects.clips import draw_clip_buttons
 from ..operators.shared import active_armature, active_body, active_effect
 from ..properties.objects import SHAPES
 
@@ -59,8 +60,7 @@ class HFX_MT_object(bpy.types.Menu):
             if effect.hfx.kind == "PAINTED":
                 layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
                 layout.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
-            layout.operator("hfx.add_clip", icon="NLA")
-            layout.operator("hfx.add_heartbeat", icon="HEART")
+            draw_clip_buttons(layout)
             layout.operator("hfx.copy_clips", icon="COPYDOWN")
             layout.separator()
             layout.prop(effect.hfx, "is_muted")
@@ -92,8 +92,7 @@ def _object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 def _nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     if active_effect(context) is not None:
         self.layout.separator()
-        self.layout.operator("hfx.add_clip", text="Haptic Clip", icon="NLA")
-        self.layout.operator("hfx.add_heartbeat", text="Haptic Heartbeat", icon="HEART")
+        draw_clip_buttons(self.layout, "Haptic")
 
 
 def _export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -51,17 +51,18 @@ _INDICES: Final = (
     ("REAC", "actuator", "ACTR"),
     ("REAC", "model", "MODL"),
 )
+_LAST_MODALITY: Final = len(MODALITIES) - 1
 _WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
-    "ACTR": {"modality": (0, 3), "columns": (1, 8), "rows": (1, NONE), "place": (0, 2),
-             "side": (0, 2)},
+    "ACTR": {"modality": (0, _LAST_MODALITY), "columns": (1, 8), "rows": (1, NONE),
+             "place": (0, 2), "side": (0, 2)},
     "COLM": {"neutral_number": (0, 65535)},
     "CLIP": {"loops": (0, 1)},
     "BODY": {"bones": (0, 65535)},
     "MODL": {"modality": (0, 2)},
-    "EFCT": {"kind": (0, 1), "modality": (0, 3), "shape": (0, 3), "falloff": (0, 2),
-             "filters": (0, 16)},
+    "EFCT": {"kind": (0, 1), "modality": (0, _LAST_MODALITY), "shape": (0, 3),
+             "falloff": (0, 2), "filters": (0, 16)},
     "FLTR": {"kind": (0, 4), "operation": (0, 2), "about": (0, 2)},
-    "REAC": {"modality": (0, 3), "statistic": (0, 1)},
+    "REAC": {"modality": (0, _LAST_MODALITY), "statistic": (0, 1)},
 }  # fmt: skip
 """Least and largest whole number of fields."""
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
 import bpy
@@ -11,7 +10,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring.clips import clips, drawn_fades
 from ...authoring.effects import swarms
-from ...blender.scene_units import fps_of
+from ...blender.scene_units import fps_of, frames_per_shown_unit
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator, active_effect
@@ -21,32 +20,54 @@ class _OfEffect(HfxOperator):
     requires = ((active_effect, "Select a haptic effect"),)
 
 
-def _shown(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator], float]:
-    """Getter of a time in the scene's unit."""
-
-    def get(operator: bpy.types.Operator) -> float:
-        return float(getattr(operator, name)) * _unit_per(in_frames)
-
-    return get
-
-
-def _stored(name: str, in_frames: bool = False) -> Callable[[bpy.types.Operator, float], None]:
-    """Setter of a time in the scene's unit."""
-
-    def set_time(operator: bpy.types.Operator, value: float) -> None:
-        setattr(operator, name, value / _unit_per(in_frames))
-
-    return set_time
+TIMES = {
+    "start": "Time at which the clip starts",
+    "end": "Time at which the clip ends",
+    "duration": "How long the effect is on",
+    "fade_in": "Time to reach full strength",
+    "fade_out": "Time to fall from full strength to nothing",
+}
+"""Times of a clip, with their descriptions."""
 
 
-def _unit_per(in_frames: bool) -> float:
-    """Length of a frame or a second in the scene's unit of time."""
-    scene = bpy.context.scene
-    frames_per_second = fps_of(scene)
-    shows_frames = scene.hfx.time_unit == "FRAMES"
-    if shows_frames == in_frames:
-        return 1.0
-    return frames_per_second if shows_frames else 1.0 / frames_per_second
+def label_of(time: str) -> str:
+    """Label of a time of a clip: ``Fade In``."""
+    return time.replace("_", " ").title()
+
+
+def _seconds(time: str, default: float, least: float) -> FloatProperty:
+    """Property of a time in seconds."""
+    return FloatProperty(
+        name=label_of(time),
+        description=TIMES[time],
+        default=default,
+        min=least,
+        unit="TIME_ABSOLUTE",
+    )
+
+
+def _shown(time: str, **limits: float) -> FloatProperty:
+    """Property that shows and sets another one, in frames or in seconds, in the scene's unit."""
+
+    def frames() -> float:
+        scene = bpy.context.scene
+        stored = 1.0 if time == "start" else fps_of(scene)
+        return stored / frames_per_shown_unit(scene)
+
+    def shown(operator: bpy.types.Operator) -> float:
+        return float(getattr(operator, time)) * frames()
+
+    def store(operator: bpy.types.Operator, value: float) -> None:
+        setattr(operator, time, value / frames())
+
+    return FloatProperty(
+        name=label_of(time),
+        description=TIMES[time],
+        options={"SKIP_SAVE", "HIDDEN"},
+        get=shown,
+        set=store,
+        **limits,
+    )
 
 
 class _ClipOperator(_OfEffect):
@@ -59,66 +80,20 @@ class _ClipOperator(_OfEffect):
         min=-1.0,
         options={"SKIP_SAVE"},
     )
-    duration: FloatProperty(
-        name="Duration",
-        description="How long the effect is on",
-        default=1.0,
-        min=0.001,
-        unit="TIME_ABSOLUTE",
-    )
-    fade_in: FloatProperty(
-        name="Fade In",
-        description="Time to reach full strength",
-        default=0.0,
-        min=0.0,
-        unit="TIME_ABSOLUTE",
-    )
-    fade_out: FloatProperty(
-        name="Fade Out",
-        description="Time to fall from full strength to nothing",
-        default=0.0,
-        min=0.0,
-        unit="TIME_ABSOLUTE",
-    )
+    duration: _seconds("duration", 1.0, 0.001)
+    fade_in: _seconds("fade_in", 0.0, 0.0)
+    fade_out: _seconds("fade_out", 0.0, 0.0)
 
-    shown_start: FloatProperty(
-        name="Start",
-        description="Time at which the clip starts",
-        options={"SKIP_SAVE", "HIDDEN"},
-        get=_shown("start", True),
-        set=_stored("start", True),
-    )
-    shown_duration: FloatProperty(
-        name="Duration",
-        description="How long the effect is on",
-        min=0.001,
-        options={"SKIP_SAVE", "HIDDEN"},
-        get=_shown("duration"),
-        set=_stored("duration"),
-    )
-    shown_fade_in: FloatProperty(
-        name="Fade In",
-        description="Time to reach full strength",
-        min=0.0,
-        options={"SKIP_SAVE", "HIDDEN"},
-        get=_shown("fade_in"),
-        set=_stored("fade_in"),
-    )
-    shown_fade_out: FloatProperty(
-        name="Fade Out",
-        description="Time to fall from full strength to nothing",
-        min=0.0,
-        options={"SKIP_SAVE", "HIDDEN"},
-        get=_shown("fade_out"),
-        set=_stored("fade_out"),
-    )
+    shown_start: _shown("start")
+    shown_duration: _shown("duration", min=0.001)
+    shown_fade_in: _shown("fade_in", min=0.0)
+    shown_fade_out: _shown("fade_out", min=0.0)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
         for name in ("start", "duration", "fade_in", "fade_out"):
-            label = name.replace("_", " ").title()
-            layout.prop(self, f"shown_{name}", text=f"{label} ({unit})")
+            layout.prop(self, f"shown_{name}", text=f"{label_of(name)} ({unit})")
         layout.prop(self, self.last_field)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -175,6 +150,13 @@ class HFX_OT_add_heartbeat(_ClipOperator):
             active_effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
         )
         return ""
+
+
+def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
+    """Buttons that add a clip or a heartbeat, their labels after a prefix."""
+    for operator, icon in ((HFX_OT_add_clip, "NLA"), (HFX_OT_add_heartbeat, "HEART")):
+        text = operator.bl_label.replace("Add", prefix) if prefix else operator.bl_label
+        layout.operator(operator.bl_idname, text=text, icon=icon)
 
 
 class HFX_OT_extend_scene(HfxOperator):

@@ -7,15 +7,14 @@ their number changes; the window manager keeps them, and no file stores them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import bpy
 from bpy.props import CollectionProperty, FloatProperty
 
 from ...authoring.clips import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
-from ...blender.scene_units import fps_of
+from ...blender.scene_units import frames_per_shown_unit
+from ...operators.effects.clips import TIMES, label_of
 from ...operators.shared import active_effect
 from ...playback.preview.preview import preview
 
@@ -32,12 +31,6 @@ def refresh() -> None:
         preview.redraw()
 
 
-def frames_per_unit() -> float:
-    """Frames of the scene's unit of time: 1, or those of a second."""
-    scene = bpy.context.scene
-    return 1.0 if scene.hfx.time_unit == "FRAMES" else fps_of(scene)
-
-
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
     index = next(k for k, each in enumerate(rows) if each == row)
@@ -45,23 +38,28 @@ def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     return found[index][1] if index < len(found) else None
 
 
-def _get(name: str) -> Callable[[HfxClipRow], float]:
+def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
+    """Property of a clip's time, which is that of its strip."""
+
     def get(row: HfxClipRow) -> float:
         strip = _strip(row)
-        return 0.0 if strip is None else getattr(strip, name) / frames_per_unit()
+        return 0.0 if strip is None else getattr(strip, of_strip) / _frames()
 
-    return get
-
-
-def _set(name: str) -> Callable[[HfxClipRow, float], None]:
     def set_time(row: HfxClipRow, value: float) -> None:
         strip = _strip(row)
         if strip is not None:
-            setattr(strip, name, value * frames_per_unit())
+            setattr(strip, of_strip, value * _frames())
             preview.check_soon()
             push_undo_soon()
 
-    return set_time
+    return FloatProperty(
+        name=label_of(time), description=TIMES[time], get=get, set=set_time, **limits
+    )
+
+
+def _frames() -> float:
+    """Frames of the unit that times are shown in."""
+    return frames_per_shown_unit(bpy.context.scene)
 
 
 def active_group() -> list[bpy.types.Object]:
@@ -74,11 +72,11 @@ def active_group() -> list[bpy.types.Object]:
 
 def _start(_manager: object) -> float:
     starts = [strip.frame_start for each in active_group() for _, strip in clips.strips_of(each)]
-    return min(starts, default=0.0) / frames_per_unit()
+    return min(starts, default=0.0) / _frames()
 
 
 def _set_start(manager: object, value: float) -> None:
-    clips.shift(active_group(), (value - _start(manager)) * frames_per_unit())
+    clips.shift(active_group(), (value - _start(manager)) * _frames())
     preview.check_soon()
     push_undo_soon()
 
@@ -86,32 +84,10 @@ def _set_start(manager: object, value: float) -> None:
 class HfxClipRow(bpy.types.PropertyGroup):
     """Times of a clip in the scene's unit."""
 
-    start: FloatProperty(
-        name="Start",
-        description="Time at which the clip starts",
-        get=_get("frame_start_ui"),
-        set=_set("frame_start_ui"),
-    )
-    end: FloatProperty(
-        name="End",
-        description="Time at which the clip ends",
-        get=_get("frame_end_ui"),
-        set=_set("frame_end_ui"),
-    )
-    fade_in: FloatProperty(
-        name="Fade In",
-        description="Time to reach full strength",
-        min=0.0,
-        get=_get("blend_in"),
-        set=_set("blend_in"),
-    )
-    fade_out: FloatProperty(
-        name="Fade Out",
-        description="Time to fall from full strength to nothing",
-        min=0.0,
-        get=_get("blend_out"),
-        set=_set("blend_out"),
-    )
+    start: _time("start", "frame_start_ui")
+    end: _time("end", "frame_end_ui")
+    fade_in: _time("fade_in", "blend_in", min=0.0)
+    fade_out: _time("fade_out", "blend_out", min=0.0)
 
 
 _register, _unregister = bpy.utils.register_classes_factory((HfxClipRow,))

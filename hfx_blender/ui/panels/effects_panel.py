@@ -7,6 +7,7 @@ import bpy
 
 from ...authoring.clips import clips
 from ...authoring.effects import effects, swarms
+from ...operators.effects.clips import draw_clip_buttons
 from ...operators.shared import active_armature, active_effect
 from .. import next_step
 from ..sidebar import HfxPanel, draw_text
@@ -105,8 +106,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         row = layout.row(align=True)
-        row.operator("hfx.add_clip", icon="NLA")
-        row.operator("hfx.add_heartbeat", icon="HEART")
+        draw_clip_buttons(row)
         effect = active_effect(context)
         found, group = clips.strips_of(effect), effects.group_of(effect)
         if found:
