@@ -23,8 +23,8 @@ from ..evaluation import evaluation
 from ..timeline.timeline_recorder import recorder
 from . import live_handlers
 from .latency import Playback
+from .live_handlers import SlowFrames
 from .live_sources import Generation, SceneSource, Source, TrackSource
-from .slow_frames import SlowFrames
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient

@@ -14,8 +14,7 @@ from ...engine.arrays import F32, I32, I64, U8
 from ...engine.colouring import Colour, Spread
 from ...engine.samples import Sample
 from .displayed_skin import DisplayedSkin, triangles_of
-from .incidence import Incidence
-from .skin_colours import SkinColours
+from .skin_colours import Incidence, SkinColours
 
 _ABOVE_SKIN_M = 0.0015
 """Height of colours over the skin, metres, so that the two do not flicker."""

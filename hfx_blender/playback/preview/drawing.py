@@ -150,14 +150,14 @@ def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types
     """Discs with their colours, as many at a time as the shader takes, and room for their rows."""
     import gpu
 
-    from . import disc_mesh
+    from . import card_shaders
     from .actuator_glow import MOST_DISCS
 
     nothing = np.zeros((MOST_DISCS, 2, 4), np.float32)
     found = []
     for first in range(0, len(looks.radii), MOST_DISCS):
         part = slice(first, first + MOST_DISCS)
-        corners, triangles = disc_mesh.discs(len(looks.radii[part]))
+        corners, triangles = card_shaders.disc_geometry(len(looks.radii[part]))
         which = corners[:, 3].astype(np.int64)
         full = np.column_stack([looks.colours[part], looks.radii[part]])
         batch = gpu.types.GPUBatch(

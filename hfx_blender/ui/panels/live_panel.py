@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import bpy
+import bpy.utils.previews
 
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
 from ...playback.timeline.timeline_recorder import recorder
 from ...properties.scenes import SCHEMES
-from ..device_icons import forget_icons, icon_of
 from ..sidebar import HfxPanel, draw_text
 
 if TYPE_CHECKING:
@@ -197,3 +198,24 @@ def unregister() -> None:
     bpy.types.VIEW3D_HT_header.remove(_header)
     _unregister()
     forget_icons()
+
+
+_loaded: list[Any] = []  # a collection of previews, or none yet
+
+
+def icon_of(picture: Path) -> int:
+    """Number of a picture's icon."""
+    if not _loaded:
+        _loaded.append(bpy.utils.previews.new())
+    known, name = _loaded[0], str(picture)
+    if name not in known:
+        found = known.load(name, name, "IMAGE")
+        found.image_size[:]  # loads it now: nothing else would draw the panel again
+    return int(known[name].icon_id)
+
+
+def forget_icons() -> None:
+    """Free all pictures."""
+    for known in _loaded:
+        bpy.utils.previews.remove(known)
+    _loaded.clear()

@@ -17,11 +17,11 @@ from mathutils.bvhtree import BVHTree
 from hfx_blender.authoring.clips import clips
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
 from hfx_blender.engine.samples import Sample, Stream
-from hfx_blender.playback.preview import preview_frame_cache
+from hfx_blender.playback.preview import preview_layers
 from hfx_blender.playback.preview.coloured_mesh import ColouredMesh, Layer
 from hfx_blender.playback.preview.displayed_skin import DisplayedSkins
-from hfx_blender.playback.preview.incidence import Incidence
 from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_blender.playback.preview.skin_colours import Incidence
 from hfx_blender.playback.timeline.timeline_record import TimelineRecord, record
 
 BYTE = 0.51 / 255.0  # colours are kept as bytes
@@ -198,7 +198,7 @@ def test_colours_of_ones_own_are_taken_when_they_change(
 def test_what_does_not_fit_into_memory_is_worked_out_when_it_is_drawn(
     touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preview_frame_cache, "MOST_BYTES", -1)
+    monkeypatch.setattr(preview_layers, "MOST_BYTES", -1)
     preview, found = Preview(), recorded(scene)
     first = now(preview, found, 5)
     assert not preview.prepare("PAPER", found, 1, 8)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.colouring import COLOURS
-from hfx_blender.playback.preview import disc_mesh
+from hfx_blender.playback.preview import card_shaders
 
 SIZE = 400
 OPACITY = 0.8
@@ -140,13 +140,13 @@ def test_an_actuator_glows_in_its_colour_beyond_its_rim(pictures: Any) -> None:
 
 
 def test_discs_are_fans_of_their_rings_each_seen_from_outside() -> None:
-    corners, triangles = disc_mesh.discs(3)
+    corners, triangles = card_shaders.disc_geometry(3)
     radii = np.array([0.0, 0.8, 1.0, 1.0, 2.0])
     at = corners[:, :2] * radii[corners[:, 2].astype(int)][:, None]
     a, b, c = (at[triangles[:, k]] for k in range(3))
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     area = (ux * vy - uy * vx) / 2.0
-    polygon = 0.5 * disc_mesh.CORNERS * np.sin(2.0 * np.pi / disc_mesh.CORNERS)
+    polygon = 0.5 * card_shaders.CORNERS * np.sin(2.0 * np.pi / card_shaders.CORNERS)
     # Rings 2 and 3 are one edge: together they cover the outermost.
     assert np.abs(area).sum() == pytest.approx(3 * polygon * 4.0)
     assert (corners[triangles[:, 0], 3] == corners[triangles[:, 2], 3]).all()

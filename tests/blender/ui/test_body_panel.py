@@ -18,7 +18,7 @@ from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
 from hfx_blender.engine.retargeting.quality import PartQuality, Quality  # noqa: E402
 from hfx_blender.properties.objects import BONE_REGIONS  # noqa: E402
 from hfx_blender.ui.panels import body_panel  # noqa: E402
-from hfx_blender.ui.panels.bone_labels import label_of, region_of  # noqa: E402
+from hfx_blender.ui.panels.body_panel import label_of, region_of  # noqa: E402
 
 
 class Layout:
