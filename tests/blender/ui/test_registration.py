@@ -88,7 +88,8 @@ def test_scenes_keep_what_is_stored_while_it_is_off(scene: Any) -> None:
 def test_what_is_not_used_yet_is_not_imported() -> None:
     """Blender waits for all that is imported when it starts."""
     heavy = (
-        "hfx_blender.formats",
+        "hfx_blender.formats.hjif",
+        "hfx_blender.formats.clip",
         "hfx_blender.engine.body.model",
         "hfx_blender.engine.evaluate",
         "hfx_blender.engine.rendering",
