@@ -7,6 +7,7 @@ import argparse
 import json
 import os
 from collections import Counter
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -186,13 +187,17 @@ def run(options: argparse.Namespace, console: Console) -> int:
     for unit in units if options.merge else ():
         remove_folder(folder_of(unit))
     console.result(results if len(results) > 1 else results[0])
+    return _exit_code(results, is_named=bool(options.formats and options.device))
+
+
+def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
+    """Exit code for the results of scenes; ``is_named``: their formats and devices were."""
     failed = [result for result in results if "error" in result]
     if not failed:
         if any(each.get("silent_devices") for each in results):
             return SOME_FAILED
         # A named result that could not be written is no success, though all else is complete.
-        named = bool(options.formats and options.device)
-        return SOME_FAILED if named and any(each.get("left_out") for each in results) else 0
+        return SOME_FAILED if is_named and any(each.get("left_out") for each in results) else 0
     return SOME_FAILED if len(results) > 1 else int(failed[0]["exit_code"])
 
 
@@ -374,12 +379,10 @@ def _check(options: argparse.Namespace) -> None:
     unknown = sorted(set(options.record) - ON_DEMAND)
     if unknown:
         raise UsageError(f"--record {unknown[0]}: expected some of {', '.join(sorted(ON_DEMAND))}")
-    if options.jobs < 1:
-        raise UsageError(f"--jobs {options.jobs}: expected at least 1")
-    if options.cores is not None and options.cores < 1:
-        raise UsageError(f"--cores {options.cores}: expected at least 1")
-    if options.split is not None and options.split < 1:
-        raise UsageError(f"--split {options.split}: expected at least 1 frame")
+    for name, what in (("jobs", "1"), ("cores", "1"), ("split", "1 frame")):
+        count = getattr(options, name)
+        if count is not None and count < 1:
+            raise UsageError(f"--{name} {count}: expected at least {what}")
     if options.piece is not None and options.merge:
         raise UsageError("--merge: comes after all pieces, in a command without --piece")
     if options.split is not None and (options.piece is not None or options.merge):

@@ -8,7 +8,7 @@ touched, with the strongest contact there and all vertices that it touched there
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -22,7 +22,7 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
-from ...engine.track import TrackReader
+from ...engine.track import TrackHeader, TrackReader
 from ...errors import InputError, NothingFeltError
 from ...files.atomic import atomic_file
 from ...files.strict_json import clean
@@ -103,11 +103,7 @@ def compose(
     }
     for run in track.runs():
         found[run.stream].add(run)
-    groups: dict[tuple[str, str, str], list[Stream]] = {}
-    for stream in header.streams:
-        if len(found[stream]) and header.effect(stream).kind != "actuators":  # those have no place
-            key = (stream.body_id, stream.model_id, stream.modality)
-            groups.setdefault(key, []).append(stream)
+    groups = _groups(header, found)
     if not groups:
         raise NothingFeltError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
     avatars = {
@@ -124,32 +120,48 @@ def compose(
             for stream in streams
             for place in _places(stream, found[stream], track, masks[model_id])
         ]
-        perceptions.append(perception_of(k, modality, places, devices, timescale, tolerance))
-        weak += too_weak_places(perceptions[-1], places)
+        perception = perception_of(k, modality, places, devices, timescale, tolerance)
+        weak += too_weak_places(perception, places)
         if modality == "wind":
             turning += [each.title for each in places if each.direction is None]
-        perceptions[-1] = replace(
-            perceptions[-1],
-            avatar_id=avatars[model_id].id,
-            description=clean(f"{bodies[body_id]}: {perceptions[-1].description}"),
-        )
+        description = clean(f"{bodies[body_id]}: {perception.description}")
+        avatar_id = avatars[model_id].id
+        perceptions.append(replace(perception, avatar_id=avatar_id, description=description))
     title = clean(str(header.source.get("name", "")) or name)
     document = document_of(title, perceptions, timescale, tuple(avatars.values()))
+    loss = _loss(header, found, turning) + Written(notes=tuple(map(clean, counted(weak, TOO_WEAK))))
+    return document, [loaded[id] for id in avatars], loss
+
+
+def _groups(
+    header: TrackHeader, found: Mapping[Stream, Collected]
+) -> dict[tuple[str, str, str], list[Stream]]:
+    """Streams with a place on a body that are felt, by body, model and modality."""
+    groups: dict[tuple[str, str, str], list[Stream]] = {}
+    for stream in header.streams:
+        if len(found[stream]) and header.effect(stream).kind != "actuators":
+            key = (stream.body_id, stream.model_id, stream.modality)
+            groups.setdefault(key, []).append(stream)
+    return groups
+
+
+def _loss(
+    header: TrackHeader, found: Mapping[Stream, Collected], turning: Sequence[str]
+) -> Written:
+    """Contents of the streams that a document does not hold."""
     high = [
         header.effect(stream).name
-        for stream in (each for streams in groups.values() for each in streams)
+        for streams in _groups(header, found).values()
+        for stream in streams
         if stream.modality == "vibration" and (found[stream].parameters[:, 1] > MAX_HZ).any()
     ]
+    changing = [header.effect(stream).name for stream in header.streams if found[stream].changes]
     left_out = (
         *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
         *counted(turning, "it holds one direction of a wind, and none of those that turn"),
-        *counted(
-            [header.effect(stream).name for stream in header.streams if found[stream].changes],
-            "painted areas that change are written as they are at first",
-        ),
+        *counted(changing, "painted areas that change are written as they are at first"),
     )
-    loss = Written((), tuple(map(clean, left_out)), tuple(map(clean, counted(weak, TOO_WEAK))))
-    return document, [loaded[id] for id in avatars], loss
+    return Written(left_out=tuple(map(clean, left_out)))
 
 
 def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:

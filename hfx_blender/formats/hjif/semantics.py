@@ -50,27 +50,8 @@ _DATE: Final = re.compile(
 
 def check_semantics(found: dict[str, Any], report: Report) -> None:
     """Report semantic faults of a document that is valid by the schemas."""
-    year, _, amendment = found["version"].partition("-")
-    if int(year) < 2023:
-        report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
-    if amendment and int(amendment) == 0:
-        report.error("VERSION-AMENDMENT", (None, "version"), "the amendment is 0")
     is_simple = found["profile"] == "Simple Parametric"
-    if found["profile"] not in PROFILES:
-        report.error("PROFILE", (None, "profile"), f"is none of {', '.join(PROFILES)}")
-    if found["level"] not in MAX_CHANNELS:
-        report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
-    if not is_date(found["date"]):
-        has_year = _YEAR.search(found["date"]) is not None  # the reference software wants no more
-        message = "is no ISO 8601 date and time with an offset"
-        (report.warn if has_year else report.error)("DATE", (None, "date"), message)
-    timescale = found.get("timescale", 1000)
-    if timescale > MAX_TIMESCALE or (is_simple and timescale != 1000):
-        allowed = "1000" if is_simple else f"1 to {MAX_TIMESCALE}"
-        report.error("TIMESCALE", (None, "timescale"), f"{timescale}, allowed is {allowed}")
-    for key in ("timescale", "syncs"):
-        if key not in found:
-            report.warn("REFERENCE-MISSING", None, f"the reference software needs '{key}'")
+    _check_root(found, report, is_simple=is_simple)
     avatars = _ids(found["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)
     for k, avatar in enumerate(found["avatars"]):
         mesh = avatar.get("mesh")
@@ -92,6 +73,30 @@ def check_semantics(found: dict[str, Any], report: Report) -> None:
             message = f"there is no avatar {perception['avatar_id']}"
             report.error("AVATAR-ID-UNKNOWN", (place, "avatar_id"), message)
         _check_perception(perception, place, report, level=level, is_simple=is_simple)
+
+
+def _check_root(found: dict[str, Any], report: Report, *, is_simple: bool) -> None:
+    """Check version, profile, level, date and timescale."""
+    year, _, amendment = found["version"].partition("-")
+    if int(year) < 2023:
+        report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
+    if amendment and int(amendment) == 0:
+        report.error("VERSION-AMENDMENT", (None, "version"), "the amendment is 0")
+    if found["profile"] not in PROFILES:
+        report.error("PROFILE", (None, "profile"), f"is none of {', '.join(PROFILES)}")
+    if found["level"] not in MAX_CHANNELS:
+        report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
+    if not is_date(found["date"]):
+        has_year = _YEAR.search(found["date"]) is not None  # the reference software wants no more
+        message = "is no ISO 8601 date and time with an offset"
+        (report.warn if has_year else report.error)("DATE", (None, "date"), message)
+    timescale = found.get("timescale", 1000)
+    if timescale > MAX_TIMESCALE or (is_simple and timescale != 1000):
+        allowed = "1000" if is_simple else f"1 to {MAX_TIMESCALE}"
+        report.error("TIMESCALE", (None, "timescale"), f"{timescale}, allowed is {allowed}")
+    for key in ("timescale", "syncs"):
+        if key not in found:
+            report.warn("REFERENCE-MISSING", None, f"the reference software needs '{key}'")
 
 
 def is_date(text: str) -> bool:

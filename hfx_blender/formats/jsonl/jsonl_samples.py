@@ -283,13 +283,10 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
+    """Lines without a fault of their own, in the plain encoding, and all faults."""
     report = Report("JSONL")
+    rules = _Rules(report)
     lines: list[dict[str, Any]] = []
-    sets: dict[int, int] = {}  # highest vertex of each
-    models: dict[str, int] = {}
-    effects: dict[str, dict[str, Any]] = {}
-    bodies: set[str] = set()
-    time = -np.inf
     decoder: jsonl_compact.CompactDecoder | None = None
     for k, text in enumerate(content.splitlines()):
         place: Place = (None, f"line {k + 1}")
@@ -301,60 +298,70 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
             value = decoder.line(value, report, place)
             if value is None:
                 continue
-        kind = value.get("type") if isinstance(value, dict) else None
-        if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != (k == 0):
-            report.error("LINE", place, "expected a header first, then sets and samples")
-            if k == 0:
-                break
-            continue
-        before = report.count
-        check(_LINES[kind], value, report, place)
-        if report.count > before:
-            if kind == "header":  # all lines refer to it
-                return [], report.findings
-            continue
-        lines.append(value)
-        if kind == "header":
-            models = {each["id"]: each["vertex_count"] for each in value["models"]}
-            effects = {each["id"]: each for each in value["effects"]}
-            bodies = {each["id"] for each in value["bodies"]}
-        elif kind == "set":
-            vertices = value["vertices"]
-            if len(vertices) != len(value["weights"]):
-                report.error("SET-SIZE", place, "there are not as many weights as vertices")
-            if any(b <= a for a, b in pairwise(vertices)):
-                report.error("SET-ORDER", place, "the vertices do not ascend")
-            if value["set"] in sets:
-                report.error("SET-DUPLICATE", place, f"the set {value['set']} is there before")
-            sets[value["set"]] = max(vertices, default=-1)
-        else:
-            _check_sample(value, place, report, sets, models, effects, bodies)
-            if value["t"] < time:
-                report.error("ORDER", place, "its time is before that of the sample before it")
-            time = value["t"]
+        if rules.is_sound(value, k == 0, place):
+            lines.append(value)
+        elif k == 0:  # all lines refer to it
+            return [], report.findings
     if not lines:
         report.error("EMPTY", None, "it has no header")
     return lines, report.findings
 
 
-def _check_sample(
-    value: dict[str, Any],
-    place: Place,
-    report: Report,
-    sets: dict[int, int],
-    models: dict[str, int],
-    effects: dict[str, dict[str, Any]],
-    bodies: set[str],
-) -> None:
-    effect = effects.get(value["effect"])
-    if effect is None or value["body"] not in bodies:
-        report.error("SAMPLE-ID", place, "the header has no such effect or body")
-        return
-    wanted = MODALITIES[effect["modality"]].parameter_names
-    if tuple(value["parameters"]) != wanted:
-        report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(wanted)}")
-    highest = sets.get(value["set"])
-    if highest is None:
-        report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
-    elif highest >= models.get(effect["model"], 0):
-        report.error("SET-VERTEX", place, "its set has vertices that the model has not")
+class _Rules:
+    """Rules of a line and of what it refers to in the lines before it."""
+
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self._sets: dict[int, int] = {}  # highest vertex of each
+        self._models: dict[str, int] = {}  # vertices of each
+        self._effects: dict[str, dict[str, Any]] = {}
+        self._bodies: set[str] = set()
+        self._time_s = -np.inf
+
+    def is_sound(self, value: Any, is_first: bool, place: Place) -> bool:
+        """Report the faults of the next line; False where it has not the form of a line."""
+        kind = value.get("type") if isinstance(value, dict) else None
+        if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
+            self._report.error("LINE", place, "expected a header first, then sets and samples")
+            return False
+        before = self._report.count
+        check(_LINES[kind], value, self._report, place)
+        if self._report.count > before:
+            return False
+        if kind == "header":
+            self._models = {each["id"]: each["vertex_count"] for each in value["models"]}
+            self._effects = {each["id"]: each for each in value["effects"]}
+            self._bodies = {each["id"] for each in value["bodies"]}
+        elif kind == "set":
+            self._check_set(value, place)
+        else:
+            self._check_sample(value, place)
+        return True
+
+    def _check_set(self, value: dict[str, Any], place: Place) -> None:
+        vertices, number = value["vertices"], value["set"]
+        if len(vertices) != len(value["weights"]):
+            self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
+        if any(b <= a for a, b in pairwise(vertices)):
+            self._report.error("SET-ORDER", place, "the vertices do not ascend")
+        if number in self._sets:
+            self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")
+        self._sets[number] = max(vertices, default=-1)
+
+    def _check_sample(self, value: dict[str, Any], place: Place) -> None:
+        if value["t"] < self._time_s:
+            message = "its time is before that of the sample before it"
+            self._report.error("ORDER", place, message)
+        self._time_s = value["t"]
+        effect = self._effects.get(value["effect"])
+        if effect is None or value["body"] not in self._bodies:
+            self._report.error("SAMPLE-ID", place, "the header has no such effect or body")
+            return
+        wanted = MODALITIES[effect["modality"]].parameter_names
+        if tuple(value["parameters"]) != wanted:
+            self._report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(wanted)}")
+        highest = self._sets.get(value["set"])
+        if highest is None:
+            self._report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
+        elif highest >= self._models.get(effect["model"], 0):
+            self._report.error("SET-VERTEX", place, "its set has vertices that the model has not")

@@ -10,6 +10,7 @@ import io
 import json
 import math
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -165,24 +166,7 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
     report = Report("NPZ")
     check(_DOCUMENT, meta, report)
     refuse_errors(report.findings, name)
-    rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
-    columns = (len(meta["columns"]),)
-    shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
-    for key, shape in shapes.items():
-        head = heads.get(key)
-        if head is None:
-            raise InputError(f"{name}: not a raster archive: it has no '{key}'.")
-        if head.kind != np.float64 or head.shape != shape or not rows:
-            raise InputError(
-                f"{name}: '{key}' is {head.kind} of the shape {head.shape}, "
-                f"allowed is float64 of {shape}."
-            )
-    for k in range(len(meta["felt"])):
-        first = heads.get(f"felt.{k}.indices")
-        for each, kind in _FELT.items():
-            head = heads.get(f"felt.{k}.{each}")
-            if head is None or first is None or head.kind != kind or head.shape != first.shape:
-                raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
+    _refuse_shapes(heads, meta, name)
     arrays = {key: _array(archive, each, heads[key]) for key, each in entries.items()}
     raster = Raster(
         device_id=meta["device"],
@@ -201,6 +185,33 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
     )
     raster_rules.refuse(raster, name)
     return raster
+
+
+def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: str) -> None:
+    """Refuse an archive without the arrays that its own description asks for.
+
+    Raises
+    ------
+    InputError
+    """
+    rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
+    columns = (len(meta["columns"]),)
+    shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
+    for key, shape in shapes.items():
+        head = heads.get(key)
+        if head is None:
+            raise InputError(f"{name}: not a raster archive: it has no '{key}'.")
+        if head.kind != np.float64 or head.shape != shape or not rows:
+            raise InputError(
+                f"{name}: '{key}' is {head.kind} of the shape {head.shape}, "
+                f"allowed is float64 of {shape}."
+            )
+    for k in range(len(meta["felt"])):
+        first = heads.get(f"felt.{k}.indices")
+        for each, kind in _FELT.items():
+            head = heads.get(f"felt.{k}.{each}")
+            if head is None or first is None or head.kind != kind or head.shape != first.shape:
+                raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
 
 
 @dataclass(frozen=True)
