@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compiles the library of ``hfx_blender/engine/native``: ``python native_build.py`` for this one.
 
-The compiler is zig's, from the PyPI package ``ziglang``, on every system for every other one. All
-that the library needs of the C library are the functions named below, so it is linked against a
-stub that has just these: nothing is compiled but our own sources, in less than a second.
+The compiler is zig's, from the PyPI package ``ziglang``, on every system for every other one.
 """
 
 from __future__ import annotations
@@ -30,46 +28,13 @@ REQUIREMENT = f"ziglang=={ZIG_VERSION}"
 FETCHED = ROOT / "build" / "zig"
 _OLDEST_MACOS = (13, 0)  # that zig's wheels run on; what it builds runs on older ones
 
-# What the sources may call: the compiler makes such calls of loops, too. Windows has each in the
-# first ucrtbase.dll that there was.
-FROM_C = (
-    *("acos", "asin", "atan", "atan2", "cbrt", "ceil", "copysign", "cos", "exp", "exp2", "expm1"),
-    *("fabs", "floor", "fmax", "fmin", "fmod", "frexp", "ldexp", "log", "log1p", "log2", "modf"),
-    *("nearbyint", "pow", "rint", "round", "sin", "sqrt", "tan", "tanh", "trunc"),
-    *("memcmp", "memcpy", "memmove", "memset"),
-)
-_WITHOUT_RUNTIME = ("-shared", "-nostdlib", "-s")
-_DLL_ENTRY = """\
-int __stdcall DllMainCRTStartup(void *a, unsigned b, void *c) {
-  (void)a, (void)b, (void)c;
-  return 1;
+# By the library's ending. Nothing of the compiler's runtime, so only our sources are compiled. zig
+# has the symbols of each system's C library, of glibc those of the release that a target names.
+_LINKED = {
+    "so": ["-lm", "-lc", "-Wl,-z,defs", "-Wl,-soname,{}"],
+    "dylib": ["-Wl,-install_name,{}"],
+    "dll": ["-lucrtbase"],
 }
-
-// Called where a function's arrays pass a page: touches each page, so that Windows grows the stack.
-#if defined(__x86_64__)
-__asm__(".globl ___chkstk_ms\\n___chkstk_ms:\\n"
-        "push %rcx\\n push %rax\\n lea 24(%rsp), %rcx\\n"
-        "1: cmp $4096, %rax\\n jbe 2f\\n sub $4096, %rcx\\n orq $0, (%rcx)\\n"
-        "sub $4096, %rax\\n jmp 1b\\n"
-        "2: sub %rax, %rcx\\n orq $0, (%rcx)\\n pop %rax\\n pop %rcx\\n ret\\n");
-#else
-__asm__(".globl __chkstk\\n__chkstk:\\n"
-        "lsl x16, x15, #4\\n mov x17, sp\\n"
-        "1: sub x17, x17, #4096\\n subs x16, x16, #4096\\n ldr xzr, [x17]\\n b.gt 1b\\n ret\\n");
-#endif
-"""
-# The headers for Windows make library calls of these.
-_INLINE = """\
-#include <math.h>
-#undef isfinite
-#undef isinf
-#undef isnan
-#undef signbit
-#define isfinite(x) __builtin_isfinite(x)
-#define isinf(x) __builtin_isinf(x)
-#define isnan(x) __builtin_isnan(x)
-#define signbit(x) __builtin_signbit(x)
-"""
 
 
 class BuildError(Exception):
@@ -231,7 +196,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
     Raises
     ------
     BuildError
-        A source is faulty or calls what is not in ``FROM_C``, or a file cannot be written.
+        A source is faulty or calls what no C library has, or a file cannot be written.
     """
     sources = _sources(root)
     try:
@@ -239,8 +204,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             work = Path(name)
             run = _Compiler(zig, target, work)
             header = work / "hfx_build.h"
-            told = f'#define HFX_BUILD "{_mark(target, root)}"\n'
-            header.write_text(told + _INLINE * target.is_windows, encoding="utf-8")
+            header.write_text(f'#define HFX_BUILD "{_mark(target, root)}"\n', encoding="utf-8")
             flags = [*_flags(sources.FOLDER), "-include", header.name, f"-I{sources.FOLDER}"]
             paths = [path for path in sources.files() if path.suffix == ".c"]
             with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -270,25 +234,9 @@ class _Compiler(NamedTuple):
 
     def link(self, objects: Sequence[str]) -> Path:
         made = self.target.library
-        if self.target.library.endswith(".dylib"):  # zig brings the stub of its C library
-            names = ["-Wl,-install_name," + made]
-            self(*_WITHOUT_RUNTIME, "-o", made, *objects, *names)
-        elif self.target.is_windows:
-            entry = self._written("entry", _DLL_ENTRY)
-            stub = self._written("ucrtbase", _stub("__declspec(dllexport)"))
-            self(*_WITHOUT_RUNTIME, "-o", "ucrtbase.dll", stub, entry)  # beside it, ucrtbase.lib
-            self(*_WITHOUT_RUNTIME, "-o", made, *objects, entry, "ucrtbase.lib")
-        else:
-            stub = self._written("stub", _stub('__attribute__((visibility("default")))'))
-            self(*_WITHOUT_RUNTIME, "-Wl,-soname,libm.so.6", "-o", "libm.so", stub)
-            names = ["-Wl,-soname," + made, "-Wl,-z,defs"]
-            self(*_WITHOUT_RUNTIME, "-o", made, *objects, "libm.so", *names)
+        options = [each.format(made) for each in _LINKED[made.rpartition(".")[2]]]
+        self("-shared", "-nostdlib", "-s", "-o", made, *objects, *options)
         return self.work / made
-
-    def _written(self, name: str, text: str) -> str:
-        source = self.work / f"{name}.c"
-        source.write_text(text, encoding="utf-8")
-        return self.compile(source, ["-O1", "-g0", "-fno-builtin", "-fno-sanitize=undefined"])
 
     def __call__(self, *arguments: str) -> None:
         cache = str(self.work / "cache")  # never in the tree, and none is left behind
@@ -308,10 +256,6 @@ class _Compiler(NamedTuple):
         )
         if done.returncode:
             raise BuildError((done.stderr or done.stdout).strip() or "the compiler said nothing")
-
-
-def _stub(export: str) -> str:
-    return "".join(f"{export} void {name}(void) {{}}\n" for name in FROM_C)
 
 
 def _flags(folder: Path) -> list[str]:

@@ -8,6 +8,12 @@
 
 #if defined(_WIN32)
 #define HFX_EXPORT __declspec(dllexport)
+// The headers for Windows make library calls of these.
+#include <math.h>
+#undef isfinite
+#undef isnan
+#define isfinite(x) __builtin_isfinite(x)
+#define isnan(x) __builtin_isnan(x)
 #else
 #define HFX_EXPORT __attribute__((visibility("default")))
 #endif
