@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import bpy
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..authoring.effects.effect_values import Shapes
-from ..blender import linked_files, stored_values
+from ..blender import linked_files
 from ..blender.background_scenes import scene_objects
 from ..engine.arrays import I64
 from ..engine.counters import ReadingCounters, Unfelt
@@ -27,15 +28,15 @@ from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.response.paths import NEIGHBOURS
 from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
-from ..errors import InputError
 from ..text import shortened
-from .curves.animation_time import animation_frames
+from .curves.animation_time import animation_frames, time_base
 from .description import dormant, play_space, scene_description, unfelt, visibility
-from .reading_pass import Pass, objects_of
+from .plan_check import checked, is_same
+from .reading_pass import ReadingPass
 from .reading_plan import Plan, plan_of
 from .stepped import instances, stepping
 from .stepped.reached import is_instancer
-from .stepped.scene_rows import EffectRow, PoseRow, Row, effects_agree
+from .stepped.scene_rows import Row
 from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped.stepped_reading import SteppedReading
 
@@ -44,53 +45,6 @@ BLOCK_SIZE = 64
 
 _STEPPED_SIZE = 32
 """The same at most where Blender is stepped: evaluation waits for less, and so does who cancels."""
-
-_PROBES = 5
-
-_FRAME_RATES = (0.001, 10_000.0)
-
-MOST_SAMPLES = 2**24
-"""Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
-
-
-def time_base(
-    scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
-) -> TimeBase:
-    """Time base of a scene: its own frame range and rate by default."""
-    first, last = frames or (scene.frame_start, scene.frame_end)
-    if last < first:
-        raise InputError(
-            f"Scene '{scene.name}': the frame range {first} to {last} holds no frames."
-        )
-    fps = _frame_rate(scene)
-    time = TimeBase(fps, rate_hz or _sample_rate(scene), scene.frame_start, first, last)
-    if time.sample_count > MOST_SAMPLES:
-        raise InputError(
-            f"Scene '{scene.name}': frames {first} to {last} at {float(fps):g} frames and "
-            f"{float(time.rate_hz):g} samples a second are {time.sample_count} samples, at most "
-            f"{MOST_SAMPLES} are allowed; export fewer frames or a lower rate."
-        )
-    return time
-
-
-def _frame_rate(scene: bpy.types.Scene) -> Fraction:
-    """Frames a second, exactly."""
-    fps, base = scene.render.fps, scene.render.fps_base
-    rate = fps / base if base else np.inf
-    if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
-        raise InputError(
-            f"Scene '{scene.name}': its Frame Rate, {fps} with the base {base:g}, is {rate:g} "
-            f"frames a second, allowed is {_FRAME_RATES[0]:g} to {_FRAME_RATES[1]:g}."
-        )
-    return Fraction(fps) / Fraction(base).limit_denominator(10_000)
-
-
-def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Sampling rate that a scene asks for, Hz."""
-    for bad in stored_values.bad_values(scene):
-        if bad.path == "rate":
-            raise InputError(f"Scene '{scene.name}': {bad}.")
-    return Fraction(scene.hfx.rate).limit_denominator(1000)
 
 
 class SceneReader:
@@ -118,6 +72,9 @@ class SceneReader:
 
     Attributes
     ----------
+    found : HapticObjects
+        Objects of the scene that take part.
+    instances : Instances
     unfelt : dict of str to Unfelt
         Effects of which nothing is felt, as far as that is known before times are read.
 
@@ -153,29 +110,29 @@ class SceneReader:
         found = replace(found, dormant=dormant.asleep(scene, self.time, states))
         found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
-        self._instances = instances.Instances(found, self.time, self._shapes, faults)
-        found = replace(found, dormant={**found.dormant, **self._instances.asleep})
-        more = self._instances.descriptions
+        self.instances = instances.Instances(found, self.time, self._shapes, faults)
+        found = replace(found, dormant={**found.dormant, **self.instances.asleep})
+        more = self.instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
-        self._found, self.description = scene_description.describe(
+        self.found, self.description = scene_description.describe(
             found, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
-        self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
+        self._blinking = [visibility.is_keyed(body) for body in self.found.bodies]
         warned = self.description.warnings
         makers = filter(is_instancer, scene_objects(scene)) if more else ()
-        unbaked = to_bake(scene, [*self._found.read, *makers])
+        unbaked = to_bake(scene, [*self.found.read, *makers])
         unfelt_warnings = self._find_unfelt(layer)
         warnings = (
-            *(*warned, *unfelt_warnings, *self._instances.warnings),
+            *(*warned, *unfelt_warnings, *self.instances.warnings),
             *(*unbaked, *linked_files.missing()),
         )
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.
-        own = self.description.effects[: len(self._found.effects)]
+        own = self.description.effects[: len(self.found.effects)]
         self._described = replace(self.description, effects=own)
         self._reading = SteppedReading(
-            self._found,
+            self.found,
             self._described,
             self._shapes,
             keeps_settings=stepping.foreign_handler() is None,
@@ -186,58 +143,43 @@ class SceneReader:
             for each in self.description.effects
         )
         self.stepping_note = ""
-        self._plan: Plan | None = None
 
     def _find_unfelt(self, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
         """Find what is known not to be felt; returns the warnings about it."""
-        found, scene, time = self._found, self._found.scene, self.time
+        found = self.found
         states = dict(zip(found.effects, found.activations, strict=True))
-        states |= self._instances.activations
-        reasons = {name: Unfelt(why) for name, why in found.gone.items()}
-        frames = dormant.frames_read(scene, time)
-        new: dict[str, Unfelt] = {}
-        lost: list[unfelt.LostClip] = []
-        for effect, state in states.items():
-            lost_of_it = [*unfelt.lost_clips(scene, time, effect, state)]
-            lost += lost_of_it
-            clipless = unfelt.of_lost_clips(lost_of_it, state)
-            why = found.dormant.get(effect)
-            if clipless is not None:
-                new[effect.name] = clipless
-            elif why is not None:
-                new[effect.name] = unfelt.of_dormant(why, self.is_part)
-            elif (powerless := unfelt.why_powerless(effect, frames)) is not None:
-                new[effect.name] = Unfelt(powerless)
-        self.unfelt = {**reasons, **new}
+        states |= self.instances.activations
+        new, lost = unfelt.reasons(found.scene, self.time, states, found.dormant, self.is_part)
+        self.unfelt = {**{name: Unfelt(why) for name, why in found.gone.items()}, **new}
         return (
-            *unfelt.warnings_of_clips(lost, time),
+            *unfelt.warnings_of_clips(lost, self.time),
             *(
                 f"effect '{name}' {each.reason}: it is not felt"
                 for name, each in new.items()
                 if not each.is_expected
             ),
-            *unfelt.instanced(scene, layer),
+            *unfelt.instanced(found.scene, layer),
         )
 
     @property
     def is_part(self) -> bool:
         """Test for a range of frames that is not the scene's own."""
-        scene, time = self._found.scene, self.time
+        scene, time = self.found.scene, self.time
         return (time.frame_first, time.frame_last) != (scene.frame_start, scene.frame_end)
 
     @property
     def instance_ids(self) -> frozenset[str]:
         """Ids of the effects that are instances or particles."""
-        return frozenset(each.id for each in self._instances.descriptions)
+        return frozenset(each.id for each in self.instances.descriptions)
 
     @property
     def counters(self) -> ReadingCounters:
         """Counters of reading, so far."""
-        simulation, asleep = self._found.simulation, self._found.dormant.items()
+        simulation, asleep = self.found.simulation, self.found.dormant.items()
         return replace(
             self._shapes.counters,
             frames_played=0 if simulation is None else simulation.frames_played,
-            instances=len(self._instances.descriptions),
+            instances=len(self.instances.descriptions),
             skipped={effect.name: why for effect, why in asleep},
         )
 
@@ -254,25 +196,25 @@ class SceneReader:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on values that were corrected, or are likely to be meant otherwise."""
-        surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
+        surfaces = (effect for effect in self.found.effects if effect.hfx.kind == "SURFACE")
         warned = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         warned = {text: s for text, s in warned.items() if s.warning}
-        keys = (*self._found.notes, *self._instances.notes)
+        keys = (*self.found.notes, *self.instances.notes)
         return tuple(dict.fromkeys((*keys, *self._shapes.notes, *warned)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""
-        poses = play_space.poses(self._found.scene, self.time, self._found.unit_m)
+        poses = play_space.poses(self.found.scene, self.time, self.found.unit_m)
         return {} if poses is None else {SETTING: PlaySpace.as_setting(poses)}
 
     def steps(self) -> bool:
         """Test that scenes must be stepped, as not everything follows from F-curves."""
-        return bool(plan_of(self._found, self._described, self._shapes).reason)
+        return bool(plan_of(self.found, self._described, self._shapes).reason)
 
     @property
     def is_stepped(self) -> bool:
         """Test that Blender steps a scene while this one is read; compared with it before."""
-        return bool(self._plan_now().reason)
+        return bool(self.plan.reason)
 
     @property
     def sample_indices(self) -> I64:
@@ -294,15 +236,15 @@ class SceneReader:
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
         """Test that an effect of these kinds can be on, for some samples."""
         frames = scene_description.sample_frames(self.time, indices)
-        animation = animation_frames(self._found.scene, frames)
+        animation = animation_frames(self.found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
-        for effect, state in zip(self._found.effects, self._found.activations, strict=True):
+        for effect, state in zip(self.found.effects, self.found.activations, strict=True):
             if on.all():
                 break
             if effect.hfx.kind in kinds:
                 on |= state.may_be_on(animation)
         if "VOLUME" in kinds:
-            on |= self._instances.may_be_on(frames)
+            on |= self.instances.may_be_on(frames)
         return on
 
     def why_in_one_go(self) -> str | None:
@@ -310,7 +252,7 @@ class SceneReader:
 
         None: any part of them, of whole blocks, can be read alone and gives the same.
         """
-        plan = self._plan_now()
+        plan = self.plan
         return plan.reason if plan.in_own_scene and plan.in_one_go else None
 
     def blocks(self, part: tuple[int, int] | None = None) -> Generator[AnimationBlock, None, None]:
@@ -326,7 +268,7 @@ class SceneReader:
             Only samples ``first <= index < stop``, both multiples of the block size or the end.
             Below 0 are those before the first frame that is read, as far as the scene has any.
         """
-        plan = self._plan_now()
+        plan = self.plan
         self.stepping_note = plan.note
         wanted = self.sample_indices
         if part is not None:
@@ -335,16 +277,16 @@ class SceneReader:
         with ExitStack() as stack:
             reading = self._pass(plan, stack)
             own = None
-            if self._instances.descriptions:
-                own = stack.enter_context(self._instances.stepper())
+            if self.instances.descriptions:
+                own = stack.enter_context(self.instances.stepper())
             size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
-            for indices in _contiguous_blocks(wanted, size):
+            for indices in contiguous_blocks(wanted, size):
                 first, last = int(indices[0]), int(indices[-1])
                 history, future = self._beside(first, last)
                 indices = np.arange(first - history, last + future + 1)
                 block = self._without_hidden(reading.block(indices, history, future))
                 if own is not None:
-                    block = self._instances.extended(block, own)
+                    block = self.instances.extended(block, own)
                     self._shapes.counters.times_stepped += len(indices)
                 yield block
 
@@ -360,16 +302,21 @@ class SceneReader:
                     found[k] = replace(found[k], levels=np.where(pose.valid, found[k].levels, 0.0))
         return replace(block, effects=tuple(found))
 
-    def _plan_now(self) -> Plan:
-        """The plan for all of the samples, whichever of them are read."""
-        if self._plan is None:
-            self._plan = self._checked_plan()
-        return self._plan
+    @cached_property
+    def plan(self) -> Plan:
+        """Plan for all of the samples, whichever of them are read: the cheapest one that agrees
+        with the user's own scene at a few times.
+        """
+        plan = plan_of(self.found, self._described, self._shapes)
+        indices = self.sample_indices
+        if not self._is_probed or not len(indices):
+            return plan
+        return checked(plan, self.found, self._described, self._reading, indices, self._agrees)
 
-    def _pass(self, plan: Plan, stack: ExitStack, spots: I64 | None = None) -> Pass:
-        return Pass(
+    def _pass(self, plan: Plan, stack: ExitStack, spots: I64 | None = None) -> ReadingPass:
+        return ReadingPass(
             plan,
-            self._found,
+            self.found,
             self._described,
             self._reading,
             always_posed=self._always_posed,
@@ -402,64 +349,15 @@ class SceneReader:
 
     def _is_in_scene(self, index: int) -> bool:
         """Test that a sample is taken between the scene's first and last frame, which lasts one."""
-        end = max(self._found.scene.frame_end, self.time.frame_last) + 1
+        end = max(self.found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
 
-    def _checked_plan(self) -> Plan:
-        """Cheapest plan that agrees with the user's own scene at a few times."""
-        plan = plan_of(self._found, self._described, self._shapes)
-        indices = self.sample_indices
-        if not self._is_probed or not len(indices):
-            return plan
-        # The user's scene evaluates what nobody feels, too. Simulations in it that were not played
-        # through must not be disturbed, and cannot be felt.
-        is_disturbed = self._found.simulation is None and has_simulation_anywhere(self._found.scene)
-        in_own_scene = plan.in_own_scene or (
-            stepping.runs_code(self._found.read) and not is_disturbed
-        )
-        is_sampled = bool(plan.effects or plan.bodies or plan.presampled)
-        if plan.in_own_scene == in_own_scene and not is_sampled:
-            return plan
-        probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-        truth = self._as_evaluated(probes.tolist(), in_own_scene)
-        if self._agrees(plan, truth):
-            return plan
-        if plan.presampled:
-            plan = replace(plan, presampled={})
-            if self._agrees(plan, truth):
-                return plan
-        if plan.effects or plan.bodies:
-            stepped = Plan(
-                reason="a few frames came out differently from F-curves",
-                in_own_scene=plan.in_own_scene,
-                in_one_go=plan.in_one_go,
-            )
-            if plan.in_own_scene == in_own_scene or self._agrees(stepped, truth):
-                return stepped
-        return Plan(
-            reason="a few frames came out differently in a scratch scene",
-            in_own_scene=True,
-            in_one_go=True,
-        )
-
-    def _as_evaluated(self, probes: list[int], in_own_scene: bool) -> list[Row]:
-        """Effects and bodies as Blender evaluates them."""
-        found, bodies = self._found, range(len(self._found.bodies))
-        if in_own_scene:
-            stepped = stepping.own_scene(found)
-        else:
-            objects = objects_of(found, self._described, found.active, bodies)
-            stepped = stepping.scratch_scene(found.scene, objects)
-        # Places and values are compared, for which no mesh is needed.
-        self._reading.far = frozenset(found.active)
-        with stepped as stepper:
-            return [self._reading.read(index, stepper, found.active, bodies) for index in probes]
-
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
+        """Test that a plan gives at single times what Blender evaluated."""
         with ExitStack() as stack:
             spots = np.array([row.index for row in truth])
             reading = self._pass(plan, stack, spots)
-            return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
+            return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 
 def _simulation(
@@ -477,35 +375,7 @@ def _simulation(
     return Simulation(scene, int(np.ceil(last[0])))
 
 
-def _same(row: Row, block: AnimationBlock) -> bool:
-    """Test that a block of one time equals what was read at that time."""
-    for k, read_effect in row.effects.items():
-        effect = block.effects[k]
-        matrix = None if effect.matrices is None else effect.matrices[0]
-        controls = None if effect.response is None else effect.response[0]
-        other = EffectRow(
-            float(effect.levels[0]),
-            effect.parameters[0].tolist(),
-            matrix,
-            response=controls,
-            vertices=None if effect.vertices is None else effect.vertices[0],
-            place=None if effect.place is None else effect.place[0],
-            drive=None if effect.drive is None else effect.drive[0],
-        )
-        if not effects_agree(read_effect, other):
-            return False
-    for k, pose in enumerate(block.poses):
-        if not pose.valid[0]:
-            continue
-        bones = None if pose.bones is None else pose.bones[0]
-        surface = None if pose.surface is None else pose.surface[0]
-        read = row.poses[k]
-        if read is None or not read.nearly_equals(PoseRow(pose.to_world[0], bones, surface)):
-            return False
-    return True
-
-
-def _contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
+def contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
     """Runs without gaps, cut at multiples of the block size."""
     cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % size == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))

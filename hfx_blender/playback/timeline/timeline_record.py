@@ -28,9 +28,10 @@ from ...engine.samples import SampleRun, Stream
 from ...engine.scene import EffectDescription, SceneDescription, TimeBase
 from ...engine.track.header import TrackHeader
 from ...errors import HfxError, InputError
+from ...reading.curves.animation_time import time_base
 from ...reading.description.scene_devices import load_scene_device
 from ...reading.description.scene_tolerance import live_tolerance
-from ...reading.scene_reader import SceneReader, time_base
+from ...reading.scene_reader import SceneReader
 
 MOST_SAMPLES = 20_000
 """A longer scene is sampled once a frame; one that is longer still, not at all."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Time remapping: the frame of the animation that Blender evaluates at a frame that is played.
+"""Times of a scene: its samples, and the frames of the animation that Blender evaluates there.
 
 Played frames are what the timeline shows and what is exported: one second is the frame rate's
 number of them. Keyframes, clips and caches have the frames of the animation.
@@ -7,10 +7,60 @@ number of them. Keyframes, clips and caches have the frames of the animation.
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import bpy
 import numpy as np
 
+from ...blender import stored_values
 from ...engine.arrays import F64
+from ...engine.scene import TimeBase
+from ...errors import InputError
+
+_FRAME_RATES = (0.001, 10_000.0)
+
+MOST_SAMPLES = 2**24
+"""Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
+
+
+def time_base(
+    scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
+) -> TimeBase:
+    """Time base of a scene: its own frame range and rate by default."""
+    first, last = frames or (scene.frame_start, scene.frame_end)
+    if last < first:
+        raise InputError(
+            f"Scene '{scene.name}': the frame range {first} to {last} holds no frames."
+        )
+    fps = _frame_rate(scene)
+    time = TimeBase(fps, rate_hz or _sample_rate(scene), scene.frame_start, first, last)
+    if time.sample_count > MOST_SAMPLES:
+        raise InputError(
+            f"Scene '{scene.name}': frames {first} to {last} at {float(fps):g} frames and "
+            f"{float(time.rate_hz):g} samples a second are {time.sample_count} samples, at most "
+            f"{MOST_SAMPLES} are allowed; export fewer frames or a lower rate."
+        )
+    return time
+
+
+def _frame_rate(scene: bpy.types.Scene) -> Fraction:
+    """Frames a second, exactly."""
+    fps, base = scene.render.fps, scene.render.fps_base
+    rate = fps / base if base else np.inf
+    if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
+        raise InputError(
+            f"Scene '{scene.name}': its Frame Rate, {fps} with the base {base:g}, is {rate:g} "
+            f"frames a second, allowed is {_FRAME_RATES[0]:g} to {_FRAME_RATES[1]:g}."
+        )
+    return Fraction(fps) / Fraction(base).limit_denominator(10_000)
+
+
+def _sample_rate(scene: bpy.types.Scene) -> Fraction:
+    """Sampling rate that a scene asks for, Hz."""
+    for bad in stored_values.bad_values(scene):
+        if bad.path == "rate":
+            raise InputError(f"Scene '{scene.name}': {bad}.")
+    return Fraction(scene.hfx.rate).limit_denominator(1000)
 
 
 def _length(scene: bpy.types.Scene) -> np.float32:

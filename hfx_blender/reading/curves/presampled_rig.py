@@ -64,7 +64,7 @@ class PresampledRig:
                 places.setdefault(match[2], []).append((place, column))
         self._places = {name: np.array(found).T for name, found in places.items()}
         self._chunk = -1
-        self._sampled: dict[str, F32] = {}
+        self.sampled: dict[str, F32] = {}
 
     def make_copy(self) -> list[bpy.types.ID]:
         """Make the copy, and its needs; the caller removes all of it.
@@ -94,13 +94,13 @@ class PresampledRig:
         """Give the copy the values of a sample's time; the scene is to be evaluated after it."""
         chunk, row = divmod(int((frame - self._first) / self._step), _CHUNK)
         if chunk != self._chunk:
-            self._sample(chunk)
+            self.sample(chunk)
         assert self.copy is not None
-        for name, values in self._sampled.items():
+        for name, values in self.sampled.items():
             self.copy.pose.bones.foreach_set(name, values[row])
         self.copy.update_tag(refresh={"OBJECT"})
 
-    def _sample(self, chunk: int) -> None:
+    def sample(self, chunk: int) -> None:
         first = self._first + chunk * _CHUNK * self._step
         frames = [first + k * self._step for k in range(_CHUNK)]
         whole = [frame.numerator // frame.denominator for frame in frames]
@@ -111,8 +111,8 @@ class PresampledRig:
         for name, (places, columns) in self._places.items():
             still = np.zeros(len(self.obj.pose.bones) * WIDTHS[name], np.float32)
             self.obj.pose.bones.foreach_get(name, still)
-            self._sampled[name] = np.repeat(still[None], _CHUNK, axis=0)
-            self._sampled[name][:, places] = values[:, columns]
+            self.sampled[name] = np.repeat(still[None], _CHUNK, axis=0)
+            self.sampled[name][:, places] = values[:, columns]
         self._chunk = chunk
 
 

@@ -7,7 +7,7 @@ else is a warning.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from typing import Final
@@ -58,6 +58,34 @@ _LOST: Final = {
     "between": ("lie", "between two samples"),
 }
 """Verb and place of clips in warnings, by the reason; what lies there is not felt at all."""
+
+
+def reasons(
+    scene: bpy.types.Scene,
+    time: TimeBase,
+    states: Mapping[bpy.types.Object, Activation],
+    asleep: Mapping[bpy.types.Object, str],
+    is_part: bool,
+) -> tuple[dict[str, Unfelt], list[LostClip]]:
+    """Reasons why effects are not felt, by their names, known before reading; and lost clips.
+
+    ``asleep`` are those without any possible sample; ``is_part``: only some frames are exported.
+    """
+    frames = dormant.frames_read(scene, time)
+    found: dict[str, Unfelt] = {}
+    lost: list[LostClip] = []
+    for effect, state in states.items():
+        lost_of_it = [*lost_clips(scene, time, effect, state)]
+        lost += lost_of_it
+        clipless = of_lost_clips(lost_of_it, state)
+        why = asleep.get(effect)
+        if clipless is not None:
+            found[effect.name] = clipless
+        elif why is not None:
+            found[effect.name] = of_dormant(why, is_part)
+        elif (powerless := why_powerless(effect, frames)) is not None:
+            found[effect.name] = Unfelt(powerless)
+    return found, lost
 
 
 def lost_clips(

@@ -25,8 +25,8 @@ from ...engine.native import library
 from ...engine.samples import SampleRun
 from ...engine.scene import AnimationBlock, HapticVolume
 from ...engine.tolerance import Tolerance
+from ..curves.animation_time import time_base
 from ..description import scene_description, skin_areas, visibility
-from ..scene_reader import time_base
 from ..stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
 from ..stepped.stepped_reading import SteppedReading
 from ..stepped.stepping import Stepper

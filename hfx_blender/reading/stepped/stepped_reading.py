@@ -87,7 +87,7 @@ class SteppedReading:
             soundness.add_fault(self.faults, failure, index)
         self.counters.times_stepped += 1
         row = Row(index)
-        row.effects = {k: self._read_effect(k, stepper, index) for k in effects}
+        row.effects = {k: self.read_effect(k, stepper, index) for k in effects}
         self.counters.effects_read += len(row.effects)
         self.add_poses(row, stepper, bodies)
         return row
@@ -102,7 +102,7 @@ class SteppedReading:
         """Read the bounds of bodies that follow their mesh, at the time that is set already."""
         row.outlines |= {k: self._read_pose(k, stepper, is_outline=True) for k in bodies}
 
-    def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
+    def read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
         if not evaluated.is_evaluated or evaluated.hide_viewport:

@@ -16,6 +16,7 @@ import pytest
 from hfx_blender.export import scene_export
 from hfx_blender.processes import blender_session
 from hfx_blender.reading import scene_reader
+from hfx_blender.reading.curves.animation_time import time_base
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -129,7 +130,7 @@ def test_both_blenders_find_the_same_contacts(demo: Path, tmp_path: Path) -> Non
     cross_version.dump(str(blend), str(here_path), str(RATE_HZ))
     here, there = _contacts(here_path), _contacts(there_path)
     scene = bpy.context.scene
-    time = scene_reader.time_base(scene, rate_hz=oracle.Fraction(RATE_HZ))
+    time = time_base(scene, rate_hz=oracle.Fraction(RATE_HZ))
     (body,) = (obj for obj in scene.objects if obj.hfx.role == "BODY")
     references = {m: oracle.model_object(scene, body, m) for m in ("vibration", "pressure")}
     references["temperature"] = oracle.model_object(scene, body, "temperature")

@@ -56,13 +56,13 @@ WAYS: dict[str, tuple[Callable[[Any], None], str]] = {
 def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the effects that are read from evaluated objects from now on."""
     names: list[str] = []
-    real = stepped_reading.SteppedReading._read_effect
+    real = stepped_reading.SteppedReading.read_effect
 
     def read_effect(self: Any, which: int, stepper: Any, index: int) -> Any:
         names.append(self._found.effects[which].name)
         return real(self, which, stepper, index)
 
-    monkeypatch.setattr(stepped_reading.SteppedReading, "_read_effect", read_effect)
+    monkeypatch.setattr(stepped_reading.SteppedReading, "read_effect", read_effect)
     return names
 
 

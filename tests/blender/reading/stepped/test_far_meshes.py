@@ -10,8 +10,8 @@ import pytest
 
 from hfx_blender.authoring.effects.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.reading import reading_pass
 from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.reading.stepped import far
 from hfx_blender.reading.stepped.nearness import swept_boxes
 
 bpy = pytest.importorskip("bpy")
@@ -63,7 +63,8 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
         return {k: (s.vertices.tolist(), s.weights.tolist()) for k, s in samples}
 
     lazy, some = felt(), len(made)
-    monkeypatch.setattr(reading_pass, "near", lambda places, unit_m, skins: np.ones(1, np.bool_))
+    always = np.ones(1, np.bool_)
+    monkeypatch.setattr(far.FarVolumes, "are_near", lambda self, places, poses: always)
     assert lazy == felt()
     assert 0 < some < len(made) - some
 

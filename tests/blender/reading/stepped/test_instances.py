@@ -181,7 +181,7 @@ def test_scenes_without_instances_are_read_as_before(ball: Any) -> None:
     bpy.context.scene.collection.objects.link(ball)
     ball.location = BELLY
     _, reader = _read()
-    assert not reader._instances.descriptions
+    assert not reader.instances.descriptions
     assert reader.stepping_note == "sampled F-curves, stepped no scene"
 
 
@@ -193,7 +193,7 @@ def test_an_instancer_of_muted_volumes_alone_rests_while_the_scene_is_stepped(ba
     objects = bpy.data.objects
     _empty("There", BELLY).instance_collection = bpy.data.collections["Away"]
     reader = SceneReader(bpy.context.scene)
-    with reader._instances.stepper():
+    with reader.instances.stepper():
         assert objects["There"].hide_viewport and not objects["Here"].hide_viewport
     assert not objects["There"].hide_viewport
     assert reader.counters.skipped == {"Quiet": "is muted"}

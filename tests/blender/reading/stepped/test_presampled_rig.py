@@ -43,7 +43,7 @@ def _farthest(
     before = [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     reader, blocks = _read(scene, rate_hz)
     assert reader.stepping_note.startswith("stepped a scratch scene")
-    assert bool(reader._plan_now().presampled) == is_presampled
+    assert bool(reader.plan.presampled) == is_presampled
     assert before == [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     monkeypatch.setattr(stepping, "foreign_handler", lambda: "a test wants it")
     own, truth = _read(scene, rate_hz)
@@ -113,12 +113,12 @@ def test_a_copy_that_comes_out_otherwise_is_not_used(
 ) -> None:
     from hfx_blender.reading.curves import presampled_rig
 
-    real = presampled_rig.PresampledRig._sample
+    real = presampled_rig.PresampledRig.sample
 
     def askew(self: Any, chunk: int) -> None:
         real(self, chunk)
-        for values in self._sampled.values():
+        for values in self.sampled.values():
             values += np.float32(1e-3)
 
-    monkeypatch.setattr(presampled_rig.PresampledRig, "_sample", askew)
+    monkeypatch.setattr(presampled_rig.PresampledRig, "sample", askew)
     assert _farthest(scene, monkeypatch, is_presampled=False) == 0.0

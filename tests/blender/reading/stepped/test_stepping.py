@@ -426,9 +426,9 @@ def test_muted_volumes_are_not_evaluated_with_the_own_scene(scene: Any, ball: An
     for muted in (idle, parent, collider):
         muted.hfx.is_muted = True
     reader, there = SceneReader(scene), []
-    with pytest.raises(KeyboardInterrupt), stepping.own_scene(reader._found) as stepper:
+    with pytest.raises(KeyboardInterrupt), stepping.own_scene(reader.found) as stepper:
         stepper.set_frame(oracle.Fraction(3))
-        there = [obj for obj in reader._found.dormant if stepper.evaluated(obj).is_evaluated]
+        there = [obj for obj in reader.found.dormant if stepper.evaluated(obj).is_evaluated]
         raise KeyboardInterrupt
     assert set(there) == {parent, collider}
     graph = bpy.context.view_layer.depsgraph
@@ -533,7 +533,7 @@ def _evaluated_beside(scene: Any, ball: Any) -> set[bool]:
         places[frame] = np.array(ball.evaluated_get(graph).matrix_world)
     assert not np.array_equal(places[1], places[24])
     reader = SceneReader(scene)
-    with stepping.own_scene(reader._found) as stepper:
+    with stepping.own_scene(reader.found) as stepper:
         for frame, place in places.items():
             stepper.set_frame(oracle.Fraction(frame))
             assert np.array_equal(stepper.evaluated(ball).matrix_world, place)
@@ -575,7 +575,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
     test_a_driver_that_reads_the_scene(scene, ball)
     bystander = _moving_cube(scene)
     scene.frame_set(5)
-    found = SceneReader(scene)._found
+    found = SceneReader(scene).found
 
     class Late:
         """An object that is told to show itself just when Ctrl-C comes."""
@@ -604,7 +604,7 @@ def test_where_code_may_read_anything_all_of_the_own_scene_is_evaluated(
     driver, _ = _driver(ball, "hfx.temperature")
     driver.type, driver.expression = "SCRIPTED", "len(str(var))"
     reader = SceneReader(scene)
-    with stepping.own_scene(reader._found) as stepper:
+    with stepping.own_scene(reader.found) as stepper:
         stepper.set_frame(oracle.Fraction(3))
         assert stepper.evaluated(bystander).is_evaluated
 
@@ -623,7 +623,7 @@ def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:
 def test_blocks_are_cut_at_multiples() -> None:
     cut = [
         block.tolist()
-        for block in scene_reader._contiguous_blocks(np.array([0, 1, 30, 31, 32, 33, 70]), 32)
+        for block in scene_reader.contiguous_blocks(np.array([0, 1, 30, 31, 32, 33, 70]), 32)
     ]
     assert cut == [[0, 1], [30, 31], [32, 33], [70]]
-    assert list(scene_reader._contiguous_blocks(np.zeros(0, np.int64), 32)) == []
+    assert list(scene_reader.contiguous_blocks(np.zeros(0, np.int64), 32)) == []
