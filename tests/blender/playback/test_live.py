@@ -246,7 +246,7 @@ def test_an_export_is_not_played(log: Path) -> None:
     go(5)
     until(lambda: not is_loud(log))
     count = len(rows(log))
-    with stepping.own_scene(SceneReader(bpy.context.scene)._found):
+    with stepping.own_scene(SceneReader(bpy.context.scene).found):
         go(15)
         live.handlers.beat()
         time.sleep(0.05)
