@@ -259,8 +259,6 @@ def _over_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray
 def read_surfaces(
     body: bpy.types.Object,
     evaluated: Callable[[bpy.types.Object], bpy.types.Object],
-    *,
-    is_outline: bool = False,
 ) -> np.ndarray:
     """Evaluated vertices of all meshes of an avatar, (A, 3) float32.
 
@@ -271,15 +269,10 @@ def read_surfaces(
     ----------
     evaluated : callable
         An object as it is at the time that is read.
-    is_outline : bool
-        Read the 8 corners of the bounds of each mesh instead.
     """
     meshes = avatar_meshes.meshes_of(body)
     found = [evaluated(mesh) for mesh in meshes]
-    if is_outline:
-        surfaces = [np.array([c[:] for c in mesh.bound_box], np.float32) for mesh in found]
-    else:
-        surfaces = [read_surface(body, *pair) for pair in zip(meshes, found, strict=True)]
+    surfaces = [read_surface(body, *pair) for pair in zip(meshes, found, strict=True)]
     return _in_one_space(surfaces, [mesh.matrix_world for mesh in found])
 
 

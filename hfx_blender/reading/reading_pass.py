@@ -20,10 +20,10 @@ from .curves.curve_reading import EffectChunks
 from .description import response_values
 from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
 from .reading_plan import Plan
-from .stepped.far import FarSurfaces, FarVolumes
 from .stepped.scene_rows import Row, effect_block, pose_block, silence
 from .stepped.stepped_reading import SteppedReading
 from .stepped.stepped_rows import SteppedRows, SteppedScenes
+from .stepped.stepped_volumes import FarVolumes
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,6 @@ class ReadingPass:
     rows : SteppedRows or None
         Effects and bodies at single times; None where nothing is stepped.
     far_volumes : FarVolumes
-    far_surfaces : FarSurfaces or None
-        None where all bodies are read in full.
     counters : ReadingCounters
     """
 
@@ -102,10 +100,6 @@ class ReadingPass:
         # Of meshes only boxes are read where places and values are compared.
         reading.far = frozenset(() if spots is None else parts.stepped_effects)
         self.far_volumes = FarVolumes(found, scene, parts.stepped_effects if is_judged else ())
-        self.far_surfaces: FarSurfaces | None = None
-        if is_judged and not always_posed:
-            in_scene = sorted(parts.in_scene)
-            self.far_surfaces = FarSurfaces(found, scene, parts.stepped_bodies, in_scene)
         self.rows = self._stepped_rows(stack)
 
     def _stepped_rows(self, stack: ExitStack) -> SteppedRows | None:
@@ -117,11 +111,8 @@ class ReadingPass:
             scenes = SteppedScenes.scratch(self._found, self._scene, effects, bodies, rigs, stack)
         else:
             return None
-        surfaces = () if self.far_surfaces is None else self.far_surfaces.numbers
         count = self._scene.time.sample_count
-        return SteppedRows(
-            scenes, self._reading, bodies, surfaces, self.far_volumes, count, {*surfaces}
-        )
+        return SteppedRows(scenes, self._reading, bodies, self.far_volumes, count)
 
     def _frames(self, indices: I64) -> F64:
         """Frames of the animation at samples."""
@@ -142,7 +133,6 @@ class ReadingPass:
         poses = self._poses(frames, wanted, rows)
         own = rows[history : len(rows) - future]
         effects |= self._far_effects(rows, poses, may_be_on.any(axis=1), own)
-        self._read_surfaces(rows, poses, effects, own)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -194,12 +184,10 @@ class ReadingPass:
         return self.rows.read_bodies(indices, wanted)
 
     def _poses(self, frames: F64, wanted: Bool, rows: list[Row]) -> list[PoseBlock]:
-        """Bodies; of those that follow a mesh and may be far the bounds."""
+        """Bodies, posed where they are wanted."""
         poses = {k: body.read(frames, wanted) for k, body in self.plan.bodies.items()}
-        surfaces = () if self.far_surfaces is None else self.far_surfaces.numbers
         for k in self.parts.stepped_bodies:
-            read = (row.outlines if k in surfaces else row.poses for row in rows)
-            poses[k] = pose_block([each.get(k) for each in read])
+            poses[k] = pose_block([row.poses.get(k) for row in rows])
         return [poses[k] for k in range(len(poses))]
 
     def _far_effects(
@@ -229,30 +217,6 @@ class ReadingPass:
             found |= {k: self._effect_of(k, rows) for k in again}
         far.in_full = {k for k in nearby if not reading.is_settled(k)}
         return found
-
-    def _read_surfaces(
-        self,
-        rows: list[Row],
-        poses: list[PoseBlock],
-        effects: dict[int, EffectBlock],
-        own: list[Row],
-    ) -> None:
-        """Bodies that follow their mesh: not there where no volume reaches their bounds.
-
-        Else they are read in full from now on, until they are far again.
-        """
-        if self.far_surfaces is None or self.rows is None:
-            return
-        volumes = [effects[k] for k in sorted(self.parts.in_scene)]
-        for k in self.far_surfaces.numbers:
-            if self.far_surfaces.is_near(k, poses[k], volumes):
-                self.rows.unread.discard(k)
-                self.rows.add_surface(rows, k)
-                poses[k] = pose_block([row.poses.get(k) for row in rows])
-            else:
-                self.rows.unread.add(k)
-                poses[k] = pose_block([None] * len(rows))
-                self._reading.count_far(self._scene.bodies[k].name, own[0].index, len(own))
 
     def _effect_of(self, which: int, rows: list[Row]) -> EffectBlock:
         return effect_block([row.effects[which] for row in rows], self._modality(which))

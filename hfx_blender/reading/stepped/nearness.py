@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.body.temperature_cells import cell_of_skin
-from ...engine.scene import BodyDescription, EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
+from ...engine.scene import BodyDescription, PoseBlock, SkinBinding, SurfaceBinding
 
 _ROUNDING = 1e-6
 """Margin on all sides of a box, as a share of the largest coordinate."""
@@ -89,18 +89,6 @@ class SkinBoxes:
         more = 2.0 * max(beyond, default=0.0) * (high - low).max(axis=1, keepdims=True)
         more += max(above, default=0.0) + self._bulge_m
         return np.stack([low - more, high + more], axis=1)
-
-
-def may_meet(effect: EffectBlock, skin: Box | None) -> bool:
-    """Test that a volume that is on may meet a box around skin; None: it may be anywhere."""
-    if effect.matrices is None or (effect.levels <= 0.0).all():
-        return False
-    if skin is None:
-        return True
-    which = effect.shapes_at(np.arange(len(effect.levels)))
-    bounds = np.stack([shape.bounds for shape in effect.shapes])[which]
-    low, high = swept_box(effect.matrices, bounds)
-    return not ((low > skin[1]).any() or (high < skin[0]).any())
 
 
 def _longest_side(model: PerceptualModel) -> float:

@@ -71,8 +71,6 @@ class Row:
     effects: dict[int, EffectRow] = field(default_factory=dict)
     places: Places | None = None  # of volumes of which nothing else was read
     poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
-    # Of bodies that follow their mesh: the corners of its bounds as surface.
-    outlines: dict[int, PoseRow | None] = field(default_factory=dict)
 
 
 def effects_agree(one: EffectRow, two: EffectRow) -> bool:

@@ -98,10 +98,6 @@ class SteppedReading:
         self.counters.poses_read += len(read)
         row.poses |= read
 
-    def add_outlines(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
-        """Read the bounds of bodies that follow their mesh, at the time that is set already."""
-        row.outlines |= {k: self._read_pose(k, stepper, is_outline=True) for k in bodies}
-
     def read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
@@ -191,7 +187,7 @@ class SteppedReading:
         return row
 
     def count_far(self, name: str, first: int, count: int) -> None:
-        """Count the samples of a block of which only the place of a volume or body is needed."""
+        """Count the samples of a block of which only the place of a volume is needed."""
         self.counters.far.setdefault(name, {})[str(first)] = count
 
     def is_settled(self, which: int) -> bool:
@@ -232,9 +228,7 @@ class SteppedReading:
             self._found.scene, effect, controls[None], frame, time
         )[0]
 
-    def _read_pose(
-        self, which: int, stepper: Stepper, *, is_outline: bool = False
-    ) -> PoseRow | None:
+    def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
         """Pose of a body; None while it is disabled, as Blender does not pose it."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
@@ -246,7 +240,7 @@ class SteppedReading:
         unit_m = self._unit_m
         if isinstance(binding, SurfaceBinding):
             matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
-            surface = body_binding.read_surfaces(body, stepper.evaluated, is_outline=is_outline)
+            surface = body_binding.read_surfaces(body, stepper.evaluated)
             return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
         armature = stepper.evaluated(body)
         matrices = np.zeros(len(binding.bone_names) * 16, np.float32)

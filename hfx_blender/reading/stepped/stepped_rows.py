@@ -17,9 +17,9 @@ from ..curves.animation_curves import NotModelledError
 from ..curves.presampled_rig import PresampledRig
 from ..description.scene_description import HapticObjects
 from . import stepping
-from .far import FarVolumes
 from .scene_rows import Row
 from .stepped_reading import SteppedReading
+from .stepped_volumes import FarVolumes
 from .stepping import Stepper
 
 
@@ -95,14 +95,12 @@ class SteppedRows:
     ----------
     scenes : SteppedScenes
     reading : SteppedReading
-    bodies, surfaces : collection of int
-        Bodies that are stepped, and those of them that follow a mesh of which the bounds are read.
+    bodies : collection of int
+        Bodies that are stepped.
     volumes : FarVolumes
         Their places are read at each time, and who of them is on.
     sample_count : int
         Samples of the scene; others are read beside them.
-    unread : set of int
-        Surfaces of which only the bounds are read.
     last : dict of int to Row
         The last rows by their sample, with which the next block may begin.
     """
@@ -110,10 +108,8 @@ class SteppedRows:
     scenes: SteppedScenes
     reading: SteppedReading
     bodies: Collection[int]
-    surfaces: Collection[int]
     volumes: FarVolumes
     sample_count: int
-    unread: set[int] = field(default_factory=set)
     last: dict[int, Row] = field(default_factory=dict)
 
     def read(
@@ -179,9 +175,7 @@ class SteppedRows:
 
     def _add_bodies(self, row: Row) -> None:
         """Read bodies at the time that is set already."""
-        bodies = [k for k in self.bodies if k not in self.unread]
-        self.reading.add_poses(row, self.scenes.whole, bodies)
-        self.reading.add_outlines(row, self.scenes.whole, self.surfaces)
+        self.reading.add_poses(row, self.scenes.whole, self.bodies)
 
     def add_effects(self, rows: Iterable[Row], effects: Iterable[int]) -> None:
         """Read effects at times at which they were not."""
@@ -189,9 +183,3 @@ class SteppedRows:
             missing = [k for k in effects if k not in row.effects]
             if missing:
                 row.effects |= self.reading.read(row.index, self.scenes.light, missing, ()).effects
-
-    def add_surface(self, rows: Iterable[Row], body: int) -> None:
-        """Read a body that follows a mesh at times at which only its bounds were read."""
-        for row in rows:
-            if body in row.outlines and body not in row.poses:
-                row.poses |= self.reading.read(row.index, self.scenes.whole, (), [body]).poses

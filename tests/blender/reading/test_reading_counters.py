@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.counters import ReadingCounters, as_reported
-from hfx_blender.reading.stepped import far
+from hfx_blender.reading.stepped.stepped_volumes import FarVolumes
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -120,7 +120,7 @@ def play_it_later(effect: Any) -> None:
     oracle.add_clip(effect, 100, 110)
 
 
-def always_on(volumes: far.FarVolumes, frames: Any) -> Any:
+def always_on(volumes: FarVolumes, frames: Any) -> Any:
     return np.ones((len(volumes.numbers), len(frames)), np.bool_)
 
 
@@ -181,7 +181,7 @@ def test_blocks_of_samples_outside_a_clip_are_not_stepped(
     assert read.times_stepped <= 2 * 33 + 10  # a block, read again in full as it is near; probes
     assert read.meshes_made <= 33
     name = kind.__name__.capitalize()
-    monkeypatch.setattr(far.FarVolumes, "may_be_on", always_on)
+    monkeypatch.setattr(FarVolumes, "may_be_on", always_on)
     whole = oracle.evaluate(scene, rate_hz=RATE_HZ)
     assert whole.reader.counters.times_stepped >= 96
     assert _entries(lazy) == _entries(whole)

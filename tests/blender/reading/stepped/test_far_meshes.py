@@ -11,8 +11,8 @@ import pytest
 from hfx_blender.authoring.effects.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.reading.scene_reader import SceneReader
-from hfx_blender.reading.stepped import far
 from hfx_blender.reading.stepped.nearness import swept_boxes
+from hfx_blender.reading.stepped.stepped_volumes import FarVolumes
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -64,7 +64,7 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
 
     lazy, some = felt(), len(made)
     always = np.ones(1, np.bool_)
-    monkeypatch.setattr(far.FarVolumes, "are_near", lambda self, places, poses: always)
+    monkeypatch.setattr(FarVolumes, "are_near", lambda self, places, poses: always)
     assert lazy == felt()
     assert 0 < some < len(made) - some
 
