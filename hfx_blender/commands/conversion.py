@@ -25,9 +25,8 @@ from ..formats.hjif.semantics import is_date
 from ..formats.rasters import csv_raster, raster_rules
 from ..formats.rasters.signal_raster import RATE_HZ, raster_of
 from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
-from ..formats.signals.credits import Credits
 from ..formats.signals.curves import CurveTolerance
-from ..formats.signals.signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, distinct
+from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, FrequencyRange, Signal, distinct
 from ..formats.sound import wav
 from ..formats.writing import write, write_signals
 from ..formats.written import Written, beside

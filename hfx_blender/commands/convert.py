@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from .arguments import add_largest
 from .console import Console
-from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:

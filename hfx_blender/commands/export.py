@@ -26,8 +26,8 @@ from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes
 from ..processes import blender_session
 from ..processes.start import cores
 from ..text import printable
+from .arguments import expanded
 from .console import Console
-from .patterns import expanded
 
 SOME_FAILED = 5
 _OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result

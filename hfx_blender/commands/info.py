@@ -12,8 +12,8 @@ from ..errors import InputError, refuse_no_file
 from ..files.kinds import title_of
 from ..processes import blender_session
 from ..text import printable
+from .arguments import add_largest
 from .console import Console
-from .largest import add_largest
 from .own_files import kind_of
 
 

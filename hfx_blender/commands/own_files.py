@@ -9,10 +9,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from ..export.result_files import listed
 from ..files import suffixes
-from .info_report import SUFFIX, facts_of_report
+from ..files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Record, Table, Text, read
+from ..files.kinds import refuse_another
+
+_REPORT_SUFFIX: Final = ".report.json"
+_MOST_BYTES: Final = 64 << 20
+_LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
+_MOST: Final = 1 << 20  # of a list
+_FILE: Final = Record(
+    {"name": PRINTABLE, "bytes": Number(0, 1 << 50, is_whole=True)},
+    unknown="ignore",
+    title="an object with 'name' and 'bytes'",
+)
+_PLAIN: Final = Items(Table(Anything(), 1, title="an object with at least one member"), 0, _MOST)
+_SENTENCES: Final = Items(Text(pattern=r"[^\x00-\x1f]*", note="a sentence"), 0, _MOST)
+_REPORT: Final = Record(
+    {"scene": Anything(), "files": Items(_FILE, 0, _MOST)},
+    {key: _SENTENCES if key in ("warnings", "notes") else _PLAIN for key in _LISTS},
+    unknown="ignore",
+    title="an export's report",
+)
 
 
 @dataclass(frozen=True)
@@ -65,8 +85,41 @@ def _path(path: Path) -> dict[str, Any]:
     }
 
 
+def facts_of_report(path: Path) -> dict[str, Any]:
+    """Content of a report, and whether the files that it names are still beside it.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    document = read(path, _MOST_BYTES)
+    refuse_another(document.value, document.file, "report")
+    report = document.hold(_REPORT)
+    files = [_file(each, path.parent) for each in report["files"].items()]
+    return {
+        "file": str(path),
+        "scene": report.get("scene"),
+        "complete": "yes" if all(each["state"] == "there" for each in files) else "no",
+        "files": files,
+        **{key: report.get(key, []) for key in _LISTS},
+    }
+
+
+def _file(node: Node, folder: Path) -> dict[str, Any]:
+    name, size = node.get("name"), node.get("bytes")
+    path = listed(folder, name)
+    if path is None:
+        node["name"].fail("the name of a file in its folder, or in folders below")
+    if not path.is_file():
+        state = "missing"
+    else:
+        state = "there" if path.stat().st_size == size else "of another size"
+    return {"name": name, "bytes": size, "state": state}
+
+
 _KINDS = {
-    SUFFIX: OwnFile("report", "report of an export", facts_of_report),
+    _REPORT_SUFFIX: OwnFile("report", "report of an export", facts_of_report),
     suffixes.EFFECT: OwnFile("effect", "effects", _effect),
     suffixes.PATH: OwnFile("path", "path on the skin", _path),
 }

@@ -11,8 +11,8 @@ from ..errors import UsageError, refuse_no_file
 from ..files.atomic import inputs_kept
 from ..files.staging import make_folder
 from ..processes import blender_session
+from .arguments import add_largest
 from .console import Console
-from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:

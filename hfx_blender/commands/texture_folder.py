@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, UsageError, refuse_no_file
 from ..files.atomic import inputs_kept
-from ..processes import blender_session
+from . import texture_source
 from .console import Console
 
 if TYPE_CHECKING:
-    from ..engine.arrays import F64
     from ..generation.generated import Generated
 
 Keep = Callable[["Generated", argparse.Namespace, Console], dict[str, Any]]
@@ -69,27 +67,13 @@ def _generated(picture: Path, options: argparse.Namespace) -> Generated:
     size = options.size
     return picture_folder.generate(
         picture,
-        pixels,
+        lambda path: texture_source.picture(path, "colours"),
         size_m=None if size is None else (size[0] / 1000.0, size[1] / 1000.0),
         depth_m=options.height / 1000.0,
         tiles=options.tiles,
         way=options.way,
         steps=steps_of(options),
     )
-
-
-def pixels(path: Path) -> F64:
-    """Colours (H, W, 3) of a picture of any format that Blender reads, sRGB, bottom row first."""
-    blender_session.start()
-    import bpy
-
-    from ..authoring.surfaces import image_values
-
-    image = image_values.load(os.path.abspath(path))
-    try:
-        return image_values.colours_of(image)
-    finally:
-        bpy.data.images.remove(image)
 
 
 def steps_of(options: argparse.Namespace) -> Any:

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, UsageError, refuse_no_file
 from ..files.kinds import title_of
 from ..processes import blender_session
-from .largest import add_largest
+from .arguments import add_largest
 
 if TYPE_CHECKING:
+    from ..engine.arrays import F64
     from ..engine.texture.haptic_map import HapticMap
     from ..engine.texture.height_field import HeightField
 
@@ -180,16 +182,11 @@ def _map(path: Path) -> TextureSource:
 
 def _file(path: Path, options: argparse.Namespace) -> TextureSource:
     blender_session.start()
-    import os
-    from dataclasses import replace
-
-    import bpy
-
     from ..authoring.surfaces import image_values, surface_sources
     from ..engine.texture.height_field import from_image
     from ..formats.pictures import point_cloud
 
-    full = Path(os.path.abspath(path))  # Blender does not look in the working folder
+    full = Path(os.path.abspath(path))
     suffix = path.suffix.lower()
     if suffix not in (*surface_sources.PICTURES, *point_cloud.SUFFIXES):
         pictures = ", ".join(sorted(surface_sources.PICTURES))
@@ -210,12 +207,9 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
     else:
         if options.reading == "relief":
             return _estimated(full, options)
-        image = image_values.load(str(full))
-        width, height = image.size
-        is_colour = options.reading == "sobel"
-        grey = (image_values.brightness_of if is_colour else image_values.data_of)(image)
-        bpy.data.images.remove(image)
+        grey = picture(full, "brightness" if options.reading == "sobel" else "data")
         grey, notes = image_values.without_holes(grey, path.name)
+        height, width = grey.shape
         longest = max(width, height)
         size = options.size or (100.0 * width / longest, 100.0 * height / longest)
         if float(grey.max()) == float(grey.min()):
@@ -229,12 +223,8 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
 def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
     """Relief and roughness estimated from a photograph."""
-    from dataclasses import replace
-
-    import bpy
     import numpy as np
 
-    from ..authoring.surfaces import image_values
     from ..engine.texture.relief.relief_estimate import estimate
 
     if options.size is None:
@@ -242,11 +232,7 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
             f"{path.name}: --from relief needs --size MM,MM, the width and height of what the "
             "picture shows"
         )
-    image = image_values.load(str(path))
-    try:
-        colours = image_values.colours_of(image)
-    finally:
-        bpy.data.images.remove(image)
+    colours = picture(path, "colours")
     size_m = options.size[0] / 1000.0, options.size[1] / 1000.0
     found = estimate(colours, size_m, tiles=options.tiles)
     field, slope = found.field, found.slope
@@ -297,7 +283,8 @@ def _built(
     from ..engine.texture.mcha import MapSettings, make_map
 
     if options.roughness is not None:
-        roughness = _picture(options.roughness)
+        refuse_no_file(options.roughness)
+        roughness = picture(options.roughness, "data")
     settings = MapSettings(
         blur_m=options.blur / 1000.0,
         full_slope=options.slope,
@@ -307,17 +294,28 @@ def _built(
     return TextureSource(name, make_map(field, roughness, settings, slope), field, notes)
 
 
-def _picture(path: Path) -> Any:
-    blender_session.start()
-    import os
+def picture(path: Path, values: str) -> F64:
+    """Values of a picture of any format that Blender reads, bottom row first.
 
+    Parameters
+    ----------
+    path : Path
+    values : {"colours", "brightness", "data"}
+        Colours (H, W, 3) in sRGB, their brightness (H, W), or the picture's numbers (H, W).
+    """
+    blender_session.start()
     import bpy
 
     from ..authoring.surfaces import image_values
 
-    refuse_no_file(path)
+    # Blender does not look in the working folder.
     image = image_values.load(os.path.abspath(path))
+    read = {
+        "colours": image_values.colours_of,
+        "brightness": image_values.brightness_of,
+        "data": image_values.data_of,
+    }[values]
     try:
-        return image_values.data_of(image)
+        return read(image)
     finally:
         bpy.data.images.remove(image)

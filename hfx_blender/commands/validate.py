@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from .arguments import add_largest, expanded
 from .console import Console
-from .largest import add_largest
 from .own_files import OwnFile, kind_of
-from .patterns import expanded
 
 SOME_FAILED = 5
 

@@ -51,7 +51,7 @@ class FormatInfo:
         Pattern of the beginning that only our writers make, spaces included: who changes a file
         with another program lays it out anew. Without one, no file counts as ours.
     credits : frozenset of str
-        Statements of :class:`~.signals.credits.Credits` that it has a place for.
+        Statements of :class:`~.signals.signals.Credits` that it has a place for.
     write_track : str
         ``(track, devices, stem, tolerance) -> Written``: what is felt, of a ``TrackReader``;
         raises ``NothingFeltError`` where a format cannot hold that nothing is.

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hfx_blender.commands import texture_folder
+from hfx_blender.commands import texture_source
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
 
@@ -83,7 +83,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
         judged: Pairs = pairs
         numbers = range(options.pairs, options.pairs + _HELD_OUT)  # never asked for in training
     else:
-        pairs = judged = FolderPairs(options.pictures, options.resolution, texture_folder.pixels)
+        pairs = judged = FolderPairs(
+            options.pictures,
+            options.resolution,
+            lambda path: texture_source.picture(path, "colours"),
+        )
         numbers = range(min(len(pairs), _HELD_OUT))
     settings = TrainingSettings(
         steps=options.training_steps,

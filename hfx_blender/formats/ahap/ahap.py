@@ -21,9 +21,17 @@ from ...files.json_shapes import known_members
 from ...files.strict_json import clean, parse, read_bytes
 from ..leniency import refuse_but
 from ..registry import FORMATS
-from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, clipped
-from ..signals.signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
+from ..signals.signals import (
+    Credits,
+    FrequencyRange,
+    Piece,
+    Signal,
+    Transient,
+    bursts,
+    mixed,
+    text_of,
+)
 from ..signals.simplified_writer import simplified_writer
 from ..written import Written, beside, silent_note, write_json
 from .ahap_envelopes import RAMPS, envelope, product

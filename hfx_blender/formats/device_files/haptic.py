@@ -19,9 +19,8 @@ from ...files.json_shapes import Items, Number, Record, Text, check
 from ...files.strict_json import clean, parse
 from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
-from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve
-from ..signals.signals import FrequencyRange, Signal, Transient, joined_times
+from ..signals.signals import Credits, FrequencyRange, Signal, Transient, joined_times, text_of
 from ..signals.simplified_writer import simplified_writer
 from ..written import Written, beside, silent_note, write_json
 

@@ -22,16 +22,17 @@ from ...text import counted
 from ..leniency import refuse_but
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, CurveTolerance, clipped
 from ..signals.signals import (
     DEFAULT_TOLERANCE,
+    Credits,
     FrequencyRange,
     Piece,
     Signal,
     Transient,
     mixed,
     simplified_signals,
+    text_of,
 )
 from ..signals.simplified_writer import WHOLE_MS, simplified_writer
 from ..written import Written, beside, silent_note, write_json

@@ -17,11 +17,11 @@ from ...files.atomic import atomic_file
 from ...files.strict_json import clean, read_bytes
 from ...text import counted
 from ..signals import losses
-from ..signals.credits import Credits
 from ..signals.curves import CurveTolerance, clipped
 from ..signals.signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
+    Credits,
     FrequencyRange,
     Signal,
     frequencies_through_silence,

@@ -8,21 +8,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
+from ...errors import InputError
 from ...files import limits
-from ..signals.credits import Credits
 from ..signals.curves import Curve, clipped
-from ..signals.signals import FrequencyRange, Piece, Signal, Transient, mixed
+from ..signals.signals import Credits, FrequencyRange, Piece, Signal, Transient, mixed
 from ..sound.waveforms import Waveform, added, piece_of
 from . import bands, wavelets
-from .document import Band, Channel, Hjif, Perception
+from .document import Band, Channel, Effect, Hjif, Perception
 from .perceptions import DATE
 from .reader import decode_with_notes
-from .unfolding import Unfolding
 
 VIBRATIONS: Final = ("Vibrotactile", "Other")
 """Modalities that are vibration; the reference encoder says Other for every sound and AHAP."""
 
 _LARGEST_GAIN: Final = 1e6
+_DEEPEST: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,3 +213,40 @@ def _envelope(
         full_scale,
         left_out + signal.left_out,
     )
+
+
+class Unfolding:
+    """Expansion of a file's effects with all references, counted."""
+
+    def __init__(self, name: str) -> None:
+        self.library: dict[int | None, Effect] = {}
+        self.name = name
+        self._count = self._unknown = 0
+
+    def take_unknown(self) -> dict[str, int]:
+        """Count of references to no effect since the last call, by the reason."""
+        count, self._unknown = self._unknown, 0
+        return {"are references to none of the library": count} if count else {}
+
+    def effects(
+        self, effects: tuple[Effect, ...], start: int, depth: int
+    ) -> Iterator[tuple[int, Effect]]:
+        """Basis effects and their positions, ticks."""
+        if depth > _DEEPEST:
+            raise InputError(
+                f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."
+            )
+        for effect in effects:
+            self._count += 1 + len(effect.keyframes or ())
+            limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
+            position = start + (effect.position or 0)
+            if effect.effect_type == "Reference":
+                target = self.library.get(effect.id)
+                if target is None:
+                    self._unknown += 1
+                else:
+                    yield from self.effects((target,), position, depth + 1)
+            elif effect.effect_type == "Composite":
+                yield from self.effects(effect.composition or (), position, depth + 1)
+            else:
+                yield position, effect

@@ -7,9 +7,9 @@ vibration actuator of the device may be given. Time 0 is the first row of the ra
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Final
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +20,53 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits
-from .credits import Credits
 from .curves import Curve, CurveTolerance, clipped, simplified
 
 DEFAULT_TOLERANCE: Final = CurveTolerance(0.01)
 
 MAX_HZ: Final = 1000.0
 """Skin feels no vibration above it."""
+
+_SHOWN: Final = 60  # characters of a statement that a note repeats
+
+
+@dataclass(frozen=True)
+class Credits:
+    """Statements about a file's origin; empty where it has none.
+
+    ``others`` are members of its metadata that no other format has: name and text.
+    """
+
+    author: str = ""
+    project: str = ""
+    source: str = ""
+    created: str = ""
+    description: str = ""
+    tags: tuple[str, ...] = ()
+    others: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Statements that there are, by what they are about."""
+        found = {each.name: getattr(self, each.name) for each in fields(self)[:-2]}
+        found |= {"tags": ", ".join(self.tags), **dict(self.others)}
+        return {name: text for name, text in found.items() if text}
+
+    def lost(self, held: Container[str], title: str) -> tuple[str, ...]:
+        """Sentence about statements that a format has no place for, if there are any."""
+        others = dict(self.others)
+        lost = [
+            f"{name} '{text[:_SHOWN]}'"
+            for name, text in self.texts.items()
+            if ("others" if name in others else name) not in held
+        ]
+        return (f"{title} has no place for {', '.join(lost)}",) if lost else ()
+
+
+def text_of(record: Any, key: str) -> str:
+    """Text of a member of a document; empty if it has none, or no text."""
+    found = record.get(key) if isinstance(record, dict) else None
+    return found.strip() if isinstance(found, str) else ""
 
 
 @dataclass(frozen=True)

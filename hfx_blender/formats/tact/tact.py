@@ -28,9 +28,8 @@ from ...text import counted
 from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.credits import Credits, text_of
 from ..signals.curves import Curve, CurveTolerance
-from ..signals.signals import FrequencyRange, Piece, Signal, mixed, signals_of
+from ..signals.signals import Credits, FrequencyRange, Piece, Signal, mixed, signals_of, text_of
 from ..written import Written, beside, write_json
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
 from .tact_rules import DOCUMENT, INTERVAL_MS, findings

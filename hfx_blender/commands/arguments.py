@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Patterns such as ``*.blend`` among the files of a command: not every shell expands them."""
+"""Arguments that several commands have: patterns of file names, the option ``--largest``."""
 
 from __future__ import annotations
 
+import argparse
 import glob
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
+from ..files import limits
 
 
 def expanded(paths: Sequence[Path]) -> list[Path]:
@@ -31,3 +34,27 @@ def expanded(paths: Sequence[Path]) -> list[Path]:
             raise InputError(f"{path}: there is no such file, and none that matches this pattern.")
         found += map(Path, matches)
     return list(dict.fromkeys(found))
+
+
+def add_largest(parser: Any) -> None:
+    """Add the option; the command line puts it into effect while the command runs."""
+    parser.add_argument(
+        "--largest",
+        type=_times,
+        default=1.0,
+        metavar="N",
+        help="read files that ask for N times as much memory, time or pixels as is allowed "
+        "otherwise (default: 1)",
+    )
+
+
+def _times(text: str) -> float:
+    try:
+        found = float(text)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found <= limits.MOST_TIMES:
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected more than 0, up to {limits.MOST_TIMES:g}"
+        )
+    return found
