@@ -44,6 +44,9 @@ class Connected:
     has_script: bool
     offset_ms: float
 
+    def __post_init__(self) -> None:
+        self.latencies_ms = live_targets.latencies_ms(self.device)  # read with every frame
+
 
 @dataclass(frozen=True)
 class Sent:
@@ -111,8 +114,7 @@ class Live:
     @property
     def latencies_ms(self) -> set[float]:
         """Latencies of the connected actuators that are compensated."""
-        devices = [each.device for each in self.connected.values()]
-        return {ms for device in devices for ms in live_targets.latencies_ms(device)}
+        return {ms for each in self.connected.values() for ms in each.latencies_ms}
 
     def state(self, name: str) -> DeviceState | None:
         return self.states.get(name) if name in self.connected else None

@@ -7,10 +7,12 @@ played, and is kept in memory only.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import floor
+from operator import itemgetter
 
 import bpy
 import numpy as np
@@ -68,7 +70,7 @@ class TimelineRecord:
     faults: list[str] = field(default_factory=list)  # devices that do not fit
     notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
     groups: dict[str, str] = field(default_factory=dict)  # of effects, by their names
-    _blocks: list[tuple[int, int, list[SampleRun]]] = field(default_factory=list)
+    _blocks: list[tuple[int, list[SampleRun]]] = field(default_factory=list)  # first sample, runs
     _bytes: int = 0
 
     def __post_init__(self) -> None:
@@ -109,15 +111,15 @@ class TimelineRecord:
         return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
 
     def runs(self, index: int) -> list[SampleRun] | None:
-        """Samples at one of the times, as runs of one sample of index 0; None: not kept."""
+        """Samples at one of the times, as runs of one sample each; None: not kept."""
         if index >= self._kept_count:
             return None
+        block = bisect_right(self._blocks, index, key=itemgetter(0)) - 1
         found = []
-        for first, last, runs in self._blocks:
-            for run in runs if first <= index <= last else ():
-                place = int(run.indices.searchsorted(index))
-                if place < len(run.indices) and run.indices[place] == index:
-                    found.append(replace(run.one(place), indices=np.zeros(1, np.int64)))
+        for run in self._blocks[block][1] if block >= 0 else ():
+            place = int(run.indices.searchsorted(index))
+            if place < len(run.indices) and run.indices[place] == index:
+                found.append(run.one(place))
         return found
 
     def add(self, runs: Sequence[SampleRun]) -> None:
@@ -134,7 +136,7 @@ class TimelineRecord:
         if self._bytes > MOST_BYTES:
             self._kept_count = first
         else:
-            self._blocks.append((first, max(int(run.indices[-1]) for run in runs), list(runs)))
+            self._blocks.append((first, list(runs)))
 
 
 def record(
