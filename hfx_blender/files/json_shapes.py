@@ -7,8 +7,7 @@ A shape declares a value: its type, range with unit, allowed texts, members. The
 a word that scripts can rely on::
 
     SPOT = Record({"radius_m": Number(0.0, 1.0, "m")}, {"side": Text(("left", "right"))})
-    spot = read(path).hold(SPOT)
-    Spot(spot.number("radius_m"), spot.get("side", "left"))
+    spot = read(path).read(SPOT)  # {"radius_m": 0.03}, or what SPOT's ``into`` makes of it
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, NoReturn
 
@@ -136,6 +135,7 @@ class Record:
     one_of: tuple[str, ...] = ()  # optional members of which exactly one is there
     needs: Mapping[str, str] = field(default_factory=dict)  # members that others go with
     title: str = "an object"  # for messages
+    into: Callable[..., Any] = dict  # called with the members that are there, by their names
 
 
 @dataclass(frozen=True)
@@ -183,12 +183,7 @@ def tagged(tag: str, kinds: Mapping[str, Record]) -> Tagged:
     return Tagged(
         tag,
         {
-            name: strict(
-                {tag: Text((name,)), **kind.required},
-                kind.optional,
-                one_of=kind.one_of,
-                needs=kind.needs,
-            )
+            name: replace(kind, required={tag: Text((name,)), **kind.required})
             for name, kind in kinds.items()
         },
     )
@@ -263,6 +258,33 @@ def known_members(shape: Shape, value: Any) -> Any:
     if isinstance(shape, Items) and isinstance(value, list):
         return [known_members(shape.item, item) for item in value]
     return value
+
+
+def value_of(shape: Shape, value: Any) -> Any:
+    """A value that has a shape, as readers use it.
+
+    Numbers that may have a decimal point are floats, lists are tuples, and records are what their
+    ``into`` makes of the members that they know.
+    """
+    match shape:
+        case Number():
+            return value if shape.is_whole else float(value)
+        case Items():
+            return tuple(value_of(shape.item, item) for item in value)
+        case Row():
+            return tuple(map(value_of, shape.items, value))
+        case Table():
+            return {key: value_of(shape.item, item) for key, item in value.items()}
+        case Record():
+            members = {**shape.required, **shape.optional}
+            known = {k: value_of(members[k], v) for k, v in value.items() if k in members}
+            return shape.into(**known)
+        case Tagged() | Either():
+            kind = chosen(shape, value)
+            assert kind is not None, "a value that has its shape"
+            return value_of(kind, value)
+        case _:
+            return value
 
 
 def _check_record(shape: Record, value: Any, report: Report, place: Place) -> None:
@@ -408,6 +430,10 @@ class Node:
             if each.severity == "error":
                 raise InputError(f"{self.file}: {sentence(each)}.")
         return self
+
+    def read(self, shape: Shape) -> Any:
+        """Value of a shape, see :func:`value_of`; raises as :meth:`hold`."""
+        return value_of(shape, self.hold(shape).value)
 
     def fail(self, allowed: str) -> NoReturn:
         """Raise an ``InputError`` with file, place, found value and allowed values."""

@@ -41,10 +41,9 @@ from .response_recipes import (
     SWARM,
     FilterRecipe,
     SwarmRecipe,
+    refuse_reversed_births,
     response_document,
-    response_of,
     swarm_document,
-    swarm_of,
 )
 
 SUFFIX: Final = suffixes.EFFECT
@@ -62,103 +61,6 @@ _SHAPES: Final = {
     "CYLINDER": ("radius_m", "height_m"),
     "CAPSULE": ("radius_m", "height_m"),
 }
-_SHARE: Final = Number(0.0, 1.0)
-_FALLOFF: Final = {"falloff": Text(("none", "linear", "smooth")), "falloff_share": _SHARE}
-_DIMENSIONS: Final = {
-    "radius_m": Number(0.0, 1000.0, "m"),
-    "height_m": Number(0.0, 1000.0, "m"),
-    "size_m": numbers(3, -1000.0, 1000.0, "m"),
-}
-_LOCATION: Final = numbers(3, -1000.0, 1000.0, "m")
-_VOLUME: Final = tagged(
-    "shape",
-    {
-        shape: strict(
-            {name: _DIMENSIONS[name] for name in dimensions},
-            {
-                **_FALLOFF,
-                "response": RESPONSE,
-                "location_m": _LOCATION,
-                "rotation_deg": numbers(3, -360.0, 360.0, "degrees"),
-                "path": Items(
-                    strict({"time_s": Number(0.0, 86_400.0, "s"), "location_m": _LOCATION}),
-                    1,
-                    100_000,
-                ),
-                "swarm": SWARM,
-            },
-        )
-        for shape, dimensions in _SHAPES.items()
-    },
-)
-_AREA: Final = Either(
-    "parts",
-    strict(
-        {"parts": Items(Text(PARTS), 0, len(PARTS))},
-        {"side": Text(("both", "left", "right")), "smooth": Number(0, 100, is_whole=True)},
-    ),
-    strict(
-        {
-            "model": PRINTABLE,
-            "hash": SHA256,
-            "vertices": Items(Number(0, 2**31 - 1, is_whole=True), 0, 1_000_000),
-            "weights": Items(_SHARE, 0, 1_000_000),
-        }
-    ),
-)
-_SPOT: Final = strict(
-    {
-        "points_m": path_file.POINTS,
-        "path": Text(path_file.KINDS),
-        "radius_m": Number(0.0, 10.0, "m"),
-    },
-    {"closed": path_file.CLOSED, "motion": curve(), **_FALLOFF, "position": _SHARE},
-)
-_ACTUATORS: Final = strict(
-    {
-        "device": PRINTABLE,
-        "curves": Items(strict({"actuator": PRINTABLE, "keys": curve()}), 1, 4096),
-    }
-)
-_WHERES: Final = {"area": _AREA, "volume": _VOLUME, "spot": _SPOT, "actuators": _ACTUATORS}
-_CLIP: Final = strict(
-    {"start_s": Number(0.0, 86_400.0, "s"), "duration_s": Number(0.001, 86_400.0, "s")},
-    {
-        "name": PRINTABLE,
-        **dict.fromkeys(("fade_in_s", "fade_out_s"), Number(0.0, 86_400.0, "s")),
-        "repeat": Number(0.1, 1000.0),
-        **dict.fromkeys(("profile", "drawn_fades"), curve(least=2)),
-    },
-)
-
-
-def _effect_shape(modality: Modality) -> Record:
-    parameters = {p.name: Number(p.minimum, p.maximum, p.unit) for p in modality.controls}
-    return strict(
-        {"name": PRINTABLE, "parameters": strict(parameters)},
-        {
-            **_WHERES,
-            "intensity": _SHARE,
-            "temperature_reference": Text(("AMBIENT", "CONTACT")),
-            "clips": Items(_CLIP, 0, 10_000),
-        },
-        one_of=tuple(_WHERES),
-    )
-
-
-_FILE: Final = strict(
-    {
-        "schema": Text((SCHEMA,)),
-        "version": Number(VERSION, VERSION, is_whole=True),
-        "name": PRINTABLE,
-        "effects": Items(
-            tagged("modality", {name: _effect_shape(each) for name, each in MODALITIES.items()}),
-            1,
-            256,
-        ),
-    },
-    {"description": PRINTABLE},
-)
 
 
 @dataclass(frozen=True)
@@ -168,9 +70,9 @@ class ClipRecipe:
     Its drawn fades are (seconds, strength) over the whole of it, in place of straight ones.
     """
 
-    name: str
     start_s: float
     duration_s: float
+    name: str = "Clip"
     fade_in_s: float = 0.0
     fade_out_s: float = 0.0
     repeat: float = 1.0
@@ -255,6 +157,140 @@ class Sensation:
     effects: tuple[EffectRecipe, ...]
 
 
+def _spot(
+    points_m: tuple[Number3, ...], path: str, *, closed: int = 0, motion: Any = (), **more: Any
+) -> SpotRecipe:
+    return SpotRecipe(PathRecipe("", points_m, path, closed == 1, motion=motion), **more)
+
+
+def _effect(**members: Any) -> EffectRecipe:
+    (where,) = (members.pop(key) for key in _WHERES if key in members)
+    return EffectRecipe(where=where, **members)
+
+
+def _sensation(
+    schema: str, version: int, name: str, effects: tuple[EffectRecipe, ...], description: str = ""
+) -> Sensation:
+    return Sensation(name, description, effects)
+
+
+_SHARE: Final = Number(0.0, 1.0)
+_FALLOFF: Final = {"falloff": Text(("none", "linear", "smooth")), "falloff_share": _SHARE}
+_DIMENSIONS: Final = {
+    "radius_m": Number(0.0, 1000.0, "m"),
+    "height_m": Number(0.0, 1000.0, "m"),
+    "size_m": numbers(3, -1000.0, 1000.0, "m"),
+}
+_LOCATION: Final = numbers(3, -1000.0, 1000.0, "m")
+_VOLUME: Final = tagged(
+    "shape",
+    {
+        shape: strict(
+            {name: _DIMENSIONS[name] for name in dimensions},
+            {
+                **_FALLOFF,
+                "response": RESPONSE,
+                "location_m": _LOCATION,
+                "rotation_deg": numbers(3, -360.0, 360.0, "degrees"),
+                "path": Items(
+                    strict(
+                        {"time_s": Number(0.0, 86_400.0, "s"), "location_m": _LOCATION},
+                        into=lambda time_s, location_m: (time_s, location_m),
+                    ),
+                    1,
+                    100_000,
+                ),
+                "swarm": SWARM,
+            },
+            into=VolumeRecipe,
+        )
+        for shape, dimensions in _SHAPES.items()
+    },
+)
+_AREA: Final = Either(
+    "parts",
+    strict(
+        {"parts": Items(Text(PARTS), 0, len(PARTS))},
+        {"side": Text(("both", "left", "right")), "smooth": Number(0, 100, is_whole=True)},
+        into=PartsArea,
+    ),
+    strict(
+        {
+            "model": PRINTABLE,
+            "hash": SHA256,
+            "vertices": Items(Number(0, 2**31 - 1, is_whole=True), 0, 1_000_000),
+            "weights": Items(_SHARE, 0, 1_000_000),
+        },
+        into=lambda model, hash, **values: VertexArea(model, hash, **values),
+    ),
+)
+_SPOT: Final = strict(
+    {
+        "points_m": path_file.POINTS,
+        "path": Text(path_file.KINDS),
+        "radius_m": Number(0.0, 10.0, "m"),
+    },
+    {"closed": path_file.CLOSED, "motion": curve(), **_FALLOFF, "position": _SHARE},
+    into=_spot,
+)
+_ACTUATORS: Final = strict(
+    {
+        "device": PRINTABLE,
+        "curves": Items(
+            strict(
+                {"actuator": PRINTABLE, "keys": curve()},
+                into=lambda actuator, keys: (actuator, keys),
+            ),
+            1,
+            4096,
+        ),
+    },
+    into=ActuatorsRecipe,
+)
+_WHERES: Final = {"area": _AREA, "volume": _VOLUME, "spot": _SPOT, "actuators": _ACTUATORS}
+_CLIP: Final = strict(
+    {"start_s": Number(0.0, 86_400.0, "s"), "duration_s": Number(0.001, 86_400.0, "s")},
+    {
+        "name": PRINTABLE,
+        **dict.fromkeys(("fade_in_s", "fade_out_s"), Number(0.0, 86_400.0, "s")),
+        "repeat": Number(0.1, 1000.0),
+        **dict.fromkeys(("profile", "drawn_fades"), curve(least=2)),
+    },
+    into=ClipRecipe,
+)
+
+
+def _effect_shape(modality: Modality) -> Record:
+    parameters = {p.name: Number(p.minimum, p.maximum, p.unit) for p in modality.controls}
+    return strict(
+        {"name": PRINTABLE, "parameters": strict(parameters)},
+        {
+            **_WHERES,
+            "intensity": _SHARE,
+            "temperature_reference": Text(("AMBIENT", "CONTACT")),
+            "clips": Items(_CLIP, 0, 10_000),
+        },
+        one_of=tuple(_WHERES),
+        into=_effect,
+    )
+
+
+_FILE: Final = strict(
+    {
+        "schema": Text((SCHEMA,)),
+        "version": Number(VERSION, VERSION, is_whole=True),
+        "name": PRINTABLE,
+        "effects": Items(
+            tagged("modality", {name: _effect_shape(each) for name, each in MODALITIES.items()}),
+            1,
+            256,
+        ),
+    },
+    {"description": PRINTABLE},
+    into=_sensation,
+)
+
+
 def load(path: Path) -> Sensation:
     """Read a file, every field checked.
 
@@ -263,12 +299,12 @@ def load(path: Path) -> Sensation:
     InputError
         For the first fault: file, place in it, what was found and what is allowed.
     """
-    return _sensation(read(path, _MOST_BYTES))
+    return _read(read(path, _MOST_BYTES))
 
 
 def from_text(text: str) -> Sensation:
     """Read a sensation from the text of a file, as it is copied and pasted."""
-    return _sensation(node_of(text.encode(), "What was copied", _MOST_BYTES))
+    return _read(node_of(text.encode(), "What was copied", _MOST_BYTES))
 
 
 def text_of(sensation: Sensation) -> str:
@@ -276,14 +312,26 @@ def text_of(sensation: Sensation) -> str:
     return json.dumps(_document(sensation), indent=1) + "\n"
 
 
-def _sensation(node: Node) -> Sensation:
+def _read(node: Node) -> Sensation:
     refuse_another(node.value, node.file, SCHEMA)
-    top = node.hold(_FILE)
-    return Sensation(
-        top.get("name"),
-        top.get("description", ""),
-        tuple(_effect(each) for each in top["effects"].items()),
-    )
+    sensation: Sensation = node.read(_FILE)
+    for effect in node["effects"].items():
+        _check_between(effect)
+    return sensation
+
+
+def _check_between(effect: Node) -> None:
+    """Refuse an effect for what one member says of another one."""
+    if "area" in effect and "vertices" in effect["area"]:
+        count = len(effect["area"]["vertices"].value)
+        if len(effect["area"]["weights"].value) != count:
+            effect["area"]["weights"].fail(f"{count} items")
+    if "volume" in effect and "swarm" in effect["volume"]:
+        refuse_reversed_births(effect["volume"]["swarm"])
+    for clip in effect["clips"].items() if "clips" in effect else ():
+        for key in ("fade_in_s", "fade_out_s"):
+            if key in clip:
+                clip[key].hold(Number(0.0, clip.number("duration_s"), "s"))
 
 
 def save(sensation: Sensation, path: Path) -> None:
@@ -298,97 +346,12 @@ def save(sensation: Sensation, path: Path) -> None:
         file.write(text_of(sensation).encode())
 
 
-def _effect(node: Node) -> EffectRecipe:
-    kind = next(name for name in _WHERES if name in node)
-    readers = {"area": _area, "volume": _volume, "spot": _spot, "actuators": _actuators}
-    parameters = node["parameters"]
-    return EffectRecipe(
-        name=node.get("name"),
-        modality=node.get("modality"),
-        parameters={name: parameters.number(name) for name in parameters.value},
-        where=readers[kind](node[kind]),
-        intensity=node.number("intensity", 1.0),
-        temperature_reference=node.get("temperature_reference", "AMBIENT"),
-        clips=tuple(_clip(each) for each in node["clips"].items()) if "clips" in node else (),
-    )
-
-
-def _area(node: Node) -> PartsArea | VertexArea:
-    if "parts" in node:
-        parts = tuple(node.get("parts"))
-        return PartsArea(parts, node.get("side", "both"), node.get("smooth", 0))
-    vertices = tuple(node.get("vertices"))
-    if len(node.get("weights")) != len(vertices):
-        node["weights"].fail(f"{len(vertices)} items")
-    return VertexArea(node.get("model"), node.get("hash"), vertices, node.numbers("weights"))
-
-
-def _volume(node: Node) -> VolumeRecipe:
-    members: dict[str, Any] = {
-        key: node.number(key) for key in ("radius_m", "height_m", "falloff_share") if key in node
-    }
-    for key in ("size_m", "location_m", "rotation_deg"):
-        if key in node:
-            members[key] = node.numbers(key)
-    if "response" in node:
-        members["response"] = response_of(node["response"])
-    if "swarm" in node:
-        members["swarm"] = swarm_of(node["swarm"])
-    return VolumeRecipe(
-        node.get("shape"),
-        falloff=node.get("falloff", "none"),
-        path=tuple(
-            (float(each["time_s"]), tuple(map(float, each["location_m"])))
-            for each in node.get("path", ())
-        ),
-        **members,
-    )
-
-
-def _spot(node: Node) -> SpotRecipe:
-    return SpotRecipe(
-        PathRecipe(
-            name="",
-            points_m=path_file.places_of(node["points_m"]),
-            kind=node.get("path"),
-            is_closed=node.get("closed", 0) == 1,
-            motion=node.curve("motion"),
-        ),
-        radius_m=node.number("radius_m"),
-        falloff=node.get("falloff", "none"),
-        falloff_share=node.number("falloff_share", 1.0),
-        position=node.number("position", 0.0),
-    )
-
-
-def _actuators(node: Node) -> ActuatorsRecipe:
-    curves = ((each.get("actuator"), each.curve("keys")) for each in node["curves"].items())
-    return ActuatorsRecipe(node.get("device"), tuple(curves))
-
-
 def where_of(effect: EffectRecipe) -> str:
     """Key of the member of a file that says where an effect is: ``area``, ``volume``, ..."""
     if isinstance(effect.where, PartsArea | VertexArea):
         return "area"
     kinds = {VolumeRecipe: "volume", SpotRecipe: "spot", ActuatorsRecipe: "actuators"}
     return kinds[type(effect.where)]
-
-
-def _clip(node: Node) -> ClipRecipe:
-    duration_s = node.number("duration_s")
-    for key in ("fade_in_s", "fade_out_s"):
-        if key in node:
-            node[key].hold(Number(0.0, duration_s, "s"))
-    return ClipRecipe(
-        name=node.get("name", "Clip"),
-        start_s=node.number("start_s"),
-        duration_s=duration_s,
-        fade_in_s=node.number("fade_in_s", 0.0),
-        fade_out_s=node.number("fade_out_s", 0.0),
-        repeat=node.number("repeat", 1.0),
-        profile=node.curve("profile"),
-        drawn_fades=node.curve("drawn_fades"),
-    )
 
 
 def _document(sensation: Sensation) -> dict[str, Any]:

@@ -84,6 +84,7 @@ SWARM: Final = strict(
         "radii_m": numbers(3, 0.0, 1000.0, "m"),
         **_NUMBERS,
     },
+    into=SwarmRecipe,
 )
 
 
@@ -94,6 +95,13 @@ def references_of(kind: FilterKind) -> tuple[str, ...]:
     if kind is FilterKind.DISTANCE:
         return (About.CENTRE, About.AXIS)
     return (About.TIME, About.CENTRE, About.AXIS) if kind is FilterKind.SINE else ()
+
+
+def _filter(
+    kind: str, controls: dict[str, float], *, muted: bool = False, **more: Any
+) -> FilterRecipe:
+    keys = tuple(more.pop("keys", {}).items())
+    return FilterRecipe(kind, controls, is_muted=muted, keys=keys, **more)
 
 
 def _filter_shape(kind: FilterKind) -> Record:
@@ -115,29 +123,13 @@ def _filter_shape(kind: FilterKind) -> Record:
             "muted": Flag(),
             "keys": strict({}, keys),
         },
+        into=_filter,
     )
 
 
 RESPONSE: Final = Items(
     tagged("kind", {kind.value: _filter_shape(kind) for kind in FilterKind}), 0, MOST_FILTERS
 )
-
-
-def response_of(node: Node) -> tuple[FilterRecipe, ...]:
-    """A stack of filters, of a document that has their shape."""
-    return tuple(_filter(each) for each in node.items())
-
-
-def _filter(node: Node) -> FilterRecipe:
-    controls, keys = node["controls"], node["keys"] if "keys" in node else None
-    return FilterRecipe(
-        node.get("kind"),
-        {name: controls.number(name) for name in controls.value},
-        node.get("operation", "multiply"),
-        node.get("about", "centre"),
-        node.get("muted", False),
-        () if keys is None else tuple((name, keys.curve(name)) for name in keys.value),
-    )
 
 
 def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]]:
@@ -156,20 +148,11 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
     return found
 
 
-def swarm_of(node: Node) -> SwarmRecipe:
-    """A swarm, of a document that has its shape.
-
-    Raises
-    ------
-    InputError
-        It is born until before it is born from.
-    """
-    members: dict[str, Any] = {key: node.number(key) for key in _NUMBERS if key in node}
-    members |= {key: node.numbers(key) for key in ("location_m", "radii_m") if key in node}
-    recipe = SwarmRecipe(node.get("count"), node.get("seed", 0), **members)
+def refuse_reversed_births(node: Node) -> None:
+    """Raise InputError for a swarm that is born until before it is born from."""
+    recipe: SwarmRecipe = node.read(SWARM)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")
-    return recipe
 
 
 def swarm_document(swarm: SwarmRecipe) -> dict[str, Any]:

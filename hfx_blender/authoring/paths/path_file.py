@@ -24,18 +24,6 @@ VERSION: Final = 1
 
 KINDS: Final = ("straight", "curve", "traced")
 MAX_POINTS: Final = 100_000
-POINTS: Final = Items(numbers(3, -3.0, 3.0, "m"), 1, MAX_POINTS)
-CLOSED: Final = Number(0, 1, is_whole=True)
-_PATH: Final = strict(
-    {
-        "schema": Text((SCHEMA,)),
-        "version": Number(VERSION, VERSION, is_whole=True),
-        "name": PRINTABLE,
-        "kind": Text(KINDS),
-        "points_m": POINTS,
-    },
-    {"description": PRINTABLE, "closed": CLOSED, "motion": curve()},
-)
 
 Place = tuple[float, float, float]
 
@@ -52,6 +40,28 @@ class PathRecipe:
     motion: tuple[tuple[float, float], ...] = ()  # (seconds, share of the path)
 
 
+def _path(
+    schema: str, version: int, kind: str, name: str, points_m: tuple[Place, ...], **more: Any
+) -> PathRecipe:
+    is_closed = more.pop("closed", 0) == 1
+    return PathRecipe(name, points_m, kind, is_closed, **more)
+
+
+POINTS: Final = Items(numbers(3, -3.0, 3.0, "m"), 1, MAX_POINTS)
+CLOSED: Final = Number(0, 1, is_whole=True)
+_PATH: Final = strict(
+    {
+        "schema": Text((SCHEMA,)),
+        "version": Number(VERSION, VERSION, is_whole=True),
+        "name": PRINTABLE,
+        "kind": Text(KINDS),
+        "points_m": POINTS,
+    },
+    {"description": PRINTABLE, "closed": CLOSED, "motion": curve()},
+    into=_path,
+)
+
+
 def load(path: Path) -> PathRecipe:
     """Read a file, every field checked.
 
@@ -66,20 +76,8 @@ def load(path: Path) -> PathRecipe:
 def recipe_of(document: Node) -> PathRecipe:
     """Read a path from a parsed document."""
     refuse_another(document.value, document.file, SCHEMA)
-    top = document.hold(_PATH)
-    return PathRecipe(
-        name=top.get("name"),
-        points_m=places_of(top["points_m"]),
-        kind=top.get("kind"),
-        is_closed=top.get("closed", 0) == 1,
-        description=top.get("description", ""),
-        motion=top.curve("motion"),
-    )
-
-
-def places_of(points: Node) -> tuple[Place, ...]:
-    """Places of a list of points, metres."""
-    return tuple((float(x), float(y), float(z)) for x, y, z in points.value)
+    path: PathRecipe = document.read(_PATH)
+    return path
 
 
 def save(recipe: PathRecipe, path: Path) -> None:
