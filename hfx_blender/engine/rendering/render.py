@@ -92,6 +92,30 @@ class _Tally:
     over_limit: int = 0
     below_threshold: int = 0
 
+    def add(self, indices: I64, strengths: F64, outcome: _Outcome) -> None:
+        """Count the samples of a run."""
+        self.indices.append(indices)
+        self.strengths.append(strengths)
+        self.is_rendered.append(outcome.is_rendered)
+        self.off_frequency += int(np.count_nonzero(outcome.is_off))
+        self.over_limit += int(np.count_nonzero(outcome.is_over))
+        self.below_threshold += int(np.count_nonzero(outcome.is_faint))
+
+
+@dataclass(eq=False)
+class _Outcome:
+    """Outcome of each sample of a run, at any actuator: (n,) masks."""
+
+    is_rendered: Bool
+    is_off: Bool  # off the actuators' frequency
+    is_over: Bool  # cut by a limit
+    is_faint: Bool  # below the threshold of detection
+
+    @classmethod
+    def none(cls, count: int) -> _Outcome:
+        """Outcome of samples that no group has rendered yet."""
+        return cls(*(np.zeros(count, np.bool_) for _ in range(4)))
+
 
 @dataclass(eq=False)
 class _GroupShare:
@@ -190,10 +214,7 @@ class Renderer:
         if rows[0] < self._next_row or rows[-1] >= len(self._values):
             raise ValueError(f"samples {rows[0]} to {rows[-1]} come out of order")
         self._next_row = int(rows[-1]) + 1
-        is_rendered = [np.zeros(len(run), np.bool_) for run in runs]
-        is_off = [np.zeros(len(run), np.bool_) for run in runs]
-        is_over = [np.zeros(len(run), np.bool_) for run in runs]
-        is_faint = [np.zeros(len(run), np.bool_) for run in runs]
+        outcomes = [_Outcome.none(len(run)) for run in runs]
         for group in self._groups:
             played: list[tuple[int, _GroupShare]] = []
             for k, run in enumerate(runs):
@@ -206,22 +227,15 @@ class Renderer:
             is_cut = self._write(group, rows, mixed)
             for k, each in played:
                 fires = each.gains > 0.0
-                is_rendered[k] |= fires.any(axis=1)
-                is_off[k] |= group.is_off_frequency(each.run, fires)
-                is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
-                is_faint[k] |= group.is_faint(each.run, self._device.gain * each.gains)
-        for run in runs:
+                outcome = outcomes[k]
+                outcome.is_rendered |= fires.any(axis=1)
+                outcome.is_off |= group.is_off_frequency(each.run, fires)
+                outcome.is_over |= (fires & is_cut[each.positions]).any(axis=1)
+                outcome.is_faint |= group.is_faint(each.run, self._device.gain * each.gains)
+        for run, outcome in zip(runs, outcomes, strict=True):
             self._missing.add(run)
-        for run, rendered, off, over, faint in zip(
-            runs, is_rendered, is_off, is_over, is_faint, strict=True
-        ):
             tally = self._tallies[self._streams[run.stream.effect_id]]
-            tally.indices.append(run.indices)
-            tally.strengths.append(run.levels * np.abs(self._strength(run)))
-            tally.is_rendered.append(rendered)
-            tally.off_frequency += int(np.count_nonzero(off))
-            tally.over_limit += int(np.count_nonzero(over))
-            tally.below_threshold += int(np.count_nonzero(faint))
+            tally.add(run.indices, run.levels * np.abs(self._strength(run)), outcome)
 
     def notes(self) -> tuple[str, ...]:
         """Notes on differences of the rendering from the device's configuration, after all blocks.

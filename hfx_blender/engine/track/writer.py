@@ -337,6 +337,21 @@ def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
     """Raise ValueError if a run breaks the contract of :class:`SampleRun`."""
+    _check_sets(run)
+    _check_times(run, header)
+    _check_vertices(run, vertex_count)
+    _check_rows(run, header.effect(run.stream))
+    total = len(run.vertices)
+    for name, columns in CHANNELS.items():
+        values = getattr(run, name)
+        if values is not None:
+            shape = (total,) if columns == 1 else (total, columns)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise ValueError(f"{name}: expected finite values of shape {shape}")
+
+
+def _check_sets(run: SampleRun) -> None:
+    """Check the lengths of columns, and how samples share sets of vertices."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (
@@ -351,10 +366,13 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         raise ValueError("sets: expected a number from 0 for each sample, rising by 0 or 1")
     if run.sets is not None and any(getattr(run, name) is not None for name in CHANNELS):
         raise ValueError("positions, velocities and depth need a set for each sample")
-    total = len(run.vertices)
     sizes = np.diff(run.offsets)
-    if run.offsets[0] != 0 or run.offsets[-1] != total or (sizes < 0).any():
+    if run.offsets[0] != 0 or run.offsets[-1] != len(run.vertices) or (sizes < 0).any():
         raise ValueError("offsets do not cut the vertices into samples")
+
+
+def _check_times(run: SampleRun, header: TrackHeader) -> None:
+    """Check samples against the time base; levels and parameters."""
     if (np.diff(run.indices) <= 0).any() or not 0 <= run.indices[0]:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
@@ -366,6 +384,10 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         raise ValueError("a level is not in (0, 1]")
     if not np.isfinite(run.parameters).all():
         raise ValueError("a parameter is not finite")
+
+
+def _check_vertices(run: SampleRun, vertex_count: int) -> None:
+    total = len(run.vertices)
     if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
         raise ValueError("weights: expected one in (0, 1] for each vertex")
     ascending = np.diff(run.vertices) > 0
@@ -375,10 +397,3 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         raise ValueError("vertices do not ascend within a sample")
     if total and not (run.vertices.min() >= 0 and run.vertices.max() < vertex_count):
         raise ValueError(f"a vertex is not in the model's {vertex_count}")
-    _check_rows(run, header.effect(run.stream))
-    for name, columns in CHANNELS.items():
-        values = getattr(run, name)
-        if values is not None:
-            shape = (total,) if columns == 1 else (total, columns)
-            if values.shape != shape or not np.isfinite(values).all():
-                raise ValueError(f"{name}: expected finite values of shape {shape}")
