@@ -32,8 +32,7 @@ from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription
 from ..engine.stepwise import Progress, finish
 from ..engine.tolerance import Tolerance
 from ..engine.track import SUFFIX, TrackHeader, TrackReader
-from ..engine.track.excerpt import write_excerpt
-from ..engine.track.merging import merge
+from ..engine.track.excerpt import merge, write_excerpt
 from ..engine.track.named_clips import named_clips
 from ..errors import InputError
 from ..files.atomic import atomic_file, inputs_kept

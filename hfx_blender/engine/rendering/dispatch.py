@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dispatch: the actuators of a device that respond to a stream, and their gains.
+"""Dispatch: the actuators of a device that respond to a stream, their gains, and missing ones.
 
 Danieau et al., VRST 2018, section 3.3: haptic data goes to a device if the device has the
 modality and shares vertices with it.
@@ -16,6 +16,7 @@ from ..areas.vector_sensation import gains_of
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
+from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
 from .coverage import ActuatorCells
 from .device import DeviceConfig, RoomPlace
@@ -169,3 +170,34 @@ class ActuatorGroup:
         is_outside = frequencies < np.array([each.lowest for each in controls])
         is_outside |= frequencies > np.array([each.highest for each in controls])
         return np.asarray((fires & is_outside).any(axis=1))
+
+
+class MissingActuators:
+    """Collects them run by run, for one device."""
+
+    def __init__(self, device: DeviceConfig) -> None:
+        self._device = device
+        self._found: dict[str, dict[str, None]] = {}  # by effect, each once
+
+    def add(self, run: SampleRun) -> None:
+        """Take the next samples of an effect."""
+        drive = run.drive
+        if drive is None or drive.device_id != self._device.id:
+            return  # that an effect is of another device is a shortfall of its own
+        shown = rendered_modalities(self._device, run.stream.modality)
+        there = {each.id for each in self._device.actuators if each.type.modality in shown}
+        is_on = (drive.values > 0.0).any(axis=0).tolist()
+        found = self._found.setdefault(run.stream.effect_id, {})
+        for name, is_driven in zip(drive.actuators, is_on, strict=True):
+            if is_driven and name not in there:
+                found[name] = None
+
+    def notes(self, header: TrackHeader) -> Iterator[str]:
+        """A sentence for each effect that drives any."""
+        for effect in header.effects:
+            text = (
+                f"device '{self._device.id}' has not all {effect.modality} actuators that effect "
+                f"'{effect.name}' drives; missing"
+            )
+            found = self._found.get(effect.id, {})
+            yield from counted([name for name in effect.actuators if name in found], text)

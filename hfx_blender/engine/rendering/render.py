@@ -22,13 +22,11 @@ from ..samples import SampleRun, Stream
 from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
 from .conditioning.frequency import Partial, Partials, StrongestContributor
-from .conditioning.hold import held
-from .conditioning.latency import advanced, rows_of
 from .conditioning.limits import DeviceLimits, limited
 from .conditioning.mixing import Contribution, Mixed, merged, mix, substituted
+from .conditioning.timing import advanced, held, rows_of
 from .device import ActuatorType, DeviceConfig
-from .dispatch import ActuatorGroup, ModelLoader
-from .missing import MissingActuators
+from .dispatch import ActuatorGroup, MissingActuators, ModelLoader
 from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 

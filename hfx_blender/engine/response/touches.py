@@ -25,7 +25,7 @@ from ..response_filters.filters import (
 from ..samples import SampleRun, Stream
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
-from ..volume.outside import distances_m
+from ..volume.nearest_surface import distances_m
 from ..volume.placing_matrix import inverse_placement, world_bounds
 from .paths import Path
 

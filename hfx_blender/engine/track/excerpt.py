@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of a track as tracks of their own, from time 0: some effects over a stretch of time."""
+"""Tracks made of tracks: an excerpt, from time 0, of some effects; one recording of its parts."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from fractions import Fraction
 from itertools import groupby
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...errors import InputError
 from ..samples import SampleRun
 from ..scene import Clip, TimeBase
 from .header import TrackHeader
@@ -98,3 +99,30 @@ def _header_of(
         effects=effects,
         streams=streams,
     )
+
+
+def merge(parts: Iterable[Path], path: Path) -> None:
+    """Write the recording that several files hold the parts of.
+
+    Parameters
+    ----------
+    parts : iterable of Path
+        Tracks with the same header, in the order of time. Each holds whole chunks
+        (``layout.SAMPLES_PER_CHUNK``) that none of the others holds.
+
+    Raises
+    ------
+    InputError
+        There is no part, one is damaged, is of another recording or out of order.
+    OutputError
+        The file cannot be written.
+    """
+    files = list(parts)
+    if not files:
+        raise InputError(f"{path}: there are no parts of it.")
+    with TrackReader(files[0]) as first:
+        header, precise = first.header, first.full_precision
+    with TrackWriter(path, header, full_precision=precise) as writer:
+        for file in files:
+            with TrackReader(file) as part:
+                writer.copy(part)

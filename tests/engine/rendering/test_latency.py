@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
-from hfx_blender.engine.rendering.conditioning.latency import advanced, rows_of
+from hfx_blender.engine.rendering.conditioning.timing import advanced, rows_of
 from hfx_blender.engine.rendering.render import Renderer
 
 RATE = Fraction(100)

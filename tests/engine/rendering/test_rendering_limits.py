@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hfx_blender.engine.rendering.conditioning.hold import held
 from hfx_blender.engine.rendering.conditioning.limits import limited
+from hfx_blender.engine.rendering.conditioning.timing import held
 
 NAN, INF = float("nan"), float("inf")
 

@@ -39,7 +39,7 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from hfx_blender.engine.volume.outside import distances_m
+from hfx_blender.engine.volume.nearest_surface import distances_m
 from hfx_blender.engine.volume.shape import Falloff
 
 RATE = 100
