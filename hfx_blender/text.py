@@ -38,10 +38,10 @@ def printable_lines(text: str) -> str:
 _SHOWN: Final = 6
 
 
-def named(names: Sequence[str]) -> str:
-    """The first of some names, and how many more there are."""
-    more = len(names) - _SHOWN
-    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+def named(names: Sequence[str], most: int = _SHOWN) -> str:
+    """The first of some names, at most ``most``, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def counted(names: Sequence[str], sentence: str) -> tuple[str, ...]:

@@ -416,7 +416,10 @@ def _refuse_result(options: argparse.Namespace) -> None:
         is_result = report.name.startswith(f"{stem}.") and report.name.endswith(of_results)
         is_piece = report.parent == pieces_folder(folder, stem) and "-of-" in report.name
         if (is_there and is_result) or is_piece:
-            raise UsageError(f"--report {options.report}: is a result of this export")
+            raise UsageError(
+                f"--report {options.report}: is a result of this export, of '{stem}'; choose "
+                "another name, such as batch.json"
+            )
 
 
 def _names(text: str) -> list[str]:

@@ -107,11 +107,14 @@ def _where(effect: Any) -> dict[str, Any]:
 
 
 def _track(path: Path) -> dict[str, Any]:
+    from ..engine.areas.felt_times import FeltTimes
     from ..engine.track import TrackReader
-    from ..export.scene_export import felt_effects
+    from ..export.report import felt_effects
 
+    times = FeltTimes()
     with TrackReader(path) as track:
         header = track.header
+        times.add_runs(track.runs(), {each.id for each in header.effects if each.is_contact})
         return {
             "file": str(path),
             "bytes": path.stat().st_size,
@@ -128,7 +131,7 @@ def _track(path: Path) -> dict[str, Any]:
                 }
                 for model in header.models
             ],
-            "felt": list(felt_effects(track)),
+            "felt": list(felt_effects(track, times)),
             "settings": dict(header.settings),
             "tools": dict(header.tools),
             "warnings": list(header.warnings),

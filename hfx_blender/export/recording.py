@@ -154,6 +154,7 @@ def record_track(
     blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
     effects = reader.description.effects
+    touching = {effect.id for effect in effects if effect.is_contact}
 
     def counted() -> Iterator[AnimationBlock]:
         nonlocal read
@@ -173,7 +174,7 @@ def record_track(
                     for _, renderer in renderers:
                         renderer.add(runs)
                     if times is not None:
-                        times.add_runs(effects, runs)
+                        times.add_runs(runs, touching)
                         for block, _ in some:
                             times.add_levels(effects, block)
                         times.touched |= dict.fromkeys(engine.touched, True)

@@ -16,7 +16,6 @@ from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files.hashes import sha256_of
-from ..text import counted
 from .result_files import listed
 
 REPORT_SUFFIX = ".report.json"
@@ -199,6 +198,10 @@ _SEVERAL = {
 }
 
 
+def _several(why: str) -> str:
+    return _SEVERAL.get(why, f"effects are not felt, as each {why}")
+
+
 def _why_missed(
     effect: TrackEffect,
     times: FeltTimes | None,
@@ -240,7 +243,7 @@ def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
         for text in (
             (f"effect '{names[0]}' {why}: it is not felt",)
             if len(names) == 1
-            else counted(names, _SEVERAL.get(why, f"effects are not felt, as each {why}"))
+            else (f"{_several(why)}: {len(names)} ({', '.join(names)})",)
         )
     )
 

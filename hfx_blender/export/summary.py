@@ -3,29 +3,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from ..text import MOST_LINES, named, printable, shortened
+from .report import REPORT_SUFFIX, ExportReport
 
-if TYPE_CHECKING:
-    from .report import ExportReport
+_FILES = 12
+"""Files that get lines of their own."""
 
 
 def describe(report: ExportReport) -> str:
-    """Describe an export in a few lines: samples, effects without a device, files."""
-    lines = [f"Scene '{report.scene}'"]
-    lines += [f"  {text}" for text in (*felt_lines(report), *unfelt_lines(report))]
+    """Describe an export in a few lines: files, warnings, and last what is felt of effects."""
+    lines = [f"Scene '{report.scene}'", *(f"  {text}" for text in _written_lines(report))]
+    already_said = set(report.silent_devices)  # by the command, on its own
+    warnings = (text for text in report.warnings if text not in already_said)
+    lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
+    lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
+    lines += [f"  {text}" for text in felt_lines(report)]
     lines += [
         f"  {lost['effect']}: {lost['seconds']:.2f} s of it ({lost['share']:.0%}) felt by "
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    already_said = set(report.silent_devices)  # by the command, on its own
-    warnings = (text for text in report.warnings if text not in already_said)
-    lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
-    lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
-    lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
+    lines += [f"  {text}" for text in unfelt_lines(report)]
     return "\n".join(map(printable, lines))
+
+
+def _written_lines(report: ExportReport) -> list[str]:
+    """A line for each file; of many, their number, and where they are listed."""
+    sizes = [path.stat().st_size for path in report.files]
+    if len(sizes) <= _FILES:
+        found = zip(report.files, sizes, strict=True)
+        return [f"wrote {path} ({_size(size)})" for path, size in found]
+    lists = (path for path in report.files if path.name.endswith(REPORT_SUFFIX))
+    where = "".join(f", listed in {path}" for path in lists)
+    return [f"wrote {len(sizes)} files ({_size(sum(sizes))}) to {report.folder}{where}"]
 
 
 def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
@@ -46,8 +56,8 @@ def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
     return shortened(texts, most)
 
 
-def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
-    """Effects that no body feels, and why: one line for each reason."""
+def unfelt_lines(report: ExportReport, most: int | None = None) -> tuple[str, ...]:
+    """Effects that no body feels, and why: one line for each reason, with ``most`` names."""
     reasons: dict[str, list[str]] = {}
     for each in report.effects:
         if not each["felt"]:
@@ -56,7 +66,7 @@ def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
     return tuple(
         f"{names[0]} was not felt: it {why}"
         if len(names) == 1
-        else f"{len(names)} effects were not felt: each {why}: {named(names)}"
+        else f"{len(names)} effects were not felt: each {why}: {named(names, most or len(names))}"
         for why, names in reasons.items()
     )
 

@@ -34,7 +34,7 @@ _RECORD_ITEMS = (
 )
 _LINE = 36  # letters that fit into the file browser's sidebar
 _NAMED = 3  # files that the message names
-_POPUP_LINE = 90  # letters
+_POPUP_LINE, _LINES = 90, 4  # letters, and lines, of a sentence
 _WARNINGS, _EFFECTS = 8, 12  # that the popup shows
 
 
@@ -206,7 +206,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             len(names),
             folder,
             report.warnings,
-            (*unfelt_lines(report), *felt_lines(report, _EFFECTS)),
+            (*unfelt_lines(report, _NAMED), *felt_lines(report, _EFFECTS)),
             any(clips.outside_scene(context.scene, strip) is not None for strip in strips),
         )
         last_written[:] = [written]
@@ -248,7 +248,7 @@ def _draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 def _draw_wrapped(layout: bpy.types.UILayout, text: str, icon: str) -> None:
     sentence = printable(text[:1].upper() + text[1:])
-    for number, line in enumerate(textwrap.wrap(sentence, _POPUP_LINE)):
+    for number, line in enumerate(textwrap.wrap(sentence, _POPUP_LINE, max_lines=_LINES)):
         layout.label(text=line, icon="BLANK1" if number else icon)
 
 

@@ -247,3 +247,10 @@ def test_files_that_would_be_too_long_are_refused(tmp_path):
 def test_an_unwritable_place(tmp_path):
     with pytest.raises(OutputError):
         wav.write(make_raster([[1.0]], [[100.0]]), make_device(1), tmp_path / "no" / "x.wav")
+
+
+@pytest.mark.parametrize("name", [b"data", b"LIST", b"\xb5\x01ab"])
+def test_a_chunk_beyond_the_end_is_named_as_it_is(name):
+    content = b"RIFF" + struct.pack("<I", 12) + b"WAVE" + name + struct.pack("<I", 99)
+    message = wav_reader.inspect(content)[1][0].message
+    assert message == f"the chunk '{name.decode('latin-1')}' is longer than the file"

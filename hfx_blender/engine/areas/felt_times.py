@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -50,12 +50,14 @@ class FeltTimes:
             else:
                 self.no_number[effect.id] = "a place" if finite.any() else "a value"
 
-    def add_runs(self, effects: Sequence[EffectDescription], runs: Iterable[SampleRun]) -> None:
-        """Count samples whose strength is not 0; runs of a stream come in the order of time."""
-        contact = {effect.id for effect in effects if effect.is_contact} if runs else set()
+    def add_runs(self, runs: Iterable[SampleRun], touching: Collection[str]) -> None:
+        """Count samples whose strength is not 0; runs of a stream come in the order of time.
+
+        ``touching`` holds the ids of effects whose temperature is that of a touched object.
+        """
         for run in runs:
             stream = run.stream
-            indices = run.indices[has_strength(run, stream.effect_id in contact)]
+            indices = run.indices[has_strength(run, stream.effect_id in touching)]
             if len(indices):
                 span = [len(indices), int(indices[0]), int(indices[-1])]
                 self._count(stream.effect_id, stream.body_id, span)

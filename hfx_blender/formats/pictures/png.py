@@ -191,7 +191,7 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
         if end > len(content):
             raise ValueError("it ends too early")
         if struct.unpack_from(">I", content, end - 4)[0] != zlib.crc32(name + data):
-            raise ValueError(f"a damaged part {name!r}")
+            raise ValueError(f"a damaged part '{name.decode('latin-1')}'")
         yield name, data
         if name == b"IEND":
             return

@@ -68,13 +68,14 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
         kind = content[at : at + 4]
         (length,) = struct.unpack_from("<I", content, at + 4)
         if at + 8 + length > len(content):
-            report.error("CHUNK", None, f"the chunk {kind!r} is longer than the file")
+            title = kind.decode("latin-1")
+            report.error("CHUNK", None, f"the chunk '{title}' is longer than the file")
             length = len(content) - at - 8
         chunks.setdefault(kind, (at + 8, length))
         at += 8 + length + length % 2
     for kind in (b"fmt ", b"data"):
         if kind not in chunks or (kind == b"fmt " and chunks[kind][1] < 16):
-            report.error("CHUNK", None, f"it has no chunk {kind.decode()!r}")
+            report.error("CHUNK", None, f"it has no chunk '{kind.decode()}'")
             return None, report.findings
     return _form(content, chunks, report), report.findings
 

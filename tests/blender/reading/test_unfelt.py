@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from hfx_blender.authoring.clips import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
 from hfx_blender.export.report import ExportReport
-from hfx_blender.export.summary import felt_lines, unfelt_lines
+from hfx_blender.export.summary import describe, felt_lines, unfelt_lines
 from hfx_blender.text import MOST_LINES
 
 bpy = pytest.importorskip("bpy")
@@ -479,7 +480,48 @@ def test_two_thousand_effects_stay_readable() -> None:
     assert len(lines) == MOST_LINES + 1 and lines[-1] == f"... and {2000 - MOST_LINES} more"
     (line,) = unfelt_lines(_report(2000, False))
     assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
-    assert line.endswith("and 1994 more") and felt_lines(_report(2000, False)) == ()
+    assert line.endswith("E1999 (wind)") and felt_lines(_report(2000, False)) == ()
+    (line,) = unfelt_lines(_report(2000, False), 6)  # as a popup has it
+    assert line.endswith("E5 (wind) and 1994 more")
+
+
+@pytest.mark.parametrize("count", [12, 300])
+def test_the_last_lines_are_those_of_effects(tmp_path: Path, count: int) -> None:
+    files = [tmp_path / f"scene.{k}.he" for k in range(count - 1)]
+    files.append(tmp_path / "scene.report.json")
+    for path in files:
+        path.write_bytes(bytes(1000))
+    report = replace(
+        _report(40, False), files=tuple(files), folder=tmp_path, notes=("n",), warnings=("w",)
+    )
+    first, *lines = describe(report).splitlines()
+    *written, warning, note, unfelt = lines
+    assert (first, note, warning) == ("Scene 'Scene'", "  note: n", "  warning: w")
+    assert all(f"E{k} (wind)" in unfelt for k in range(40)) and "more" not in unfelt
+    if count == 12:
+        assert [line.split()[1] for line in written] == [str(path) for path in files]
+    else:
+        listed = f"listed in {tmp_path / 'scene.report.json'}"
+        assert written == [f"  wrote 300 files (300.0 kB) to {tmp_path}, {listed}"]
+
+
+def test_info_of_a_track_counts_what_has_a_strength(
+    touch: Any, told: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The pressure is 0 in the first of two seconds."""
+    for frame, pressure in ((0, 0.0), (24, 0.0), (25, 5.0)):
+        touch.hfx.pressure = pressure
+        touch.keyframe_insert("hfx.pressure", frame=frame)
+    for curve in compat.fcurves(touch):
+        for key in curve.keyframe_points:
+            key.interpolation = "CONSTANT"
+    told()
+    capsys.readouterr()
+    assert cli.run(["info", str(tmp_path / "out" / "scene.hfxtrack"), "--json"]) == 0
+    (felt,) = (
+        each for each in json.loads(capsys.readouterr().out)["felt"] if each["effect"] == "Touch"
+    )
+    assert (felt["seconds"], felt["first_s"]) == pytest.approx((1.0, 1.0))
 
 
 class _Layout:
