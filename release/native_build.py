@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import json
 import os
 import platform
 import subprocess
@@ -18,6 +19,11 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
+
+if not __package__:  # run as a program
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from release.native_interface import interface
 
 ROOT = Path(__file__).resolve().parents[1]
 NATIVE = Path("hfx_blender", "engine", "native")
@@ -204,7 +210,9 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             work = Path(name)
             run = _Compiler(zig, target, work)
             header = work / "hfx_build.h"
-            header.write_text(f'#define HFX_BUILD "{_mark(target, root)}"\n', encoding="utf-8")
+            declared = json.dumps(interface(sources.files()))  # a string in C, too
+            told = f'#define HFX_BUILD "{_mark(target, root)}"\n#define HFX_INTERFACE {declared}\n'
+            header.write_text(told, encoding="utf-8")
             flags = [*_flags(sources.FOLDER), "-include", header.name, f"-I{sources.FOLDER}"]
             paths = [path for path in sources.files() if path.suffix == ".c"]
             with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -215,7 +223,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             new.write_bytes(made.read_bytes())
             new.chmod(0o755)
             return new.replace(folder / target.library)
-    except (OSError, subprocess.SubprocessError) as error:
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
         raise BuildError(str(error)) from error
 
 

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arguments of the library's functions and fields of its structures, read from its C sources.
+"""Arguments of the library's functions and fields of its structures, as the library tells them.
 
-So nothing has to be said twice: in ``hfx_turns(int64_t count, const double *before, ...)`` a number
-is a number, ``const double *`` an array of float64 that is only read, ``double *`` one that is
-written, ``const hfx_tree *`` a structure. Each array and structure may be None.
+They were read from its C sources when it was built (``release/native_interface.py``): in
+``hfx_turns(int64_t count, const double *before, ...)`` a number is a number, ``const double *``
+an array of float64 that is only read, ``double *`` one that is written, ``const hfx_tree *`` a
+structure. Each array and structure may be None.
 """
 
 from __future__ import annotations
 
 import ctypes
-import re
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-
-from . import sources
 
 _NUMBERS: Final[dict[str, Any]] = {"int64_t": ctypes.c_int64, "double": ctypes.c_double}
 _RESULTS: Final = {**_NUMBERS, "void": None, "const char *": ctypes.c_char_p}
@@ -28,12 +27,8 @@ _ARRAYS: Final[dict[str, tuple[Any, ...]]] = {
     **{"float": (np.float32,), "uint8_t": (np.uint8, np.bool_), "void": ()},
 }
 
-_COMMENT: Final = re.compile(r"//.*|/\*[^*]*\*/")
-_FUNCTION: Final = re.compile(r"HFX_EXPORT ([\w ]+\*?)\b(hfx_\w+)\(([^()]*)\) \{")
-_STRUCTURE: Final = re.compile(r"typedef struct \{([^{}]*)\} (hfx_\w+);")
-_CONSTANT: Final = re.compile(r"#define (\w+) (\d+)\b")
-_DECLARATION: Final = re.compile(r"(const )?(\w+) (.*)", re.DOTALL)
-_NAME: Final = re.compile(r"(\**)(\w+)(?:\[(\w+)\])?")
+_structures: dict[str, list[tuple[str, str, int]]] = {}
+"""Name, type and count of elements of each field of a structure; filled by :func:`declare`."""
 
 
 class ArrayOf:
@@ -129,12 +124,12 @@ def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
 
 @cache
 def structure(name: str) -> Any:
-    """Class of a structure, a :class:`Structure`."""
+    """Class of a structure, a :class:`Structure`; the library has to be loaded."""
     fields, kinds = [], {}
-    for field, kind, count in _variables(_structures()[name].rstrip().rstrip(";").split(";")):
+    for field, declared, count in _structures[name]:
+        kinds[field] = kind = _kind(declared)
         stored = ctypes.c_void_p if isinstance(kind, ArrayOf) else kind
         fields.append((field, stored * count if count else stored))
-        kinds[field] = kind
     return type(name, (Structure,), {"_fields_": fields, "_kinds": kinds})
 
 
@@ -146,47 +141,23 @@ def declare(library: ctypes.CDLL) -> None:
     AttributeError
         It lacks one of them.
     ValueError
-        There are no sources.
+        It does not tell them.
     """
-    functions = _FUNCTION.findall(_text())
-    if not functions:
-        raise ValueError("its sources are missing")
-    for result, name, arguments in functions:
+    library.hfx_interface.restype = ctypes.c_char_p
+    interface = json.loads(library.hfx_interface())
+    _structures.update(interface["structures"])
+    for name, (result, arguments) in interface["functions"].items():
         function = getattr(library, name)
-        function.restype = _RESULTS[result.strip()]
-        variables = _variables([] if arguments == "void" else arguments.split(","))
-        function.argtypes = [kind for _, kind, _ in variables]
+        function.restype = _RESULTS[result]
+        function.argtypes = [_kind(declared) for _, declared, _ in arguments]
 
 
-def _variables(declarations: list[str]) -> Iterator[tuple[str, Any, int]]:
-    """Names, kinds and numbers of elements of variables; these are 0 for what is no array in C."""
-    for declaration in declarations:
-        const, kind, names = _DECLARATION.fullmatch(declaration.strip()).groups()  # type: ignore[union-attr]
-        for each in names.split(","):
-            stars, name, count = _NAME.fullmatch(each.strip()).groups()  # type: ignore[union-attr]
-            yield name, _kind(kind, stars, is_written=not const), int(_constants().get(count, 0))
-
-
-def _kind(name: str, stars: str, is_written: bool) -> Any:
+def _kind(declared: str) -> Any:
+    """Kind of an argument or a field, of its type in C."""
+    name, stars = declared.removeprefix("const ").rstrip(" *"), declared.count("*")
     if not stars:
         return _NUMBERS[name]
-    if stars == "*" and name in _structures():
+    if stars == 1 and name not in _ARRAYS:
         return ctypes.POINTER(structure(name))
-    return ArrayOf(_ARRAYS[name] if stars == "*" else _ARRAYS["int64_t"], is_written)
-
-
-@cache
-def _structures() -> dict[str, str]:
-    """Fields of each structure, as written."""
-    return {name: fields for fields, name in _STRUCTURE.findall(_text()) if name not in _ARRAYS}
-
-
-@cache
-def _constants() -> dict[str, str]:
-    return dict(_CONSTANT.findall(_text()))
-
-
-@cache
-def _text() -> str:
-    """All sources, without comments."""
-    return _COMMENT.sub("", "\n".join(path.read_text("utf-8") for path in sources.files()))
+    of_numbers = _ARRAYS[name if stars == 1 else "int64_t"]
+    return ArrayOf(of_numbers, is_written=not declared.startswith("const "))

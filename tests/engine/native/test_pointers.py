@@ -7,9 +7,11 @@ Memory that is freed too early is reused only by chance, and hardly ever in one 
 from __future__ import annotations
 
 import ctypes
-import functools
 import gc
 import weakref
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from hfx_blender.engine.native import declarations
 from hfx_blender.engine.native.declarations import ArrayOf, structure
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.shape import Falloff
+from release.native_interface import interface
 
 READ = ArrayOf((np.float64,), is_written=False)
 DOUBLES = ArrayOf((np.float64,), is_written=True)
@@ -108,32 +111,66 @@ def test_a_placed_volume_lives_as_long_as_its_structure() -> None:
     assert room() is not None and _read(pointers.to_shape, 16) == np.eye(4).ravel().tolist()
 
 
-def test_declarations_are_read_as_they_stand_in_c(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_declarations_are_read_as_they_stand_in_c(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     text = """
     #define KINDS 2
     typedef struct {
-      const double *boxes, *far;
+      const double *boxes, *far;  // of each "box"
       int64_t count;
       uint8_t *marks[KINDS];
     } hfx_thing;
     HFX_EXPORT double hfx_ask(const hfx_thing *thing, const int32_t *ids,
                               float *found, const hfx_thing **others) {
+    HFX_EXPORT const char *hfx_interface(void) {
     """
-    for name in ("_structures", "_constants", "structure"):
-        uncached = getattr(declarations, name).__wrapped__
-        monkeypatch.setattr(declarations, name, functools.cache(uncached))
-    monkeypatch.setattr(declarations, "_text", lambda: text)
-    library = type("Library", (), {"hfx_ask": type("Function", (), {})})
+    source = tmp_path / "x.c"
+    source.write_text(text)
+    monkeypatch.setattr(declarations, "structure", cache(declarations.structure.__wrapped__))
+    told = interface([source]).encode()
+    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(told))
     declarations.declare(library)
     thing = declarations.structure("hfx_thing")
     assert library.hfx_ask.restype is ctypes.c_double
-    first, *arrays = library.hfx_ask.argtypes
+    assert library.hfx_interface.argtypes == []
+    first, ids, found, others = library.hfx_ask.argtypes
     assert first is ctypes.POINTER(thing)
-    told = [(each._first, each._is_written) for each in arrays]
-    assert told == [(np.int32, False), (np.float32, True), (np.int64, False)]
     assert [name for name, _ in thing._fields_] == ["boxes", "far", "count", "marks"]
     assert ctypes.sizeof(thing) == 5 * 8
-    assert [thing._kinds[name]._is_written for name in ("boxes", "far", "marks")] == [0, 0, 1]
-    monkeypatch.setattr(declarations, "_text", lambda: text.replace("double hfx_", "long hfx_"))
+    floats, halves = np.zeros(2, np.float32), np.zeros(2, np.float16)
+    for kind, is_written in ((ids, False), (found, True), (others, False)):
+        if is_written:  # what C would write must not be a copy
+            with pytest.raises(TypeError):
+                kind.from_param(halves)
+    assert _address(found.from_param(floats)) == floats.ctypes.data
+    numbers = np.arange(2, dtype=np.int16)
+    assert list((ctypes.c_int32 * 2).from_address(_address(ids.from_param(numbers)))) == [0, 1]
+    assert list((ctypes.c_int64 * 2).from_address(_address(others.from_param(numbers)))) == [0, 1]
+    made = thing(np.zeros(1), np.zeros(1), 7, [np.zeros(1, np.uint8), np.zeros(1, np.uint8)])
+    assert made.count == 7
+    with pytest.raises(TypeError):
+        thing(None, None, 0, [np.zeros(1), np.zeros(1)])
+
+
+def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> None:
+    source = tmp_path / "x.c"
+    source.write_text("HFX_EXPORT long hfx_ask(int64_t) {")
+    with pytest.raises(ValueError, match="'int64_t' cannot be declared"):
+        interface([source])
+    source.write_text("HFX_EXPORT long hfx_ask(int64_t n) {")
+    told = interface([source]).encode()
     with pytest.raises(KeyError, match="long"):
-        declarations.declare(library)
+        declarations.declare(
+            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(told))
+        )
+
+
+class Telling:
+    """Function of a library without arguments."""
+
+    def __init__(self, told: bytes) -> None:
+        self._told = told
+
+    def __call__(self) -> bytes:
+        return self._told

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Description of what the library was built of.
+// Description of what the library was built of, and of what it exports; by release/native_build.py.
 
 #include "hfx_native.h"
 
@@ -9,3 +9,10 @@
 #endif
 
 HFX_EXPORT const char *hfx_build(void) { return HFX_BUILD; }
+
+// Functions and structures as JSON, for declarations.py.
+#ifndef HFX_INTERFACE
+#define HFX_INTERFACE ""
+#endif
+
+HFX_EXPORT const char *hfx_interface(void) { return HFX_INTERFACE; }
