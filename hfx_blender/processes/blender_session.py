@@ -16,7 +16,7 @@ from typing import Any
 from ..errors import HfxError, InputError, OutputError, is_endless
 from ..files.atomic import remove_at_end
 from ..files.kinds import title_of
-from ..files.stage_folders import remove_tree
+from ..files.staging import remove_tree
 from .process_end import check
 from .process_end import end_on_signals as end_on_signals
 from .process_end import leave as leave

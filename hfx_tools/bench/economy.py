@@ -35,7 +35,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.tolerance import STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 
 _MODEL: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times

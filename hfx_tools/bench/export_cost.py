@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
 from .. import processes

@@ -32,7 +32,7 @@ from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
 if TYPE_CHECKING:

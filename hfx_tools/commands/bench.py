@@ -10,8 +10,7 @@ from typing import Any
 
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
-from hfx_blender.files.stage_folders import temporary_folder
-from hfx_blender.files.staging import make_folder
+from hfx_blender.files.staging import make_folder, temporary_folder
 from hfx_blender.processes import blender_session
 
 NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "relief", "words")

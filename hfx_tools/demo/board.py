@@ -28,7 +28,7 @@ from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.errors import OutputError
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 from hfx_blender.formats.signals import stroke_files
 
 SQUARES = 4

@@ -24,7 +24,7 @@ from hfx_blender.engine.arrays import F64, Bool
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.colouring import COLD, COLOURS, Spread
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 from hfx_blender.playback.preview.preview_layers import spread_between
 from hfx_blender.playback.timeline.timeline_record import record
 from hfx_blender.processes import blender_session

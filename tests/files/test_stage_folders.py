@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.files import atomic, stage_folders
+from hfx_blender.files import atomic, staging
 from hfx_blender.files.atomic import temporary_name
-from hfx_blender.files.stage_folders import stage_folder
+from hfx_blender.files.staging import stage_folder
 
 HOLD = """
 import sys
 from pathlib import Path
-from hfx_blender.files.stage_folders import stage_folder
+from hfx_blender.files.staging import stage_folder
 with stage_folder(Path(sys.argv[1]), "scene") as stage:
     (stage / "half").write_text("x")
     print(stage, flush=True)
@@ -78,7 +78,7 @@ def test_that_of_another_machine_stays(
     holder.kill()
     holder.wait()
     monkeypatch.setattr(atomic.platform, "node", lambda: "elsewhere")
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert (left / "half").is_file()
 
 
@@ -91,7 +91,7 @@ def test_what_is_not_known_to_be_ours_stays(tmp_path: Path, name: str, owner: by
     if owner is not None:
         (strange / "owner").write_bytes(owner)
         os.utime(strange / "owner", (0, 0))
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert (strange / "thesis").is_file()
 
 
@@ -104,11 +104,11 @@ def test_one_that_could_not_take_a_byte_goes_once_it_is_old(
     stage.mkdir()
     if owner is not None:
         (stage / "owner").write_bytes(owner)
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert stage.is_dir()  # another run has just made it
     for path in (*stage.iterdir(), stage):
         os.utime(path, (0, 0))
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -117,7 +117,7 @@ def test_an_old_one_without_an_owner_stays_with_what_is_in_it(tmp_path: Path) ->
     stage.mkdir()
     (stage / "thesis").write_text("precious")
     os.utime(stage, (0, 0))
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert (stage / "thesis").is_file()
 
 
@@ -127,7 +127,7 @@ def test_a_link_is_never_followed(tmp_path: Path) -> None:
     (real / "owner").write_bytes(b"locked\n")
     link = tmp_path / temporary_name("scene")
     link.symlink_to(real)
-    stage_folders.remove_abandoned(tmp_path)
+    staging.remove_abandoned(tmp_path)
     assert (real / "owner").is_file() and link.is_symlink()
 
 
@@ -172,9 +172,9 @@ def test_where_there_are_no_locks_it_is_never_removed(
         raise OSError(errno.ENOTSUP, "Operation not supported")
 
     with monkeypatch.context() as patch:
-        patch.setattr(stage_folders, "take_lock", no_locks)
+        patch.setattr(staging, "take_lock", no_locks)
         with stage_folder(tmp_path, "scene") as stage:
             patch.undo()
-            stage_folders.remove_abandoned(tmp_path)
+            staging.remove_abandoned(tmp_path)
             assert stage.is_dir()
     assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,7 @@ import bpy
 from ...blender.scene_units import metres_of
 from ...errors import OutputError
 from ...files.atomic import atomic_file
-from ...files.stage_folders import temporary_folder
+from ...files.staging import temporary_folder
 from ...generation import generated
 from ...generation.generated import GeneratedFiles
 from . import image_values, surface_sources, surfaces

@@ -13,7 +13,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final, Protocol
 
-from ...files.stage_folders import temporary_folder
+from ...files.staging import temporary_folder
 from .units import Outcome, Unit
 from .worker_process import UnitWorker, do_or_retry
 

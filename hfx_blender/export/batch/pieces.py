@@ -19,8 +19,7 @@ from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...errors import InputError, OutputError
 from ...files.atomic import atomic_file
 from ...files.hashes import sha256_of
-from ...files.stage_folders import remove_abandoned, with_final_names
-from ...files.staging import make_folder, place
+from ...files.staging import make_folder, place, remove_abandoned, with_final_names
 from .. import report
 from . import inputs, journal
 from .units import Unit

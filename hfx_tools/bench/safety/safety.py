@@ -20,7 +20,7 @@ import numpy as np
 
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.stage_folders import temporary_folder
+from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import start
 
 from ... import processes
