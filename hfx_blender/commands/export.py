@@ -17,9 +17,8 @@ from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
 from ..export.batch.local_workers import LocalWorkers, ThisProcess, Workers
-from ..export.batch.options import ExportOptions
 from ..export.batch.pieces import MOST_PIECES, folder_of, pieces_folder, remove_folder
-from ..export.batch.units import Outcome, Unit
+from ..export.batch.units import ExportOptions, Outcome, Unit
 from ..files.atomic import atomic_file, inputs_kept, refuse_taken
 from ..formats.clip import COARSEST, DETAIL
 from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes

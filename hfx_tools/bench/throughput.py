@@ -21,8 +21,7 @@ from typing import Any
 
 from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.local_workers import LocalWorkers
-from hfx_blender.export.batch.options import ExportOptions
-from hfx_blender.export.batch.units import Outcome, Unit
+from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
 from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 

@@ -35,7 +35,7 @@ from hfx_blender.engine.stepwise import finish
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from hfx_blender.errors import ScriptError
-from hfx_blender.export.batch import inputs
+from hfx_blender.export.batch import journal
 from hfx_blender.files import resources
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -451,7 +451,7 @@ def test_scripts_run_where_a_track_is_converted(folder: Path, path: Path, tmp_pa
 
 @pytest.fixture
 def of_device() -> Callable[[], str]:
-    return lambda: inputs._device_hash(BAND)
+    return lambda: journal.device_hash(BAND)
 
 
 def test_an_export_is_made_from_the_script_and_its_approval(

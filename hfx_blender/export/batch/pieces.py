@@ -21,7 +21,7 @@ from ...files.atomic import atomic_file
 from ...files.hashes import sha256_of
 from ...files.staging import make_folder, place, remove_abandoned, with_final_names
 from .. import report
-from . import inputs, journal
+from . import journal
 from .units import Unit
 
 MOST_PIECES = 10_000
@@ -68,7 +68,7 @@ def keep(
     recorded : mapping or None
         What recording told besides.
     made_from : mapping
-        See :func:`.inputs.made_from`.
+        See :func:`.journal.made_from`.
     files : tuple of Path
         Its finished files, on the same disk; they are moved.
 
@@ -111,7 +111,7 @@ def finished(unit: Unit) -> dict[str, Any] | None:
     """Record of a piece that was recorded before, if nothing has changed since."""
     assert unit.piece is not None
     record = _record(folder_of(unit), unit.piece)
-    return record if record and inputs.is_still(record["made_from"], unit) else None
+    return record if record and journal.is_still(record["made_from"], unit) else None
 
 
 def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list[dict[str, Any]]:

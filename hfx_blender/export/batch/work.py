@@ -20,9 +20,8 @@ from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK
 from ...errors import HfxError, InputError, OutputError, fault_of_file
 from ...processes import blender_session
-from . import inputs, pieces, ranges
-from .options import ExportOptions
-from .units import Outcome, Unit, failure
+from . import journal, pieces, units
+from .units import ExportOptions, Outcome, Unit, failure
 
 if TYPE_CHECKING:
     import bpy
@@ -97,7 +96,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     if unit.kind == "part":
         return {"part": _recorded_part(unit, export, progress)}
     models = sorted({effect.model_id for effect in export.reader.description.effects})
-    made_from = inputs.made_from(unit, names, models)
+    made_from = journal.made_from(unit, names, models)
     if unit.kind == "piece":
         return _piece(unit, export, made_from, progress)
     folder, stage = Path(unit.folder), Path(unit.stage)
@@ -197,8 +196,8 @@ def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
     time = reader.time
     if unit.part_frames is not None:
         size = ceil(unit.part_frames * time.rate_hz / time.fps)
-        return ranges.parts_of(size, time.sample_count)
-    return ranges.even_parts(reader.sample_indices, time.sample_count, unit.parts)
+        return units.parts_of(size, time.sample_count)
+    return units.even_parts(reader.sample_indices, time.sample_count, unit.parts)
 
 
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
@@ -228,7 +227,7 @@ def _piece(
     number, count = unit.piece
     reader = export.reader
     samples = reader.time.sample_count
-    cut = ranges.even_parts(reader.sample_indices, samples, count, SAMPLES_PER_CHUNK)
+    cut = units.even_parts(reader.sample_indices, samples, count, SAMPLES_PER_CHUNK)
     remarks = []
     if len(cut) > 1 and (reason := why_in_one_go(reader)) is not None:
         remarks.append(f"recorded in one go, as piece 1 of {count}: {reason}")

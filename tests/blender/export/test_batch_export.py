@@ -20,8 +20,7 @@ from hfx_blender import cli
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.local_workers import LocalWorkers, ThisProcess
-from hfx_blender.export.batch.options import ExportOptions
-from hfx_blender.export.batch.units import Unit
+from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.processes.messages import json_message, read_message
 
 bpy = pytest.importorskip("bpy")

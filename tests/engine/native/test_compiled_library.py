@@ -16,7 +16,7 @@ import pytest
 
 from hfx_blender.engine.native import library as loading
 from hfx_blender.engine.native import sources
-from hfx_blender.export.batch import inputs
+from hfx_blender.export.batch import journal
 from hfx_tools.bench import machine
 from release import (
     native_build,
@@ -170,7 +170,7 @@ def test_starting_the_package_loads_nothing() -> None:
 def test_measurements_and_reports_say_which_engine_it_was(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert inputs.tools()["native"] is (loading.library() is not None)
+    assert journal.tools()["native"] is (loading.library() is not None)
     monkeypatch.setattr(loading, "_found", lambda: (None, "numpy (of a test)"))
     assert machine.describe()["engine"] == "numpy (of a test)"
     assert "engine: numpy (of a test)" in machine.as_line(machine.describe())

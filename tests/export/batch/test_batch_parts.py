@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.export.batch.ranges import even_parts, parts_of
+from hfx_blender.export.batch.units import even_parts, parts_of
 
 CHUNK = 128
 

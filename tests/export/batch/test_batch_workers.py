@@ -18,8 +18,7 @@ import pytest
 
 from hfx_blender.export.batch import batch, worker_process
 from hfx_blender.export.batch.local_workers import LocalWorkers
-from hfx_blender.export.batch.options import ExportOptions
-from hfx_blender.export.batch.units import Outcome, Unit
+from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
 from hfx_blender.processes import start, worker
 
 STAND_IN = """

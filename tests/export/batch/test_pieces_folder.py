@@ -8,8 +8,7 @@ import json
 from pathlib import Path
 
 from hfx_blender.export.batch import pieces
-from hfx_blender.export.batch.options import ExportOptions
-from hfx_blender.export.batch.units import Unit
+from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.files.atomic import temporary_name
 
 

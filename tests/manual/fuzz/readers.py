@@ -30,8 +30,7 @@ from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.batch import journal
-from hfx_blender.export.batch.options import ExportOptions
-from hfx_blender.export.batch.units import Unit
+from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.files import json_shapes, limits
 from hfx_blender.formats import files
 from hfx_blender.formats.clip import rules as clip_rules
@@ -296,18 +295,18 @@ def _targets(source: str) -> list[tuple[str, str | None]]:
 
 def report_of(folder: Path) -> bytes:
     """A report that holds for an export of nothing."""
-    from hfx_blender.export.batch import inputs
+    from hfx_blender.files.hashes import sha256_of
 
     source = folder / "x.blend"
     source.write_bytes(b"")
     unit = Unit("scene", str(source), str(folder), "x", str(folder), ExportOptions())
-    empty = inputs.sha256_of(source)
+    empty = sha256_of(source)
     made_from = {
         "files": {"x.blend": empty},
         "devices": {"fan_heater": "0"},
         "models": {"hfx-temperature-1": "0"},
         "options": unit.options.as_json(),
-        "tools": inputs.tools(),
+        "tools": journal.tools(),
     }
     document = {
         "scene": "x",
