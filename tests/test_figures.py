@@ -15,7 +15,7 @@ from hfx_blender.devices.host import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.spatial_sound import distance, layouts, propagation
-from hfx_blender.export.batch import worker_process
+from hfx_blender.export.batch import local_workers
 from hfx_blender.files import json_shapes, limits, resources, strict_json
 from hfx_blender.formats.ahap import ahap, ahap_rules
 from hfx_blender.formats.device_files import haptic, openxr
@@ -120,7 +120,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
         r"at most (\d+) MiB of UTF-8, nested at most (\d+) deep",
         lambda: (json_shapes.MAX_OWN_BYTES / 2**20, json_shapes.MAX_OWN_DEPTH),
     ),
-    ("batch.md", r"replaced after (\d+) pieces", lambda: worker_process.RENEW_AFTER),
+    ("batch.md", r"replaced after (\d+) pieces", lambda: local_workers.RENEW_AFTER),
     ("live.md", r"a frame takes longer \| (\d+) ms", lambda: 1000 * host.HEARTBEAT_S),
     (
         "live.md",

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from hfx_blender.export.batch import batch, worker_process
+from hfx_blender.export.batch import batch, local_workers
 from hfx_blender.export.batch.local_workers import LocalWorkers
 from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
 from hfx_blender.processes import start, worker
@@ -177,7 +177,7 @@ def test_long_scenes_are_split_where_workers_would_be_idle(make: Any, tmp_path: 
 def test_a_worker_is_renewed_after_some_scenes(
     make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker_process, "RENEW_AFTER", 3)
+    monkeypatch.setattr(local_workers, "RENEW_AFTER", 3)
     names = [f"s{k}" for k in range(7)]
     outcomes = batch.run(_units(tmp_path, *names), make(1))
     assert len(outcomes) == 7
