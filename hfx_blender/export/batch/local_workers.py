@@ -28,6 +28,8 @@ RENEW_AFTER = 20
 
 START_LIMIT_S = 300.0
 
+Progress = Callable[[float], None]
+
 
 class WorkerDiedError(Exception):
     """End of a process without an answer; says how it ended."""
@@ -144,8 +146,6 @@ def do_or_retry(
     last = reasons[-1]
     return failure(unit, f"its worker process {last}, and so did a second one", 1)
 
-
-Progress = Callable[[float], None]
 
 _TIDY_LIMIT_S: Final = 10.0
 
