@@ -15,9 +15,8 @@ from ..engine.texture import procedural
 from ..engine.texture.device_range import NoticeableSteps
 from ..engine.texture.mcha import MapSettings, make_map
 from .albedo import albedo
-from .colour_words import COLOURS
 from .generated import Generated, name_of
-from .material_words import MaterialWord
+from .material_words import COLOURS, MaterialWord
 from .steering import Steering, steered
 from .wish import Wish, read_words
 

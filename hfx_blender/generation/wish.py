@@ -9,8 +9,7 @@ from typing import Final
 
 from ..engine.texture.procedural import KINDS
 from ..errors import InputError
-from .colour_words import COLOURS
-from .material_words import LONGEST_PHRASE, WORDS, MaterialWord
+from .material_words import COLOURS, LONGEST_PHRASE, WORDS, MaterialWord
 from .quality_words import (
     ASIDES,
     DEGREES,

@@ -20,7 +20,7 @@ from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.procedural import KINDS, MATERIALS
 from hfx_blender.errors import InputError
 from hfx_blender.generation.albedo import albedo
-from hfx_blender.generation.colour_words import COLOURS
+from hfx_blender.generation.material_words import COLOURS
 from hfx_blender.generation.picture_conversion import surface_of
 from hfx_blender.generation.picture_folder import SUFFIXES
 from hfx_blender.generation.steering import Steering, steered
