@@ -77,39 +77,39 @@ class HFX_MT_object(bpy.types.Menu):
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
 
 
-def _add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def draw_add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
     self.layout.menu(HFX_MT_add.bl_idname, icon="VIEW_PAN")  # a hand
 
 
-def _object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw our entry in the context menus of objects, for effects, bodies and avatars."""
     if active_effect(context) is not None or active_armature(context) is not None:
         self.layout.separator()
         self.layout.menu(HFX_MT_object.bl_idname, icon="VIEW_PAN")
 
 
-def _nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+def draw_nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     if active_effect(context) is not None:
         self.layout.separator()
         draw_clip_buttons(self.layout, "Haptic")
 
 
-def _export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def draw_export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.export", text="Haptics (.hfxtrack)")
 
 
-def _import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def draw_import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.import_hjif", text="Haptics (.hjif)")
 
 
 _ENTRIES = {
-    "VIEW3D_MT_add": _add_menu,
-    "VIEW3D_MT_object_context_menu": _object_menu,
-    "OUTLINER_MT_object": _object_menu,
-    "NLA_MT_add": _nla_menu,
-    "TOPBAR_MT_file_export": _export_menu,
-    "TOPBAR_MT_file_import": _import_menu,
+    "VIEW3D_MT_add": draw_add_menu,
+    "VIEW3D_MT_object_context_menu": draw_object_menu,
+    "OUTLINER_MT_object": draw_object_menu,
+    "NLA_MT_add": draw_nla_menu,
+    "TOPBAR_MT_file_export": draw_export_menu,
+    "TOPBAR_MT_file_import": draw_import_menu,
 }
 _register, _unregister = bpy.utils.register_classes_factory((HFX_MT_add, HFX_MT_object))
 

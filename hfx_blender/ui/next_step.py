@@ -47,7 +47,7 @@ def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> Non
         layout.operator("hfx.export", icon="EXPORT")
 
 
-def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
+def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
     active = context.object
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         self.layout.operator("hfx.paint_end", icon="CHECKMARK")
@@ -56,8 +56,8 @@ def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
 
 
 def register() -> None:
-    bpy.types.VIEW3D_HT_header.append(_header)
+    bpy.types.VIEW3D_HT_header.append(draw_header)
 
 
 def unregister() -> None:
-    bpy.types.VIEW3D_HT_header.remove(_header)
+    bpy.types.VIEW3D_HT_header.remove(draw_header)

@@ -14,18 +14,49 @@ from ...errors import InputError
 from ...files import resources
 from ...playback.live.live import live
 from ...text import printable
-from ..shared import HfxOperator
+from ..shared import EnumItems, HfxOperator
 from .live import title_of
 
 if TYPE_CHECKING:
     from ...devices.live.discovery import Found
 
-_found: list[Found] = []
-_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+class DeviceSearch:
+    """Devices that were found by the newest search.
+
+    Attributes
+    ----------
+    found : list of Found
+    items : list of tuple
+        Of the enum of these; Blender does not keep the strings of an enum itself.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[Found] = []
+        self.items: EnumItems = []
+
+    def look(self) -> list[str]:
+        """Look for devices; returns the names of all serial ports."""
+        from ...devices.live.discovery import found_at
+
+        # Faulty configurations are reported when they are added.
+        ports, self.found, _ = found_at(resources.user_devices())
+        self.items = [
+            (
+                str(k),
+                f"{title_of(each.device)}  {each.port or each.unit}".rstrip(),
+                each.description,
+            )
+            for k, each in enumerate(self.found)
+        ]
+        return ports
 
 
-def _choices(_self: object, _context: object) -> list[tuple[str, str, str]]:
-    return _items
+search = DeviceSearch()
+
+
+def _choices(_self: object, _context: object) -> EnumItems:
+    return search.items
 
 
 class HFX_OT_live_find(HfxOperator):
@@ -41,8 +72,8 @@ class HFX_OT_live_find(HfxOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        ports = _look()
-        if not _found:
+        ports = search.look()
+        if not search.found:
             there = ", ".join(ports) or "none"
             self.report(
                 {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
@@ -52,9 +83,9 @@ class HFX_OT_live_find(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
-        if not self.which.isdecimal() or int(self.which) >= len(_found):
+        if not self.which.isdecimal() or int(self.which) >= len(search.found):
             raise InputError("Press Find Devices first, and choose one.")
-        found = _found[int(self.which)]
+        found = search.found[int(self.which)]
         settings = live_settings.load().get(found.device, live_settings.LiveSettings())
         settings = replace(settings, kind="DEVICE", port=found.port, unit=found.unit)
         if found.device not in context.scene.hfx.devices:
@@ -62,19 +93,6 @@ class HFX_OT_live_find(HfxOperator):
         live.connect(found.device, settings)
         live_settings.store(found.device, settings)
         return f"{title_of(found.device)}: {found.description}"
-
-
-def _look() -> list[str]:
-    """Look for devices; returns the names of all serial ports."""
-    from ...devices.live.discovery import found_at
-
-    # Faulty configurations are reported when they are added.
-    ports, _found[:], _ = found_at(resources.user_devices())
-    _items[:] = [
-        (str(k), f"{title_of(each.device)}  {each.port or each.unit}".rstrip(), each.description)
-        for k, each in enumerate(_found)
-    ]
-    return ports
 
 
 class HFX_OT_live_offset(HfxOperator):

@@ -300,11 +300,11 @@ class Live:
             evaluation.touch()  # nothing moved, but responses are still ringing
             self.update(scene.objects.scene)
         if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
-            self._fade(self.sent)
+            self.fade(self.sent)
             self.sent = None
         return bool(news)
 
-    def _fade(self, sent: Sent) -> None:
+    def fade(self, sent: Sent) -> None:
         """Send neutral values; a script decides by itself how to fade."""
         from ...devices.workers.haptics import encode_haptics
 

@@ -54,13 +54,15 @@ def _scale(effect: bpy.types.Object, axis: int) -> float:
     return max(effect.matrix_world.col[axis].to_3d().length, 1e-9)
 
 
-def _get(axis: int) -> float:
+def shown_offset(axis: int) -> float:
+    """Offset of a handle of the active volume; 0 where it has none."""
     # Blender asks hidden handles, too: a sphere has one, and a deleted volume none.
     effect = active_effect(bpy.context)
     return offset(effect, axis) if effect is not None and _has(effect, axis) else 0.0
 
 
-def _set(axis: int, distance: float) -> None:
+def drag_offset(axis: int, distance: float) -> None:
+    """Move a handle of the active volume."""
     effect = active_effect(bpy.context)
     if effect is not None and _has(effect, axis):
         set_offset(effect, axis, distance)
@@ -102,7 +104,9 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
             arrow.length = 0.0
             if compat.GIZMOS_MAKE_UNDO_STEPS:
                 arrow.use_undo = True
-            arrow.target_set_handler("offset", get=partial(_get, axis), set=partial(_set, axis))
+            arrow.target_set_handler(
+                "offset", get=partial(shown_offset, axis), set=partial(drag_offset, axis)
+            )
             self.arrows.append(arrow)
 
     def draw_prepare(self, context: bpy.types.Context) -> None:

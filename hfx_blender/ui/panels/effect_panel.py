@@ -54,36 +54,36 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         row.alert = hfx.intensity <= 0.0  # nothing of it is felt
         row.prop(hfx, "intensity")
         for control in MODALITIES[hfx.modality].controls:
-            self._draw_parameter(layout, hfx, control)
+            _draw_parameter(layout, hfx, control)
         if hfx.modality == "temperature":
             layout.prop(hfx, "temperature_reference")
         if hfx.kind == "VOLUME":
-            self._draw_volume(layout, hfx)
+            _draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
             if effects.body_in(context.scene, effect) is None:
                 draw_moving(context, layout, "ACTIVE")
 
-    @staticmethod
-    def _draw_parameter(
-        layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, control: Parameter
-    ) -> None:
-        name = control.prop
-        row = layout.row(align=True)
-        row.use_property_split = False  # beside the field, a label with its unit is cut off
-        label = hfx.bl_rna.properties[name].name
-        row.prop(hfx, name, text=f"{label} ({control.symbol})")
-        row.prop_decorator(hfx, name)
 
-    @staticmethod
-    def _draw_volume(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
-        if hfx.shape != "MESH":
-            layout.prop(hfx, "shape")
-        for name in _DIMENSIONS[hfx.shape]:
-            layout.prop(hfx, name)
-        layout.prop(hfx, "falloff")
-        if hfx.falloff != "none":
-            layout.prop(hfx, "falloff_share")
+def _draw_parameter(
+    layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, control: Parameter
+) -> None:
+    name = control.prop
+    row = layout.row(align=True)
+    row.use_property_split = False  # beside the field, a label with its unit is cut off
+    label = hfx.bl_rna.properties[name].name
+    row.prop(hfx, name, text=f"{label} ({control.symbol})")
+    row.prop_decorator(hfx, name)
+
+
+def _draw_volume(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
+    if hfx.shape != "MESH":
+        layout.prop(hfx, "shape")
+    for name in _DIMENSIONS[hfx.shape]:
+        layout.prop(hfx, name)
+    layout.prop(hfx, "falloff")
+    if hfx.falloff != "none":
+        layout.prop(hfx, "falloff_share")
 
 
 class HFX_PT_export(HfxPanel, bpy.types.Panel):

@@ -118,7 +118,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         # again.
         for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
             box = layout.box()
-            self._draw_clip(box, strip, times)
+            _draw_clip(box, strip, times)
             outside = clips.outside_scene(context.scene, strip)
             if outside is not None:
                 column = box.column()
@@ -128,27 +128,27 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if not found:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
-    @staticmethod
-    def _draw_clip(
-        box: bpy.types.UILayout,
-        strip: bpy.types.NlaStrip,
-        times: bpy.types.PropertyGroup,
-    ) -> None:
-        row = box.row(align=True)
-        row.prop(strip, "name", text="")
-        row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
-        row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
-        row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
-        row = box.row(align=True)
-        row.prop(times, "start", text="Start")
-        row.prop(times, "end", text="End")
-        column = box.column(align=True)
-        if strip.use_animated_influence:
-            column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
-        else:
-            column.prop(times, "fade_in")
-            column.prop(times, "fade_out")
-        column.prop(strip, "repeat", text="Repeat")
+
+def _draw_clip(
+    box: bpy.types.UILayout,
+    strip: bpy.types.NlaStrip,
+    times: bpy.types.PropertyGroup,
+) -> None:
+    row = box.row(align=True)
+    row.prop(strip, "name", text="")
+    row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
+    row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
+    row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
+    row = box.row(align=True)
+    row.prop(times, "start", text="Start")
+    row.prop(times, "end", text="End")
+    column = box.column(align=True)
+    if strip.use_animated_influence:
+        column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
+    else:
+        column.prop(times, "fade_in")
+        column.prop(times, "fade_out")
+    column.prop(strip, "repeat", text="Repeat")
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_PT_effects, HFX_PT_clips))

@@ -15,7 +15,7 @@ from hfx_blender.engine.rendering.moment import moment_header
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.playback.live.latency import Playback, recorded_runs, uncompensated
 from hfx_blender.playback.live.live_sources import SceneSource
-from hfx_blender.playback.timeline import timeline_record
+from hfx_blender.playback.timeline import timeline_record, timeline_recorder
 from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_tolerance import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
@@ -135,13 +135,15 @@ def test_the_panel_tells_where_latency_is_not_compensated_and_the_cure(
     assert list(recorded_runs({1.0: float(last), 2.0: 24.0}, streams)) == [1.0]
 
 
-def test_a_scene_that_must_be_stepped_is_compensated_after_update_values(ball: Any) -> None:
+def test_a_scene_that_must_be_stepped_is_compensated_after_update_values(
+    ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(timeline_recorder, "QUIET_S", 0.0)
     ball.constraints.new("COPY_LOCATION")
     bpy.context.view_layer.update()
     scene = bpy.context.scene
     recorder.changed()
     while recorder.wants_time:
-        recorder._changed_s = 0.0
         recorder.work(scene)
     assert recorder.valid is None and "Press Update Values" in uncompensated(scene)
     assert bpy.ops.hfx.update_values() == {"FINISHED"}

@@ -448,11 +448,11 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     brand = load_device(board).brand
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
-    monkeypatch.setattr(live_setup, "_found", [])  # no other test connects what is found here
+    monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # for no other test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery.found_devices, "__defaults__", (lambda host, port: False,))
-    assert live_setup._look() == [port.name]
-    names = [each.device for each in live_setup._found]
+    assert live_setup.search.look() == [port.name]
+    names = [each.device for each in live_setup.search.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
     assert board in bpy.context.scene.hfx.devices
@@ -575,5 +575,5 @@ def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> 
     )
     for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
         found.connected[name] = live_module.Connected(load_device(PAD), has_script, 0.0)
-    found._fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
+    found.fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
     assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

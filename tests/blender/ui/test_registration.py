@@ -6,6 +6,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -194,15 +195,7 @@ class Properties:
 
 def drawn(draw: Callable[..., None], context: Any) -> list[str]:
     layout = Layout()
-
-    class Self:
-        _draw_volume = staticmethod(effect_panel.HFX_PT_effect._draw_volume)
-        _draw_parameter = staticmethod(effect_panel.HFX_PT_effect._draw_parameter)
-        _draw_clip = staticmethod(effects_panel.HFX_PT_clips._draw_clip)
-
-    owner = Self()
-    owner.layout = layout  # type: ignore[attr-defined]
-    draw(owner, context)
+    draw(SimpleNamespace(layout=layout), context)
     return layout.shown
 
 
@@ -263,7 +256,7 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     assert drawn(effect_panel.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
     area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
     assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
-    assert drawn(next_step._header, bpy.context) == ["hfx.paint_end"]
+    assert drawn(next_step.draw_header, bpy.context) == ["hfx.paint_end"]
 
 
 def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
@@ -287,21 +280,23 @@ def test_the_export_panel_and_the_menus(scene: Any) -> None:
     assert shown[:3] == ["is_exported", "hfx.live_add", "hfx.export"]
     assert drawn(effect_panel.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
-    assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
-    assert drawn(menus._export_menu, bpy.context) == ["hfx.export"]
+    assert drawn(menus.draw_add_menu, bpy.context) == ["HFX_MT_add"]
+    assert drawn(menus.draw_export_menu, bpy.context) == ["hfx.export"]
 
 
 def test_the_context_menu_is_that_of_the_active_object(scene: Any) -> None:
-    assert drawn(menus._object_menu, bpy.context) == drawn(menus._nla_menu, bpy.context) == []
+    assert (
+        drawn(menus.draw_object_menu, bpy.context) == drawn(menus.draw_nla_menu, bpy.context) == []
+    )
     bpy.ops.hfx.add_avatar()
-    assert drawn(menus._object_menu, bpy.context) == ["HFX_MT_object"]
+    assert drawn(menus.draw_object_menu, bpy.context) == ["HFX_MT_object"]
     shown = drawn(menus.HFX_MT_object.draw, bpy.context)
     assert shown == ["hfx.add_painted", "hfx.paste_effects"]
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
     shown = drawn(menus.HFX_MT_object.draw, bpy.context)
     assert {"hfx.add_clip", "is_muted", "is_solo", "hfx.copy_effects"} <= set(shown)
     assert "hfx.paint_begin" not in shown
-    assert drawn(menus._nla_menu, bpy.context) == ["hfx.add_clip", "hfx.add_heartbeat"]
+    assert drawn(menus.draw_nla_menu, bpy.context) == ["hfx.add_clip", "hfx.add_heartbeat"]
     bpy.ops.hfx.add_painted(modality="wind")
     shown = drawn(menus.HFX_MT_object.draw, bpy.context)
     assert {"hfx.paint_begin", "hfx.effect_mirrored"} <= set(shown)

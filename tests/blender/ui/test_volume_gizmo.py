@@ -75,8 +75,8 @@ def test_handles_that_a_shape_does_not_have_stand_still(scene: Any, shape: str) 
     bpy.ops.hfx.add_volume(shape="SPHERE")
     effect = bpy.context.object
     effect.hfx.shape = shape
-    volume_gizmo._set(1, 0.7)
-    assert volume_gizmo._get(1) == 0.0
+    volume_gizmo.drag_offset(1, 0.7)
+    assert volume_gizmo.shown_offset(1) == 0.0
     assert effect.hfx.radius == 0.5
     bpy.data.objects.remove(effect)
-    assert volume_gizmo._get(0) == 0.0, "with the volume gone, too"
+    assert volume_gizmo.shown_offset(0) == 0.0, "with the volume gone, too"
