@@ -8,7 +8,7 @@ the hierarchy (:mod:`.bone_geometry`). Canonical names are those of ``load_avata
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,7 +16,6 @@ from ....errors import InputError
 from ...arrays import F64
 from .assignment import assigned_by_name, is_human
 from .characters import check_single, doubled_ends
-from .conventions import convention_of
 from .geometry import assigned_by_geometry, geometric_left, left_by_soles, named_left
 from .rig import Rig, RigBone, canonical_parents
 from .sides import misnamed
@@ -34,6 +33,36 @@ __all__ = [
 FORMAT_VERSION: Final = 1
 _SIDE_NAMES: Final = {"L": "left", "R": "right"}
 _SIDES: Final = (".L", ".R")
+
+# The first row with all of its words among the names (lower case, without namespace) wins.
+_SIGNATURES: Final = (
+    ("makehuman default", ("upperarm01.l", "metacarpal1.l", "spine05")),
+    ("makehuman default", ("upperarm01_l", "metacarpal1_l", "spine05")),
+    ("rigify", ("def-upper_arm.l",)),
+    ("rigify", ("upper_arm.l", "forearm.l", "shin.l", "spine.001")),
+    ("vrm", ("j_bip_c_hips",)),
+    ("auto-rig pro", ("arm_stretch.l", "thigh_stretch.l")),
+    ("mmd", ("上半身", "下半身")),
+    ("mmd", ("upper body", "lower body")),
+    ("xsens", ("pelvis", "l5", "t8", "leftupperleg")),
+    ("smpl", ("pelvis", "l_hip", "l_collar", "spine3")),
+    ("second life", ("mpelvis", "mtorso", "mhipleft")),
+    ("cmu", ("lhipjoint", "leftupleg")),
+    ("mixamo", ("hips", "leftupleg", "leftforearm", "lefttoebase")),
+    ("mixamo", ("hips", "leftupleg", "leftforearm", "spine1")),
+    ("vrm", ("hips", "leftupperarm", "leftlowerleg")),
+    ("daz", ("lshldrbend",)),
+    ("daz", ("lshldr", "lforearm")),
+    ("daz", ("l_upperarm", "l_forearm", "l_shin")),
+    ("game engine", ("upperarm_l", "calf_l", "spine_01", "root", "~game engine")),
+    ("unreal", ("upperarm_l", "calf_l", "spine_01")),
+)
+_PREFIXES: Final = (
+    ("mixamo", "mixamorig"),
+    ("biped", "valvebiped.bip"),
+    ("biped", "bip0"),
+    ("character creator", "cc_base_"),
+)
 
 
 @dataclass(frozen=True)
@@ -116,6 +145,22 @@ def map_bones(
                 f"were mapped by where they lie: {len(wrong)}, '{wrong[0]}' first."
             )
     return _mapping(convention, found, [*notes, *doubled_ends(rig, found)])
+
+
+def convention_of(names: Iterable[str]) -> str:
+    """The convention of a rig's bone names; "plain" if it is none of the known ones."""
+    written = list(names)
+    for convention, prefix in _PREFIXES:
+        if any(name.lower().startswith(prefix) for name in written):
+            return convention
+    present = {name.rsplit(":", 1)[-1].lower() for name in written}
+    if "Root" in written and not any("twist" in name for name in present):
+        # MakeHuman's game engine rig is Unreal's first mannequin without its helpers.
+        present.add("~game engine")
+    for convention, words in _SIGNATURES:
+        if present.issuperset(words):
+            return convention
+    return "plain"
 
 
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
