@@ -18,8 +18,8 @@ import numpy as np
 
 from ...blender.scene_units import metres_of
 from ...engine.arrays import F32, F64, Bool
+from ...engine.texture.height_field import heights_of_normals
 from ...engine.texture.relief.linear_light import luminance
-from ...engine.texture.relief.normal_integration import heights_of_normals
 from ...engine.texture.scan import fill_holes
 from ...errors import InputError
 from . import material_relief, surface_uv

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.texture.relief.normal_integration import heights_of_normals
+from hfx_blender.engine.texture.height_field import heights_of_normals
 from hfx_blender.engine.texture.scan import seen_from_above
 from hfx_blender.errors import InputError
 
