@@ -43,7 +43,7 @@ from ..stepped.simulation import Simulation
 from . import (
     activation,
     response_values,
-    skin_areas,
+    skin_values,
     soundness,
     surface_reading,
     unreported,
@@ -367,9 +367,9 @@ def _describe_effect(
         evaluated = effect.evaluated_get(found.layer.depsgraph)
         area = surface_reading.describe(effect, evaluated, found.unit_m)
     elif hfx.kind == "SPOT":
-        area = skin_areas.spot_area(effect, ids[_body_of(effect, found).name_full])
+        area = skin_values.spot_area(effect, ids[_body_of(effect, found).name_full])
     elif hfx.kind == "ACTUATORS":
-        area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name_full])
+        area = skin_values.actuator_area(effect, ids[_body_of(effect, found).name_full])
     else:
         area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
     return EffectDescription(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values of points on the skin and of vector sensations, at a time or at many."""
+"""Points on the skin and vector sensations: their areas, checked, and their values over time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
+from ...authoring.effects import effect_values
+from ...authoring.paths import paths
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
+from ...engine.scene import ActuatorArea, SpotArea
+from ...errors import InputError
 
 Value = Callable[[str], F64]
 """Path of a property below ``hfx`` -> its values (T,)."""
@@ -52,3 +56,41 @@ def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)
+
+
+def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
+    """The path of a point on the skin, and how its strength falls off to its rim.
+
+    Raises
+    ------
+    InputError
+        It has been put nowhere, or its path is broken.
+    """
+    path = paths.path_of(effect)
+    if not len(path):
+        raise InputError(f"Effect '{effect.name}' is nowhere on the skin. Place it, or delete it.")
+    return SpotArea(body_id, path, effect_values.falloff(effect.hfx))
+
+
+def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
+    """The device and the actuators of a vector sensation.
+
+    Raises
+    ------
+    InputError
+        It has none, or one of them twice.
+    """
+    names = tuple(each.name for each in effect.hfx.drive)
+    if not effect.hfx.device or not names:
+        raise InputError(f"Effect '{effect.name}' drives no actuators. Choose its device.")
+    if len(set(names)) != len(names):
+        raise InputError(f"Effect '{effect.name}' names an actuator twice.")
+    return ActuatorArea(body_id, effect.hfx.device, names)
+
+
+def signature(effect: bpy.types.Object) -> tuple[object, ...]:
+    """Fingerprint of the area: changes with every setting that affects it."""
+    hfx = effect.hfx
+    if hfx.kind == "SPOT":
+        return (hash(paths.path_of(effect).tobytes()),)
+    return (hfx.device, *(each.name for each in hfx.drive)) if hfx.kind == "ACTUATORS" else ()

@@ -26,7 +26,7 @@ from ...engine.samples import SampleRun
 from ...engine.scene import AnimationBlock, HapticVolume
 from ...engine.tolerance import Tolerance
 from ..curves.animation_time import time_base
-from ..description import scene_description, skin_areas, visibility
+from ..description import scene_description, skin_values, visibility
 from ..stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
 from ..stepped.stepped_reading import SteppedReading
 from ..stepped.stepping import Stepper
@@ -243,7 +243,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 hfx.is_solo,
                 responses.signature(hfx),
                 surfaces.signature(obj) if hfx.kind == "SURFACE" else (),
-                skin_areas.signature(obj),
+                skin_values.signature(obj),
                 strips,
             )
         )
