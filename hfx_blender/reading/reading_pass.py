@@ -93,8 +93,8 @@ class ReadingPass:
         self.always_posed = always_posed
         self.counters = reading.counters
         self.curves = EffectChunks(plan.effects, self._frames, spots=spots)
-        self._found = found
-        self._scene = scene
+        self.found = found
+        self.scene = scene
         self._reading = reading
         is_judged = spots is None and not plan.is_sequential and not with_far
         # Of meshes only boxes are read where places and values are compared.
@@ -105,18 +105,18 @@ class ReadingPass:
     def _stepped_rows(self, stack: ExitStack) -> SteppedRows | None:
         effects, bodies = self.parts.stepped_effects, self.parts.stepped_bodies
         if self.plan.in_own_scene:
-            scenes = SteppedScenes.own(self._found, stack)
+            scenes = SteppedScenes.own(self.found, stack)
         elif effects or bodies:
             rigs = [*self.plan.presampled.values()]
-            scenes = SteppedScenes.scratch(self._found, self._scene, effects, bodies, rigs, stack)
+            scenes = SteppedScenes.scratch(self.found, self.scene, effects, bodies, rigs, stack)
         else:
             return None
-        count = self._scene.time.sample_count
+        count = self.scene.time.sample_count
         return SteppedRows(scenes, self._reading, bodies, self.far_volumes, count)
 
     def _frames(self, indices: I64) -> F64:
         """Frames of the animation at samples."""
-        return animation_frames(self._found.scene, sample_frames(self._scene.time, indices))
+        return animation_frames(self.found.scene, sample_frames(self.scene.time, indices))
 
     @np.errstate(invalid="ignore", over="ignore")  # what is no number is told by the engine
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
@@ -147,11 +147,11 @@ class ReadingPass:
         for k, effect in effects.items():
             if effect.response is not None:
                 response = response_values.with_even_phase(
-                    self._found.scene,
-                    self._found.effects[k],
+                    self.found.scene,
+                    self.found.effects[k],
                     effect.response,
-                    sample_frames(self._scene.time, indices),
-                    self._scene.time,
+                    sample_frames(self.scene.time, indices),
+                    self.scene.time,
                 )
                 effects[k] = replace(effect, response=response)
         return effects
@@ -207,7 +207,7 @@ class ReadingPass:
         again = [k for k in far.numbers if k in nearby - far.in_full and not reading.is_settled(k)]
         for n, k in enumerate(far.numbers):
             if k not in nearby:
-                reading.count_far(self._scene.effects[k].name, own[0].index, len(own))
+                reading.count_far(self.scene.effects[k].name, own[0].index, len(own))
                 if k not in far.in_full:
                     found[k] = silence(len(rows), self._modality(k))
             elif reading.is_settled(k):
@@ -222,4 +222,4 @@ class ReadingPass:
         return effect_block([row.effects[which] for row in rows], self._modality(which))
 
     def _modality(self, which: int) -> str:
-        return self._scene.effects[which].modality
+        return self.scene.effects[which].modality

@@ -275,7 +275,7 @@ class SceneReader:
             wanted = wanted[(wanted >= part[0]) & (wanted < part[1])]
             wanted = np.concatenate([self._earlier(part[0]), wanted])
         with ExitStack() as stack:
-            reading = self._pass(plan, stack)
+            reading = self.open_pass(stack)
             own = None
             if self.instances.descriptions:
                 own = stack.enter_context(self.instances.stepper())
@@ -313,9 +313,12 @@ class SceneReader:
             return plan
         return checked(plan, self.found, self._described, self._reading, indices, self._agrees)
 
-    def _pass(self, plan: Plan, stack: ExitStack, spots: I64 | None = None) -> ReadingPass:
+    def open_pass(
+        self, stack: ExitStack, plan: Plan | None = None, spots: I64 | None = None
+    ) -> ReadingPass:
+        """A pass through the scene by its own plan, or another one, until the stack is left."""
         return ReadingPass(
-            plan,
+            plan or self.plan,
             self.found,
             self._described,
             self._reading,
@@ -356,7 +359,7 @@ class SceneReader:
         """Test that a plan gives at single times what Blender evaluated."""
         with ExitStack() as stack:
             spots = np.array([row.index for row in truth])
-            reading = self._pass(plan, stack, spots)
+            reading = self.open_pass(stack, plan, spots)
             return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 

@@ -50,7 +50,7 @@ class TargetSurface:
         self.flat_normals[has_area] = unit
         whole = shares[triangles].mean(axis=1)
         self.region: I64 = np.where(whole.max(axis=1) > 0.0, whole.argmax(axis=1), -1)
-        self._pieces, self.parent, self._corners = _cut(points[triangles])
+        self._pieces, self.parent, self._corners = cut_triangles(points[triangles])
         self.centres: F64 = self._pieces.mean(axis=1)  # (N, 3) of the cut triangles
         parent = self.parent
         self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
@@ -135,7 +135,7 @@ class TargetSurface:
         return found
 
 
-def _cut(corners: F64) -> tuple[F64, I64, F64]:
+def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
     """Halve triangles at their longest edge until none is too long.
 
     Returns

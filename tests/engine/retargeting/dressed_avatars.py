@@ -255,7 +255,7 @@ def dressed(shape: str, clothes: str, pose: str, names: Mapping[str, str]) -> Dr
     if clothes == "chibi head":
         person = _with_large_head(person, 1.6)
     person = variants.posed(person, POSES[pose], {})
-    tailor = _Tailor(_renamed(person, names))
+    tailor = _Tailor(renamed(person, names))
     CLOTHES[clothes](tailor)
     return tailor.dressed(height)
 
@@ -293,7 +293,7 @@ def _with_large_head(person: Variant, factor: float) -> Variant:
     )
 
 
-def _renamed(person: Variant, names: Mapping[str, str]) -> Variant:
+def renamed(person: Variant, names: Mapping[str, str]) -> Variant:
     target = person.target
     parents = {bone.name: bone.parent for bone in target.bones}
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 import retarget_variants as variants
-from dressed_avatars import _renamed
+from dressed_avatars import renamed
 from retarget_variants import RigBone, Variant
 from rig_conventions import CONVENTIONS, MIXAMO
 
@@ -81,7 +81,7 @@ def made(figure: Figure) -> Variant:
     person = _with_joints_beside(person, figure)
     if figure.is_bound_anew:
         person = _bound_anew(person)
-    person = replace(_renamed(person, figure.rig), places=person.places)
+    person = replace(renamed(person, figure.rig), places=person.places)
     if figure.rig is ENGINE:
         person = _with_flat_twists(person)
     return (

@@ -18,7 +18,7 @@ from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting import target as retarget_target
 from hfx_blender.engine.retargeting.bone_regions import REGIONS, above
-from hfx_blender.engine.retargeting.surface import TargetSurface, _cut
+from hfx_blender.engine.retargeting.surface import TargetSurface, cut_triangles
 from hfx_blender.errors import InputError
 
 MODEL_ID = "hfx-pressure-1"
@@ -257,7 +257,7 @@ def test_cut_triangles_cover_their_parent() -> None:
     corners = np.array(
         [[[0.0, 0, 0], [0.3, 0, 0], [0, 0.05, 0]], [[0, 0, 1], [0.01, 0, 1], [0, 0.01, 1]]]
     )
-    pieces, parent, places = _cut(corners)
+    pieces, parent, places = cut_triangles(corners)
     assert np.count_nonzero(parent == 1) == 1
     areas = retarget_target.areas_of(
         pieces.reshape(-1, 3), np.arange(len(pieces) * 3).reshape(-1, 3)
