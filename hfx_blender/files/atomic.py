@@ -12,10 +12,7 @@ import os
 import platform
 import secrets
 import stat
-import sys
-import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -23,6 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from ..errors import OutputError
+from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 
 _passing: set[Path] = set()
 """Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
@@ -32,17 +30,6 @@ _unfinished: dict[Path, Callable[[Path], object]] = {}
 
 placing = threading.Lock()
 """Lock held while finished files get their names; a forced end of the process waits for it."""
-
-PATIENCE_S: Final = 5.0
-"""Longest wait for a lock, seconds."""
-
-_RETRY_S: Final = 0.01
-
-NEW_S: Final = 60.0
-"""Age up to which unfinished files without a lock may still be in the making, seconds."""
-
-LOCKED_BYTE: Final = 4096
-"""Byte of an owner's lock, behind its text: what is locked cannot be read on Windows."""
 
 _LONGEST_NAME: Final = 100  # of a name that becomes part of another; a file system allows 255 bytes
 _TOKEN_BYTES: Final = 8
@@ -112,7 +99,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     if stays and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
-    with _locked(folder):
+    with folder_locked(folder):
         _replace(files, targets, stays)
     return tuple(targets)
 
@@ -266,32 +253,6 @@ def _remove_abandoned(path: Path) -> None:
                     left.unlink()
 
 
-def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
-    """Test that no process has locked an unfinished file of ours, nor will.
-
-    Before it has its lock, a new file has no content ``ready``, and is not older than
-    :data:`NEW_S`.
-    """
-    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    try:
-        descriptor = os.open(path, os.O_RDWR | flags)
-    except OSError:
-        return False
-    try:
-        state = os.fstat(descriptor)
-        is_new = time.time() - state.st_mtime < NEW_S
-        if not stat.S_ISREG(state.st_mode):
-            return False
-        if is_new and (ready is None or os.read(descriptor, LOCKED_BYTE) != ready):
-            return False
-        take_lock(descriptor, LOCKED_BYTE)
-        return True
-    except OSError:  # the lock is held
-        return False
-    finally:
-        os.close(descriptor)
-
-
 @contextmanager
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
     """Context in which no result replaces one of these files, by whatever name it is known."""
@@ -374,54 +335,6 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Lock a file: other processes and threads that lock it wait outside the ``with`` block.
-
-    The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
-
-    Raises
-    ------
-    OutputError
-        Somebody else keeps it for longer than :data:`PATIENCE_S`, or there is no writing there.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from None
-    try:
-        if not _is_taken_in_time(descriptor):
-            raise OutputError(f"{path}: another process is writing it; try again.")
-        yield
-    finally:
-        os.close(descriptor)  # which gives it back
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Context in which no other process moves files into a folder: sets of files do not mix.
-
-    Nobody waits longer than :data:`PATIENCE_S`, nor where there are no locks: what is finished is
-    not lost for it.
-    """
-    descriptor = None
-    with suppress(OSError):
-        if os.name == "nt":  # a folder cannot be opened there
-            name = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
-            lock = Path(tempfile.gettempdir()) / f"hfx-{name}.lock"
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
-        else:
-            descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        if descriptor is not None:
-            _is_taken_in_time(descriptor)
-        yield
-    finally:
-        if descriptor is not None:
-            os.close(descriptor)
-
-
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
     """Replace a JSON file that several processes write, each of which changes a part of it.
 
@@ -434,45 +347,9 @@ def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
     Raises
     ------
     OutputError
-        Somebody else keeps it for longer than :data:`PATIENCE_S`, or it cannot be written.
+        Somebody else keeps it for longer than :data:`.locks.PATIENCE_S`, or it cannot be written.
     """
     with locked(path):
         made = json.dumps(content(), indent=1).encode()
         with atomic_file(path) as file:
             file.write(made)
-
-
-def _is_taken_in_time(descriptor: int) -> bool:
-    """Lock a file, unless somebody else has it for longer than :data:`PATIENCE_S`."""
-    until = time.monotonic() + PATIENCE_S
-    while not (is_taken := _is_taken(descriptor)) and time.monotonic() <= until:
-        time.sleep(_RETRY_S)
-    return is_taken
-
-
-def _is_taken(descriptor: int) -> bool:
-    try:
-        take_lock(descriptor)
-    except OSError:
-        return False
-    return True
-
-
-def take_lock(descriptor: int, place: int = 0) -> None:
-    """Lock a file until it is closed; Windows locks the byte at a place.
-
-    Raises
-    ------
-    OSError
-        Somebody else has it, or there are no locks.
-    """
-    if sys.platform == "win32":
-        import msvcrt
-
-        os.lseek(descriptor, place, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        os.lseek(descriptor, 0, os.SEEK_SET)
-    else:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

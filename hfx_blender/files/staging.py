@@ -20,18 +20,8 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import OutputError
-from .atomic import (
-    LOCKED_BYTE,
-    NEW_S,
-    is_ownerless,
-    move,
-    passing,
-    refuse_taken,
-    take_lock,
-    temporary_name,
-    temporary_pattern,
-    unfinished,
-)
+from .atomic import move, passing, refuse_taken, temporary_name, temporary_pattern, unfinished
+from .locks import LOCKED_BYTE, NEW_S, is_ownerless, take_lock
 
 _OWNER: Final = "owner"
 _LOCKED: Final = b"locked\n"

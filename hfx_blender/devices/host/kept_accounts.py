@@ -33,7 +33,8 @@ from ...engine.rendering.device_output import (
     OscEncoder,
 )
 from ...errors import HfxError
-from ...files.atomic import atomic_file, take_lock
+from ...files.atomic import atomic_file
+from ...files.locks import take_lock
 from ..live.discovery import serial_ports
 from ..transports.reservations import computer
 from .clock import SYSTEM, Clock

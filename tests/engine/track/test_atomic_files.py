@@ -14,14 +14,13 @@ from hfx_blender.engine.track import TrackBody, TrackReader, TrackWriter
 from hfx_blender.errors import OutputError
 from hfx_blender.export import result_files
 from hfx_blender.files.atomic import (
-    LOCKED_BYTE,
     atomic_file,
     inputs_kept,
     move,
     passing,
-    take_lock,
     temporary_name,
 )
+from hfx_blender.files.locks import LOCKED_BYTE, take_lock
 from hfx_blender.files.staging import place
 
 

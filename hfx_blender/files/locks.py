@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Locks on files and folders, which the system gives back when their owner ends."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from ..errors import OutputError
+
+PATIENCE_S: Final = 5.0
+"""Longest wait for a lock, seconds."""
+
+_RETRY_S: Final = 0.01
+
+NEW_S: Final = 60.0
+"""Age up to which unfinished files without a lock may still be in the making, seconds."""
+
+LOCKED_BYTE: Final = 4096
+"""Byte of an owner's lock, behind its text: what is locked cannot be read on Windows."""
+
+
+def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
+    """Test that no process has locked an unfinished file of ours, nor will.
+
+    Before it has its lock, a new file has no content ``ready``, and is not older than
+    :data:`NEW_S`.
+    """
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        descriptor = os.open(path, os.O_RDWR | flags)
+    except OSError:
+        return False
+    try:
+        state = os.fstat(descriptor)
+        is_new = time.time() - state.st_mtime < NEW_S
+        if not stat.S_ISREG(state.st_mode):
+            return False
+        if is_new and (ready is None or os.read(descriptor, LOCKED_BYTE) != ready):
+            return False
+        take_lock(descriptor, LOCKED_BYTE)
+        return True
+    except OSError:  # the lock is held
+        return False
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Lock a file: other processes and threads that lock it wait outside the ``with`` block.
+
+    The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
+
+    Raises
+    ------
+    OutputError
+        Somebody else keeps it for longer than :data:`PATIENCE_S`, or there is no writing there.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from None
+    try:
+        if not _is_taken_in_time(descriptor):
+            raise OutputError(f"{path}: another process is writing it; try again.")
+        yield
+    finally:
+        os.close(descriptor)  # which gives it back
+
+
+@contextmanager
+def folder_locked(folder: Path) -> Iterator[None]:
+    """Context in which no other process moves files into a folder: sets of files do not mix.
+
+    Nobody waits longer than :data:`PATIENCE_S`, nor where there are no locks: what is finished is
+    not lost for it.
+    """
+    descriptor = None
+    with suppress(OSError):
+        if os.name == "nt":  # a folder cannot be opened there
+            name = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
+            lock = Path(tempfile.gettempdir()) / f"hfx-{name}.lock"
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        else:
+            descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        if descriptor is not None:
+            _is_taken_in_time(descriptor)
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _is_taken_in_time(descriptor: int) -> bool:
+    """Lock a file, unless somebody else has it for longer than :data:`PATIENCE_S`."""
+    until = time.monotonic() + PATIENCE_S
+    while not (is_taken := _is_taken(descriptor)) and time.monotonic() <= until:
+        time.sleep(_RETRY_S)
+    return is_taken
+
+
+def _is_taken(descriptor: int) -> bool:
+    try:
+        take_lock(descriptor)
+    except OSError:
+        return False
+    return True
+
+
+def take_lock(descriptor: int, place: int = 0) -> None:
+    """Lock a file until it is closed; Windows locks the byte at a place.
+
+    Raises
+    ------
+    OSError
+        Somebody else has it, or there are no locks.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(descriptor, place, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
