@@ -48,6 +48,7 @@ COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
     "blender/registration.py": set(),  # the package's own operators and panels
     "commands/left_out.py": set(),  # of 'hfx_tools': where it is absent, the user is told so
+    "formats/registry.py": set(),  # the package's own readers and writers
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
 }
 """Files that import modules by names which are not written as one string -> those modules."""
