@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import Final
 
@@ -33,6 +34,14 @@ def printable(text: str) -> str:
 def printable_lines(text: str) -> str:
     """Escape each line of a text; its line ends stay."""
     return "\n".join(map(printable, text.split("\n")))
+
+
+def name_key(name: str) -> str:
+    """Key that is the same for names that a file system may take for one.
+
+    Case does not count on Windows and macOS, nor on macOS how a letter with an accent is encoded.
+    """
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 _SHOWN: Final = 6

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import chain
@@ -24,7 +23,7 @@ from ..formats.clip import COARSEST, DETAIL
 from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes
 from ..processes import blender_session
 from ..processes.start import cores
-from ..text import printable
+from ..text import name_key, printable
 from .arguments import expanded
 from .console import Console
 
@@ -392,9 +391,22 @@ def _check(options: argparse.Namespace) -> None:
         _refuse_result(options)
     for path in (*options.scenes, options.output):
         blender_session.refuse_name(path)
-    same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]
-    if same:
-        raise UsageError(f"several scenes are named '{same[0]}': their results would collide")
+    _refuse_same_names([path.stem for path in options.scenes])
+
+
+def _refuse_same_names(stems: Sequence[str]) -> None:
+    """Refuse scenes whose results a file system may take for the same files."""
+    known: dict[str, str] = {}
+    for stem in stems:
+        key = name_key(stem)
+        if known.get(key) == stem:
+            raise UsageError(f"several scenes are named '{stem}': their results would collide")
+        if key in known:
+            raise UsageError(
+                f"scenes '{known[key]}' and '{stem}' have names that are one where case or "
+                "accents do not count: their results would collide; rename one of them"
+            )
+        known[key] = stem
 
 
 def _refuse_result(options: argparse.Namespace) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final
 
 from ..formats.written import name_part
+from ..text import name_key
 
 if TYPE_CHECKING:
     from ..engine.track import TrackBody
@@ -34,10 +35,10 @@ def distinct(names: Iterable[str]) -> list[str]:
     found = []
     for name in names:
         part, number = name_part(name), 1
-        while part.casefold() in taken:
+        while name_key(part) in taken:
             number += 1
             part = name_part(f"{name} {number}")
-        taken.add(part.casefold())
+        taken.add(name_key(part))
         found.append(part)
     return found
 

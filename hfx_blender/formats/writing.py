@@ -13,6 +13,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
 from ..errors import InputError, NothingFeltError, UsageError
+from ..text import name_key
 from .clip.spatial_recorder import SpatialRecorder
 from .registry import FORMATS, FormatInfo, refuse_unknown
 from .signals import losses
@@ -120,10 +121,13 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
     refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
     for each in devices:
-        if vars(known.setdefault(each.id, each)) != vars(each):
+        other = known.setdefault(name_key(each.id), each)
+        if vars(other) != vars(each):
+            ids = dict.fromkeys((f"'{other.id}'", f"'{each.id}'"))
             raise UsageError(
-                f"two different devices have the id '{each.id}', which their files are named by: "
-                "give the configuration of one of them another 'id', as its file is called"
+                f"two different devices have the id {' or '.join(ids)}, which their files are "
+                "named by: give the configuration of one of them another 'id', as its file is "
+                "called"
             )
     for id in formats:
         info = FORMATS[id]

@@ -374,6 +374,20 @@ def test_one_bad_scene_costs_the_others_nothing(
     assert (exported / "small.hfxtrack").read_bytes() != content
 
 
+@pytest.mark.parametrize("names", [("A", "a"), ("caf\u00e9", "cafe\u0301"), ("STRASSE", "straße")])
+def test_scenes_whose_results_may_be_the_same_files_are_refused(
+    blend: Path, tmp_path: Path, here: Here, names: tuple[str, str]
+) -> None:
+    """As Windows or macOS take these names for one, whatever this system does."""
+    for k, name in enumerate(names):
+        (tmp_path / str(k)).mkdir()
+        (tmp_path / str(k) / f"{name}.blend").write_bytes(blend.read_bytes())
+    files = [f"{k}/{name}.blend" for k, name in enumerate(names)]
+    code, _, err = here("export", *files, "-o", "out", *BRIEF)
+    assert code == 2 and all(f"'{name}'" in err for name in names) and "collide" in err
+    assert not (tmp_path / "out").exists()
+
+
 # Stopping it
 
 
