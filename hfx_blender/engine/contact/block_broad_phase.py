@@ -14,8 +14,8 @@ import numpy as np
 from ..active_rows import posed_rows
 from ..arrays import F64, I64
 from ..kinematics.motion import turned_by
+from ..native import kinematics as native
 from ..native import library
-from ..native import placement as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
 from ..skin.surface_posing import PointwiseModel

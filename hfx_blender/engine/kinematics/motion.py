@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import F64
-from ..native import placement as native
+from ..native import kinematics as native
 
 _STILL: float = 1e-9  # radians; less is rounding
 _FLAT: float = 1e-12  # of the largest stretch; less is rounding

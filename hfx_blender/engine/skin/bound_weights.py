@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
-from ..native import skin_binding as native
+from ..native import skin as native
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..arrays import I64
-from ..native.cell_groups import CellGroups
+from ..native.clusters import CellGroups
 from .skin_table import SkinTable
 from .skinned_model import SkinnedModel
 

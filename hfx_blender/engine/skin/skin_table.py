@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
 from ..indexing import lacking
-from ..native import skin_filling as native
+from ..native import skin_table as native
 from ..tolerance import Tolerance
 from .skin_mesh import SkinMesh
 

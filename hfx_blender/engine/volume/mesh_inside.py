@@ -24,7 +24,7 @@ import numpy as np
 from ..arrays import F64, I32, I64, Bool
 from ..indexing import ramp
 from ..native.library import library
-from ..native.mesh_inside import NativeGrid, bounds_in_columns
+from ..native.mesh import NativeGrid, bounds_in_columns
 from .mesh_columns import MARGIN, covered_columns
 
 _CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
@@ -73,7 +73,7 @@ class _Spans:
         )
 
     def packed(self) -> F64:
-        """All numbers of each triangle together, (F, 16), see :data:`native.mesh_inside.SPAN`."""
+        """All numbers of each triangle together, (F, 16), see :data:`native.mesh.SPAN`."""
         nothing = np.zeros_like(self.y_low)
         of_x, of_z = (
             (starts[0], starts[2], *slopes)
