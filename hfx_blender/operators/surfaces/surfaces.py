@@ -199,7 +199,7 @@ class HFX_OT_feel_fabric(HfxOperator):
         speed = SLOW_M_S if chosen.speed == "SLOW" else FAST_M_S
         signal = reference_strokes.felt(chosen.fabric, speed, chosen.drive * 1000.0)
         full = float(DeviceRange().amplitude_m_s2(1.0))
-        reference_strokes.play(signal, full)
+        reference_strokes.reference_stroke.play(signal, full)
         return f"{signal.amplitude_m_s2.mean() / full:.0%} of full strength"
 
 

@@ -37,44 +37,49 @@ def felt(name: str, speed_m_s: float, drive_per_m: float) -> Signal:
     return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
 
 
-class _Playing:
-    """State of the stroke that plays now; a new one replaces it."""
+class ReferenceStroke:
+    """Stroke that plays as sound and on the connected devices; a new one replaces it.
+
+    Attributes
+    ----------
+    signal : Signal or None
+        None: nothing plays.
+    step : int
+        The next of its steps.
+    """
 
     def __init__(self) -> None:
         self.signal: Signal | None = None
         self.step = 0
-        self.sound: StrokeSound | None = None
+        self._sound: StrokeSound | None = None
+
+    def play(self, signal: Signal, full_m_s2: float) -> None:
+        """Play a stroke; needs a window to go on."""
+        self.stop()
+        self.signal, self.step = signal, 0
+        self._sound = StrokeSound(full_m_s2)
+        self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
+        call_soon(self._next)
+
+    def stop(self) -> None:
+        """Stop the stroke."""
+        remove_timers(self._next)
+        if self._sound is not None:
+            self._sound.close()
+        if self.signal is not None:
+            live.send_vibration(0.0, float(self.signal.frequency_hz[0]))
+        self.signal = self._sound = None
+
+    def _next(self) -> float | None:
+        signal, step = self.signal, self.step
+        if signal is None:
+            return None
+        if step >= len(signal.times_s):
+            self.stop()
+            return None
+        live.send_vibration(float(signal.amplitude_m_s2[step]), float(signal.frequency_hz[step]))
+        self.step += 1
+        return signal.step_s
 
 
-_playing = _Playing()
-
-
-def play(signal: Signal, full_m_s2: float) -> None:
-    """Play a stroke as sound and on the connected devices; needs a window to go on."""
-    stop()
-    _playing.signal, _playing.step = signal, 0
-    _playing.sound = StrokeSound(full_m_s2)
-    _playing.sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
-    call_soon(_next)
-
-
-def stop() -> None:
-    """Stop the stroke."""
-    remove_timers(_next)
-    if _playing.sound is not None:
-        _playing.sound.close()
-    if _playing.signal is not None:
-        live.send_vibration(0.0, float(_playing.signal.frequency_hz[0]))
-    _playing.signal = _playing.sound = None
-
-
-def _next() -> float | None:
-    signal, step = _playing.signal, _playing.step
-    if signal is None:
-        return None
-    if step >= len(signal.times_s):
-        stop()
-        return None
-    live.send_vibration(float(signal.amplitude_m_s2[step]), float(signal.frequency_hz[step]))
-    _playing.step += 1
-    return signal.step_s
+reference_stroke = ReferenceStroke()

@@ -148,7 +148,10 @@ def test_the_calibration_slider_is_kept(
     assert chosen.drive == pytest.approx(42.0)
     assert surface_calibration.drive_per_m("phone") == pytest.approx(7000.0)
     assert bpy.ops.hfx.feel_fabric() == {"FINISHED"}
-    reference_strokes.stop()
+    stroke = reference_strokes.reference_stroke
+    assert stroke.signal is not None and stroke.step == 0
+    stroke.stop()
+    assert stroke.signal is None
 
 
 def test_no_sound_is_no_fault() -> None:
