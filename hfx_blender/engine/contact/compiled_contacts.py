@@ -21,7 +21,7 @@ from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays, Details
 from .contact_query import ContactQuery
-from .continuous_collision import drift_of
+from .narrow_phase import drift_of
 
 FoundContacts = tuple[I64, I64, I64, I32, Weights, Details | None]
 """Rows, sets, offsets, vertices, weights and details; see :class:`.contacts.Contacts`."""

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of skin with volumes; ``narrow_phase.c``."""
+"""Contact of skin with volumes, at samples and between them; ``narrow_phase.c``.
+
+Continuous collision detection finds contacts between two samples, too fast for either to see:
+samples of skin move straight in the volume's own space, in as many steps as its turning asks for,
+and each step is tested exactly (``continuous_collision.h``), so that no wall is too thin. Slow
+motion is not looked at: what it hides between two samples is nearer to the boundary than the
+tolerance.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +18,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, Weights
+from ..kinematics.motion import Motion
 from ..native.declarations import structure
 from ..native.library import loaded
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
+from ..volume.placing_matrix import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_details import DetailArrays
@@ -58,7 +67,7 @@ def narrow_phase(
     target : PlacedTarget
     drifts : mapping
         How points drift, (steps + 1, n - 1, 4, 4) from before and after, by number of steps; see
-        :func:`.continuous_collision.drift_of`. Straight ways need none.
+        :func:`drift_of`. Straight ways need none.
     weights : (n, C) float32 or float64
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
@@ -175,3 +184,28 @@ class _NarrowPhaseCall:
         loaded().hfx_narrow_phase(*self._arguments, details)
         count: int = self._found.posed
         return count
+
+
+def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tuple[F64, F64]:
+    """Relative motion, in a volume's space, of points that rest in a body's frame, in intervals.
+
+    Parameters
+    ----------
+    volume, body : tuple of (n, 4, 4) float64
+        Placing matrices before and after.
+    steps : int
+        Straight ones, of even length.
+
+    Returns
+    -------
+    from_before, from_after : (steps + 1, n, 4, 4) float64
+        Shape space at the start to the frame's later place; the same from the end.
+    """
+    volumes, bodies = Motion.between(*volume), Motion.between(*body)
+    places = []
+    for k in range(steps + 1):
+        inverses, _ = inverse_placement(volumes.at(k / steps))
+        places.append(inverses @ bodies.at(k / steps))
+    path = np.stack(places)
+    before, after = (inverse_placement(each)[0] @ volume[k] for k, each in enumerate(body))
+    return path @ before, path @ after

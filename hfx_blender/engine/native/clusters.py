@@ -83,7 +83,7 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
 
 
 class CellGroups:
-    """Groups of cells of the clusters of a skin; see :class:`..skin.cell_sizes.CellSizes`.
+    """Groups of cells of the clusters of a skin; see :class:`..skin.cell_coverage.CellSizes`.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from .library import loaded
 
 
 class Mesh(Protocol):
-    """See :class:`..skin.skin_mesh.SkinMesh`."""
+    """See :class:`..skin.skin_table.SkinMesh`."""
 
     @property
     def vertices(self) -> npt.NDArray[np.float32]: ...

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,13 +23,12 @@ from ..indexing import ramp, sorted_by
 from ..native import clusters as native
 from ..native import library
 from ..native.bounds import Outline
+from ..native.clusters import CellGroups
 from ..native.skin import UsedBones
 from ..scene import SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
-from .cell_sizes import CellSizes
 from .posing import PosableModel
-from .skin_mesh import SkinMesh
-from .skin_table import SkinTable
+from .skin_table import SkinMesh, SkinTable
 from .skinned_model import SkinnedModel
 
 FINEST_SHARE: Final = 1.0 / 8.0
@@ -233,3 +232,42 @@ def owners_of(clusters: list[I32], count: int) -> I64:
         np.arange(len(clusters)), [len(ids) for ids in clusters]
     )
     return owners
+
+
+class CellSizes:
+    """Upper bounds of the sizes of a skin's cells on a body that bones move, cluster by cluster.
+
+    The size of a cell is the mean distance from its vertex. Bones stretch skin and pull it apart
+    where they bend. Sizes are known for whole clusters from the bones alone, so that no skin is
+    posed to find out that its vertices tell enough of it.
+
+    With weights u of a place x of skin and v of its cell's vertex at y, and any matrix R,
+    sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at most
+    what bones stretch times the way at rest, the second how differently bones move the vertex
+    times how far the weights differ.
+
+    Parameters
+    ----------
+    table : SkinTable
+        The skin, none of which needs to be filled in.
+    surface : SkinnedModel
+        Binds the surface of the skin, in its outlines.
+    vertices : SkinnedModel, optional
+        Binds the model's own vertices, in the clusters of the skin, where its surface is that
+        of a finer model.
+    """
+
+    def __init__(
+        self, table: SkinTable, surface: SkinnedModel, vertices: SkinnedModel | None
+    ) -> None:
+        self._table, self._surface, self._vertices = table, surface, vertices
+        self._native = CellGroups(len(surface.clusters))
+
+    def pointers(self, clusters: I64) -> Any:
+        """Native table of all clusters, with these filled in."""
+        new = self._native.lacking(clusters)
+        if len(new):
+            surface = self._surface.native_clusters(new)
+            own = None if self._vertices is None else self._vertices.native_clusters(new)
+            self._native.add(new, self._table, self._table.mesh, surface, own)
+        return self._native.table

@@ -10,17 +10,18 @@ stretches it, at more of them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..arrays import F64, I32, I64
+from ..arrays import F32, F64, I32, I64
 from ..body.model import PerceptualModel
-from ..indexing import lacking
+from ..indexing import lacking, sorted_by
 from ..native import skin_table as native
 from ..tolerance import Tolerance
-from .skin_mesh import SkinMesh
 
 _LEAST_SHARE: Final = 0.01
 """A vertex may stand for this share of its unit, however exact the rest of it has to be."""
@@ -175,3 +176,35 @@ class SkinTable:
         (3, skin vertices)."""
         closeness = 1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))
         return np.stack([*self._distances, closeness.astype(np.float64)])
+
+
+@dataclass(frozen=True, eq=False)
+class SkinMesh:
+    """A model's surface, with the corners of its triangles by their vertices.
+
+    A corner is ``3 f + k``: that of triangle ``f`` which is at its ``k``-th vertex.
+    """
+
+    vertices: F32  # (V, 3)
+    normals: F32  # (V, 3)
+    areas_m2: F32  # (V,)
+    triangles: I32  # (F, 3)
+    corners: I64  # (3 F,)
+    starts: I64  # (V + 1,) each vertex's first
+
+    @classmethod
+    def of(cls, model: PerceptualModel) -> SkinMesh:
+        """Mesh of a model, which must not change; cached."""
+        if model not in _KNOWN:
+            corners = sorted_by(model.triangles.ravel(), len(model))
+            _KNOWN[model] = cls(
+                np.ascontiguousarray(model.vertices, np.float32),
+                np.ascontiguousarray(model.normals, np.float32),
+                np.ascontiguousarray(model.areas_m2, np.float32),
+                np.ascontiguousarray(model.triangles, np.int32),
+                *corners,
+            )
+        return _KNOWN[model]
+
+
+_KNOWN: Final[WeakKeyDictionary[PerceptualModel, SkinMesh]] = WeakKeyDictionary()

@@ -26,7 +26,7 @@ from hfx_blender.engine.scene import SkinBinding
 from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
 from hfx_blender.engine.skin.cell_coverage import SkinCoverage, finer_id
-from hfx_blender.engine.skin.skin_mesh import SkinMesh
+from hfx_blender.engine.skin.skin_table import SkinMesh
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.tolerance import STANDARD, Tolerance
 
