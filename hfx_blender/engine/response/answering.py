@@ -25,7 +25,8 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..volume.placing_matrix import world_bounds
-from .between_samples import Contacts, may_graze, refined
+from .between_samples import refined
+from .grazes import Contacts, may_graze
 from .settling import Settling
 from .touches import BodyPlaces, Moments
 
@@ -109,8 +110,11 @@ class Answering:
         if touches is None:
             return None
         if has_impacts:
-            live = block.live_s is not None
-            touches = refined(moments, touches, parameters, contacts, is_live=live)
+            touches = refined(
+                *(moments, touches, parameters, run, contacts),
+                loud_until_s=self.settling.loud_until_s(stream),
+                is_live=block.live_s is not None,
+            )
             touches = touches.part(slice(*own))
         felt = self.settling.settle(touches)
         if felt is None or block.live_s is None:

@@ -1,39 +1,39 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Impacts between two samples: when they begin, how fast, and the deepest contact.
+"""Impacts between two samples: when they begin, how fast, and what is touched meanwhile.
 
-An impact's strength follows from its beginning, and its place from its deepest moment, so both
-would depend on the sampling rate if they were looked for at samples only. Where a touch begins,
-where it is deepest at a sample beside, and where a volume may have touched and turned back in
-between, contacts are found at steps of half a millisecond, along :mod:`.paths`.
+An impact's strength follows from its beginning, and what is felt of it from its weights while it
+decays, so both would depend on the sampling rate if they were looked for at samples only. Where a
+touch begins, where it changes while an impact is loud, and where a volume may have touched and
+turned back in between, contacts are found at steps of half a millisecond, along :mod:`.paths`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil
 from typing import Final
 
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64, Bool
-from ..contact.reachable_bounds import bends_m, bounds_of
+from ..contact.reachable_bounds import bounds_of
+from ..response_filters.controls import FilterKind
+from ..response_filters.envelope import LOUD
 from ..samples import SampleRun
 from ..scene import EffectBlock, PoseBlock
-from ..volume.mesh import MeshVolume
+from .grazes import Contacts, follow_on, may_graze, may_touch
 from .paths import NEIGHBOURS, Path
-from .touches import BodyPlaces, Moments, Touches, boxes_at, strongest
+from .touches import Between, BodyPlaces, Moments, Touches
 
 STEP_S: Final = 0.0005
 """Time between two steps, seconds; rates that divide 2000 Hz have them at the same times."""
 
-_MOST_STEPS: Final = 100  # of an interval: at rates below 20 Hz they are longer
-_FINER: Final = 16  # parts of a step, for the beginning of a touch
-_LEAST_M: Final = 1e-4  # a smaller way beside the straight one touches no skin worth telling
+RESUMES_S: Final = 0.01
+"""A touch that pauses for so short a time goes on, seconds: at 100 Hz its end may not be seen."""
 
-Contacts = Callable[[Moments, Bool], SampleRun | None]
-"""Contacts of the volume at the rows of moments, without its response. The second argument (n,)
-tells which rows follow the one before, as in :class:`.contact_query.ContactQuery`."""
+_MOST_STEPS: Final = 100  # of an interval: at rates below 20 Hz they are longer
+_OF_DECAY: Final = 0.02  # of a time constant: a longer step may miss as much of an impact
+_FINER: Final = 16  # parts of a step, for the beginning of a touch
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,9 @@ class _Steps:
 
     run: SampleRun | None
     rows: I64  # (k,) of the steps, interval by interval, that the run has samples for
+    which: I64  # (n,) intervals
+    chosen: I64  # (n,) rows at their ends
+    times_s: F64  # (n, S + 1)
     shares: F64  # (n, S + 1) of the intervals
     sums: F64  # (n, S + 1) of the weights
 
@@ -52,162 +55,239 @@ class _Steps:
         touched[:, 0] = False
         return touched
 
+    @property
+    def sets(self) -> list[_Sets]:
+        """Touched skin between the intervals' ends; empty without any."""
+        if self.run is None:
+            return []
+        inside = (self.rows % self.shares.shape[1] > 0) & (self.shares.ravel()[self.rows] < 1.0)
+        which, run = self.rows[inside] // self.shares.shape[1], self.run
+        rows, times = self.chosen[which], self.times_s.ravel()[self.rows[inside]]
+        sets = run.set_of[inside], run.offsets, run.vertices, run.weights
+        return [_Sets(rows, times, *sets)]
+
+    def strengths(self, slow: F64) -> F64:
+        """Weights (n, S + 1) as they decay by time constants, shares (N,) of all intervals."""
+        return np.asarray(self.sums * np.exp(-self.shares / slow[self.which, None]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sets:
+    """Touched skin at some moments between samples."""
+
+    rows: I64  # (k,) of the samples after them
+    times_s: F64  # (k,)
+    set_of: I64  # (k,)
+    offsets: I64
+    vertices: I32
+    weights: F32
+
 
 def refined(
     moments: Moments,
     touches: Touches,
     parameters: F64,
+    run: SampleRun | None,
     contacts: Contacts,
     *,
+    loud_until_s: float,
     is_live: bool,
 ) -> Touches:
     """Touches of a volume with impacts, with what happened since the sample before.
 
     Live, nothing is known of later samples: motion is straight, and only the time at which a
     touch begins is found; its speed is that since the sample before.
+
+    Parameters
+    ----------
+    parameters : (T, P) float64
+        Of the effect.
+    run : SampleRun or None
+        Contacts without a response; None: there are none.
+    loud_until_s : float
+        Time until which impacts that began before these samples are loud.
     """
-    follows = _follows(moments)
+    follows = follow_on(moments)
     before = np.concatenate([[False], touches.is_touched[:-1]])
     begins = touches.is_touched & ~before & follows
-    grazes = np.zeros(len(touches), np.bool_)
-    deepest = grazes
+    closely = coarsely = np.zeros(len(touches), np.bool_)
     if not is_live:
         grazes = ~touches.is_touched & ~before & follows
-        grazes &= _may_touch(moments, grazes & may_graze(moments), contacts)
-        deepest = _is_deepest(touches, follows)
-    chosen = np.flatnonzero(begins | grazes | deepest)
-    if not len(chosen):
-        return touches
-    rows = moments.rows[chosen]
-    length_s = moments.times_s[rows] - moments.times_s[rows - 1]
-    count = min(max(ceil(float(length_s.max()) / STEP_S - 1e-6), 2), _MOST_STEPS)
-    intervals = _Intervals(moments, chosen, parameters, contacts, is_straight=is_live)
-    every = np.arange(len(chosen))
-    steps = intervals.steps(every, np.tile(np.linspace(0.0, 1.0, count + 1), (len(chosen), 1)))
-    touched = steps.is_touched
-    is_some = touched.any(axis=1)
-    new = np.flatnonzero(begins[chosen] | (grazes[chosen] & is_some))
-    deep = np.flatnonzero(is_some) if not is_live else new[:0]
-    # Where a touch begins, and where it is deepest, a second time, closer.
-    first = np.where(is_some, touched.argmax(axis=1), count)[new]
-    most = np.where(touched, steps.sums, 0.0)[deep].argmax(axis=1)
-    low = np.concatenate([steps.shares[new, first - 1], steps.shares[deep, most - 1]])
-    at_most = np.minimum(most + 1, count)
-    high = np.concatenate([steps.shares[new, first], steps.shares[deep, at_most]])
-    which = np.concatenate([new, deep])
-    if not len(which):
-        return touches
-    finer = intervals.steps(which, np.linspace(low, high, _FINER + 1, axis=1))
+        grazes &= may_touch(moments, grazes & may_graze(moments), contacts)
+        closely, coarsely = _changes(touches, run, begins, follows, loud_until_s)
+        closely |= grazes
+        touches = replace(touches, resumes_s=RESUMES_S)
+    parts: list[_Sets] = []
+    for chosen, count in _by_steps(moments, touches, begins | closely, STEP_S):
+        intervals = _Intervals(moments, chosen, parameters, contacts, is_straight=is_live)
+        touches, sets = _looked_closely(moments, touches, intervals, begins, count, is_live=is_live)
+        parts += sets
+    if any(each.is_in_space for each in moments.filters):
+        coarsely = np.zeros_like(coarsely)
+    for chosen, count in _by_steps(moments, touches, coarsely, np.inf):
+        intervals = _Intervals(moments, chosen, parameters, contacts, is_straight=False)
+        parts += intervals.steps(np.arange(len(chosen)), _grid(count)).sets
+    return _with_between(touches, parts)
+
+
+def _looked_closely(
+    moments: Moments,
+    touches: Touches,
+    intervals: _Intervals,
+    begins: Bool,
+    count: int,
+    *,
+    is_live: bool,
+) -> tuple[Touches, list[_Sets]]:
+    """Touches with when and how fast impacts began, and what was touched in intervals."""
+    chosen = intervals.chosen
+    slow_s = _slow_s(touches, chosen) / intervals.lengths_s
+    steps = intervals.steps(np.arange(len(chosen)), _grid(count))
+    is_some = steps.is_touched.any(axis=1)
+    before = np.concatenate([[False], touches.is_touched[:-1]])[chosen]
+    new = np.flatnonzero(begins[chosen] | (is_some & ~before))
+    strong = np.flatnonzero(is_some) if not is_live else new[:0]
+    if not len(new) and not len(strong):
+        return touches, []
+    finer = intervals.steps(*_closer_shares(steps, new, strong, slow_s))
     is_in = finer.is_touched[: len(new)]
     is_in[:, -1] = True
-    onset = finer.shares[np.arange(len(new)), is_in.argmax(axis=1)]
+    first = is_in.argmax(axis=1)
     onsets = np.full(len(touches), np.nan)
-    onsets[chosen[new]] = moments.times_s[rows[new]] - (1.0 - onset) * length_s[new]
+    if touches.onsets_s is not None:
+        onsets = touches.onsets_s.copy()
+    onsets[chosen[new]] = intervals.times_s(new, finer.shares[np.arange(len(new)), first])
     touches = replace(touches, onsets_s=onsets)
-    if is_live:
-        return touches
-    deepest_at = finer.sums[len(new) :].argmax(axis=1)
-    deepest_share = finer.shares[len(new) + np.arange(len(deep)), deepest_at]
-    begun = steps.shares[new, first]
-    ends = np.concatenate([begun, deepest_share])
-    back = np.minimum(1.0 / count, ends)
-    found = intervals.answered(which, np.stack([ends - back, ends], axis=1))
-    if found is None:
-        return touches
+    if is_live or finer.run is None:
+        return touches, []
+    column = np.concatenate([first, finer.strengths(slow_s)[len(new) :].argmax(axis=1)])
+    flat = np.arange(len(column)) * finer.shares.shape[1] + column
+    there = np.flatnonzero(np.isin(flat, finer.rows))
+    which, shares = finer.which[there], finer.shares.ravel()[flat[there]]
+    sets = finer.run.set_of[np.searchsorted(finer.rows, flat[there])]
+    found = intervals.answered(which, shares, 1.0 / count, finer.run, sets)
     speeds = touches.speeds_m_s.copy()
-    speeds[chosen[new]] = found.speeds_m_s[1 : 2 * len(new) : 2]
-    peaks = _Peaks(replace(touches, speeds_m_s=speeds))
-    for k, n in enumerate(deep.tolist()):
-        peaks.add(int(chosen[n]), found.set_of_row(2 * (len(new) + k) + 1))
-        if not any(each.is_in_space for each in moments.filters):
-            peaks.add_all(int(chosen[n]), steps, n)
-            peaks.add_all(int(chosen[n]), finer, len(new) + k)
-    return peaks.touches(grazes)
+    is_new = there < len(new)
+    speeds[chosen[which[is_new]]] = found.speeds_m_s[is_new]
+    k = np.flatnonzero(found.is_touched)
+    rows, times = chosen[which[k]], intervals.times_s(which[k], shares[k])
+    with_filters = _Sets(rows, times, found.set_of[k], found.offsets, found.vertices, found.weights)
+    is_in_space = any(each.is_in_space for each in moments.filters)
+    parts = [with_filters] if is_in_space else [with_filters, *steps.sets]
+    return replace(touches, speeds_m_s=speeds), parts
 
 
-def may_graze(moments: Moments) -> Bool:
-    """Rows (n,) before which a volume may have touched skin on a bent way, near it at both ends.
+def _changes(
+    touches: Touches, run: SampleRun | None, begins: Bool, follows: Bool, loud_until_s: float
+) -> tuple[Bool, Bool]:
+    """Rows (n,) before which what is touched changes while an impact is loud.
 
-    Told from boxes: of the volume, and of the body's clusters.
+    The first are those before which, or one before, most is touched, and where a touch may have
+    paused; the second all others.
     """
-    assert moments.effect.matrices is not None
-    rows, found = moments.rows, np.zeros(len(moments.rows), np.bool_)
-    if len(rows) < 3:
-        return found
-    bounds, follows = moments.bounds, _follows(moments)
-    at = np.searchsorted(bounds.rows, rows)
-    boxes = boxes_at(moments.effect, rows)
-    beside = bends_m(boxes, follows)
-    most = float(beside.max(initial=0.0)) + float(bounds.bends_m.max(initial=0.0))
-    if not most > _LEAST_M:
-        return found
-    meets = _meets(boxes, bounds.of_rows[at], most)
-    for k in np.flatnonzero(meets & follows).tolist():
-        reach = beside[k] + bounds.bends_m[at[k]]
-        for row in (k - 1, k):
-            low, high = bounds.low[at[row]], bounds.high[at[row]]
-            overlaps = (boxes[row, 0] - reach[:, None] <= high).all(axis=1)
-            overlaps &= (boxes[row, 1] + reach[:, None] >= low).all(axis=1)
-            found[k] |= bool((overlaps & (reach > _LEAST_M)).any())
-    return found
+    impacts = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.IMPACT]
+    loudest_s = LOUD * touches.controls[:, impacts, 1:3].sum(axis=2).max(axis=1)
+    until_s = np.where(begins, touches.times_s + loudest_s, loud_until_s)
+    is_loud = np.zeros(len(touches), np.bool_)
+    is_loud[1:] = touches.times_s[:-1] < np.maximum.accumulate(until_s)[:-1]
+    is_loud &= follows
+    rises, falls = begins.copy(), np.zeros(len(touches), np.bool_)
+    if run is None or not is_loud.any():
+        return falls, falls
+    set_of, sums = np.full(len(touches), -1), np.zeros(len(touches))
+    at = np.searchsorted(touches.indices, run.indices)
+    set_of[at], sums[at] = run.set_of, _sums(run)
+    before = np.concatenate([[-1], set_of[:-1]])
+    for k in np.flatnonzero(is_loud & (before >= 0) & (set_of != before)).tolist():
+        if set_of[k] < 0:
+            falls[k] = True
+        else:
+            rises[k], falls[k] = _changed(run, int(before[k]), int(set_of[k]))
+    pauses = falls & (set_of < 0)
+    pauses[:-2] &= begins[1:-1] | begins[2:]
+    changes = (rises & ~begins) | (falls & np.concatenate([[False], rises[:-1]]))
+    less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
+    is_most = ~less[0] & less[1]
+    closely = changes & (is_most | np.concatenate([[False], is_most[:-1]])) | pauses
+    return closely, changes & ~closely
 
 
-def _may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
-    """Select rows (n,) at which a volume larger by half of its way, and all beside, is touched."""
-    effect, chosen = moments.effect, np.flatnonzero(grazes)
-    if not len(chosen) or any(isinstance(each, MeshVolume) for each in effect.shapes):
-        return grazes
-    assert effect.matrices is not None
-    bounds, rows = moments.bounds, moments.rows
-    at, boxes = np.searchsorted(bounds.rows, rows), boxes_at(effect, rows)
-    beside = bends_m(boxes, _follows(moments))[chosen] + bounds.bends_m[at[chosen]].max(axis=1)
-    ways = np.abs(boxes[chosen] - boxes[chosen - 1]).max(axis=(1, 2))
-    moved = np.abs(bounds.low[at[chosen]] - bounds.low[at[chosen - 1]]).max(axis=(1, 2))
-    more = np.zeros(len(rows))
-    for part in (chosen, chosen - 1):
-        more[part] = np.maximum(more[part], beside + 0.5 * (ways + moved))
-    grown = effect.matrices.copy()
-    lengths = np.maximum(np.linalg.norm(grown[rows, :3, :3], axis=1), 1e-9)
-    grown[rows, :3, :3] *= (1.0 + more[:, None] / lengths)[:, None, :]
-    near = np.union1d(chosen, chosen - 1)
-    larger = replace(moments, effect=replace(effect, matrices=grown), rows=rows[near])
-    run = contacts(larger, np.zeros(len(near), np.bool_))
-    is_near = np.zeros(len(rows), np.bool_)
-    if run is not None:
-        is_near[np.isin(moments.indices[rows], run.indices)] = True
-    return grazes & (is_near | np.concatenate([[False], is_near[:-1]]))
+def _sums(run: SampleRun) -> F64:
+    """Sums (n,) of the weights of each sample."""
+    sums: F64 = np.add.reduceat(run.weights, run.offsets[:-1], dtype=np.float64)[run.set_of]
+    return sums
 
 
-def _meets(boxes: F64, bodies: F64, reach: float) -> Bool:
-    """Test whether boxes (n, 2, 3) come within a reach at a row or the one before."""
-    both = []
-    for part in (slice(None, -1), slice(1, None)):
-        low = boxes[part, 0] - reach <= bodies[part, 1]
-        high = boxes[part, 1] + reach >= bodies[part, 0]
-        both.append((low & high).all(axis=1))
-    return np.concatenate([[False], both[0] | both[1]])
+def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
+    """Test whether any vertex weighs more in the other set of a run, and whether any less."""
+    parts = [slice(int(run.offsets[j]), int(run.offsets[j + 1])) for j in (one, other)]
+    ids = np.concatenate([run.vertices[part] for part in parts])
+    order = np.argsort(ids, kind="stable")
+    signed = np.concatenate([-run.weights[parts[0]], run.weights[parts[1]]])[order]
+    first = np.flatnonzero(np.concatenate([[True], np.diff(ids[order]) > 0]))
+    more = np.add.reduceat(signed, first)
+    return bool((more > 0.0).any()), bool((more < 0.0).any())
 
 
-def _follows(moments: Moments) -> Bool:
-    """Rows (n,) that follow the one before: at the next sample, where the effect was on."""
-    rows = moments.rows
-    steps = (np.diff(rows) == 1) & (np.diff(moments.indices[rows]) == 1)
-    return np.concatenate([[False], steps])
+def _by_steps(
+    moments: Moments, touches: Touches, rows: Bool, longest_s: float
+) -> Iterator[tuple[I64, int]]:
+    """Rows (n,) by the number of steps before them, none longer than ``longest_s``."""
+    chosen = np.flatnonzero(rows)
+    ends = moments.rows[chosen]
+    lengths_s = moments.times_s[ends] - moments.times_s[ends - 1]
+    steps_s = np.minimum(_OF_DECAY * _slow_s(touches, chosen), longest_s)
+    counts = np.clip(np.ceil(lengths_s / steps_s - 1e-6), 2, _MOST_STEPS)
+    for count in np.unique(counts).tolist():
+        yield chosen[counts == count], int(count)
 
 
-def _is_deepest(touches: Touches, follows: Bool) -> Bool:
-    """Rows (n,) before which, or one before, a touch was deepest: between them may be deeper."""
-    parts = np.concatenate([[0.0], np.cumsum(touches.weights, dtype=np.float64)])
-    sums = parts[touches.offsets[1:]] - parts[touches.offsets[:-1]]
-    depth = np.where(touches.is_touched, sums[touches.set_of] if len(sums) else 0.0, 0.0)
-    before = np.concatenate([[0.0], depth[:-1]])
-    after = np.concatenate([depth[1:], [0.0]])
-    is_peak = (depth > 0.0) & (depth >= before) & (depth >= after)
-    is_peak &= (depth > before) | (depth > after)
-    known = follows & np.concatenate([follows[1:], [False]])
-    is_peak &= known
-    peaks: Bool = (is_peak | np.concatenate([[False], is_peak[:-1]])) & follows
-    return peaks
+def _grid(count: int) -> F64:
+    """Shares (count + 1,) of an interval, from its start to its end."""
+    return np.linspace(0.0, 1.0, count + 1)
+
+
+def _slow_s(touches: Touches, rows: I64) -> F64:
+    """Shortest time constant (n,) with which an impact dies away that began at some rows."""
+    impacts = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.IMPACT]
+    slow_s: F64 = touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1)
+    return slow_s
+
+
+def _closer_shares(steps: _Steps, new: I64, strong: I64, slow: F64) -> tuple[I64, F64]:
+    """Intervals and shares (m, 17): around where touches begin, and around the strongest moment."""
+    touched, count = steps.is_touched, steps.shares.shape[1] - 1
+    first = np.where(touched.any(axis=1), touched.argmax(axis=1), count)[new]
+    most = np.where(touched, steps.strengths(slow), 0.0)[strong].argmax(axis=1)
+    low = np.concatenate([steps.shares[new, first - 1], steps.shares[strong, most - 1]])
+    most = np.minimum(most + 1, count)
+    high = np.concatenate([steps.shares[new, first], steps.shares[strong, most]])
+    return np.concatenate([new, strong]), np.linspace(low, high, _FINER + 1, axis=1)
+
+
+def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
+    """Touches with the touched moments between them."""
+    if not parts:
+        return touches
+    counts = np.cumsum([len(touches.offsets) - 1, *(len(part.offsets) - 1 for part in parts)])
+    totals = np.cumsum([touches.offsets[-1], *(part.offsets[-1] for part in parts)])
+    pairs = zip(parts, counts.tolist(), totals.tolist(), strict=False)
+    numbers, offsets = zip(*((p.set_of + n, p.offsets[1:] + t) for p, n, t in pairs), strict=True)
+    rows = np.concatenate([part.rows for part in parts])
+    times = np.concatenate([part.times_s for part in parts])
+    order = np.lexsort((times, rows))
+    rows, times, set_of = rows[order], times[order], np.concatenate(numbers)[order]
+    # Of moments with one set the first is the strongest, and a sample's last ends the touch.
+    follows = np.concatenate([rows[1:] == rows[:-1], [False]])
+    is_same = follows & np.concatenate([set_of[1:] == set_of[:-1], [False]])
+    kept = ~np.concatenate([[False], is_same[:-1]]) | ~follows
+    return replace(
+        touches,
+        between=Between(rows[kept], times[kept], set_of[kept]),
+        offsets=np.concatenate([touches.offsets, *offsets]),
+        vertices=np.concatenate([touches.vertices, *(part.vertices for part in parts)]),
+        weights=np.concatenate([touches.weights, *(part.weights for part in parts)]),
+    )
 
 
 class _Intervals:
@@ -238,29 +318,51 @@ class _Intervals:
         self._parameters = parameters
         self._own: dict[tuple[str, int, int, int], Path] = {}
         self._contacts = contacts
+        self.chosen = chosen
         self._rows = moments.rows[chosen]
-        follows = np.concatenate([_follows(moments), [False]])
+        self.lengths_s = moments.times_s[self._rows] - moments.times_s[self._rows - 1]
+        follows = np.concatenate([follow_on(moments), [False]])
         # Numbers of samples that are known on either side, with the interval's own end.
         self._before = 1 + _chain(follows, chosen, -1, is_straight)
         self._after = 1 + _chain(follows, chosen + 1, 1, is_straight)
 
+    def times_s(self, which: I64, shares: F64) -> F64:
+        """Times (n,) at shares (n,) of some of the intervals."""
+        ends = self._moments.times_s[self._rows[which]]
+        return np.asarray(ends - (1.0 - shares) * self.lengths_s[which])
+
     def steps(self, which: I64, shares: F64) -> _Steps:
-        """Contacts at shares (n, S + 1) of some of the intervals."""
+        """Contacts at shares (n, S + 1), or (S + 1,) of each, of some of the intervals."""
+        shares = np.broadcast_to(shares, (len(which), shares.shape[-1]))
         closer = self._closer(which, shares)
         run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
         sums, rows = np.zeros(shares.size), np.zeros(0, np.int64)
         if run is not None:
             rows = np.searchsorted(closer.indices, run.indices)
-            sums[rows] = np.add.reduceat(run.weights, run.offsets[:-1])[run.set_of]
-        return _Steps(run, rows, shares, sums.reshape(shares.shape))
+            sums[rows] = _sums(run)
+        times = closer.times_s.reshape(shares.shape)
+        sums = sums.reshape(shares.shape)
+        return _Steps(run, rows, which, self.chosen[which], times, shares, sums)
 
-    def answered(self, which: I64, shares: F64) -> Touches | None:
-        """Touches at shares (n, S + 1) of some of the intervals, with the filters."""
-        closer = self._closer(which, shares)
-        run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
-        if run is None:
-            return None
-        return closer.touches(run.stream, closer.effect.parameters, run)
+    def answered(self, which: I64, shares: F64, step: float, run: SampleRun, sets: I64) -> Touches:
+        """Touches at shares (n,) of some of the intervals, with the filters.
+
+        Speeds are those over a step, a share of an interval. The moments have ``sets`` (n,) of the
+        run, without filters.
+        """
+        closer = self._closer(which, np.stack([shares - np.minimum(step, shares), shares], axis=1))
+        rows = closer.rows[1::2]
+        touched = replace(
+            run,
+            indices=closer.indices[rows],
+            times_s=closer.times_s[rows],
+            levels=closer.effect.levels[rows],
+            parameters=closer.effect.parameters[rows],
+            sets=sets,
+        )
+        found = replace(closer, rows=rows).touches(run.stream, closer.effect.parameters, touched)
+        assert found is not None  # a stack with impacts has all times
+        return found
 
     def _closer(self, which: I64, shares: F64) -> Moments:
         """Moments at shares (n, S + 1) of some of the intervals."""
@@ -336,50 +438,3 @@ def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:
         known = known & follows[np.clip(place, 0, len(follows) - 1)] & (place >= 0)
         count += known
     return count
-
-
-class _Peaks:
-    """Largest weights between samples, added to touches."""
-
-    def __init__(self, touches: Touches) -> None:
-        self._touches = touches
-        self._found: dict[int, tuple[I32, F64]] = {}
-
-    def add(self, k: int, one: tuple[I32, F32] | None) -> None:
-        """Take a set of the time before row ``k``."""
-        if one is not None and len(one[0]):
-            self._found[k] = strongest(self._found.get(k), one[0], one[1].astype(np.float64))
-
-    def add_all(self, k: int, steps: _Steps, n: int) -> None:
-        """Take all sets of the time before row ``k`` from the steps of interval ``n``."""
-        run, count = steps.run, steps.shares.shape[1]
-        if run is None or k not in self._found:
-            return
-        first, last = np.searchsorted(steps.rows, [n * count + 1, (n + 1) * count])
-        for j in np.unique(run.set_of[first:last]).tolist():
-            part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
-            self.add(k, (run.vertices[part], run.weights[part]))
-
-    def touches(self, grazes: Bool) -> Touches:
-        """Touches with the peaks; a touch that was over at the later sample (n,) counts there."""
-        touches, rows = self._touches, np.array(sorted(self._found), np.int64)
-        if not len(rows):
-            return touches
-        sets = [self._found[k] for k in rows.tolist()]
-        numbers = len(touches.offsets) - 1 + np.arange(len(rows))
-        peak_of = np.full(len(touches), -1, np.int64)
-        peak_of[rows] = numbers
-        is_over = np.zeros(len(touches), np.bool_)
-        is_over[rows] = grazes[rows]
-        ends = touches.offsets[-1] + np.cumsum([len(vertices) for vertices, _ in sets])
-        return replace(
-            touches,
-            peak_of=peak_of,
-            set_of=np.where(is_over, peak_of, touches.set_of),
-            is_touched=touches.is_touched | is_over,
-            offsets=np.concatenate([touches.offsets, ends]),
-            vertices=np.concatenate([touches.vertices, *(vertices for vertices, _ in sets)]),
-            weights=np.concatenate(
-                [touches.weights, *(weights.astype(np.float32) for _, weights in sets)]
-            ),
-        )

@@ -30,6 +30,8 @@ _MOMENTS: Final = 65  # at which the nearest one is looked for
 _NODES: Final = np.arange(4) / 3.0
 """Shares of a sample interval at which a path is evaluated exactly; a cubic joins the positions."""
 
+_CUBICS: Final = np.linalg.inv(np.vander(_NODES))  # of each node: 1 there, 0 at the others
+
 
 class Path:
     """Motion of N rows of D values over an interval, 0 at its start and 1 at its end.
@@ -55,10 +57,8 @@ class Path:
         """Values (S, N, D) at shares (S,)."""
         if self._is_still:
             return np.broadcast_to(self._nodes[0], (len(shares), *self._nodes.shape[1:]))
-        others = [np.delete(_NODES, k) for k in range(4)]
-        pairs = zip(_NODES, others, strict=True)
-        basis = [np.prod((shares[:, None] - o) / (node - o), axis=1) for node, o in pairs]
-        found: F64 = np.einsum("ks,knd->snd", np.stack(basis), self._nodes)
+        basis = np.vander(shares, len(_NODES)) @ _CUBICS
+        found: F64 = np.tensordot(basis, self._nodes, axes=1)
         if len(self._turns):
             s = shares[:, None, None]
             legs = self._left.at(s), self._right.at(1.0 - s)

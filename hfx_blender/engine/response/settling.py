@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory of responses: impacts that still ring, and the skin that they were felt on.
 
-While an impact rings, a vertex keeps its largest weight since the impact began. Give it the
-touches of each stream in the order of time, in any parts: splitting time and putting it together
-again gives the same bytes.
+While an impact rings, a vertex keeps its largest weight since the impact began. What is strongest
+between two samples is felt at the later one. Give it the touches of each stream in the order of
+time, in any parts: splitting time and putting it together again gives the same bytes.
 """
 
 from __future__ import annotations
@@ -13,18 +13,17 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F32, F64, I32, I64, Bool
+from ..arrays import F64, I32, I64, Bool
 from ..response_filters.controls import FilterKind, Operation
 from ..response_filters.envelope import Impact
 from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
-from .touches import Touches, strongest
+from .touches import Touches, WeightedSet, strongest
 
 LEAST: Final = 1e-4
 """A weaker response is silence."""
 
-WeightedSet = tuple[I32, F32]
-"""Vertices, ascending, and their weights."""
+_MORE: Final = 1.0 + 1e-6  # of a strength at samples beside: less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +33,8 @@ class Memory:
     index: int = -2  # of the last sample
     time_s: float = -np.inf
     was_touched: bool = False
+    touched_s: float = -np.inf  # the last moment at which skin was touched
+    left: tuple[float, WeightedSet] | None = None  # level and weights of the last sample
     impacts: tuple[tuple[Impact, ...], ...] = ()  # of each filter, in the order of time
     values: F64 | None = None  # (F,) of the last touch
     held: tuple[tuple[float, WeightedSet], ...] = ()  # by the time at which impacts began
@@ -70,35 +71,76 @@ class Settling:
         memory = self.memories.get(stream)
         return memory is not None and any(memory.impacts)
 
+    def loud_until_s(self, stream: Stream) -> float:
+        """Time until which an impact of a stream is loud, seconds; -inf without any."""
+        impacts = self.memories.get(stream, Memory()).impacts
+        return max((each.loud_until_s for some in impacts for each in some), default=-np.inf)
+
     def any_rings(self, time_s: float) -> bool:
         """Test for an impact of any stream that is still felt at a time."""
         return any(memory.rings(time_s) for memory in self.memories.values())
 
 
 @dataclass(frozen=True, eq=False)
+class _Timeline:
+    """Samples of touches and the moments between them, N in the order of time."""
+
+    samples: I64  # (n,) places of the samples
+    row_of: I64  # (N,) the sample, or that after the moment
+    times_s: F64  # (N,)
+    before_s: F64  # (N,) the times before; its own after a gap, in which nothing peaks
+    set_of: I64  # (N,)
+    is_touched: Bool  # (N,)
+
+    @classmethod
+    def of(cls, touches: Touches, memory: Memory) -> _Timeline:
+        """Timeline of touches that follow a memory."""
+        between, rows = touches.between, np.arange(len(touches))
+        order = np.argsort(np.concatenate([between.rows, rows]), kind="stable")
+        row_of = np.concatenate([between.rows, rows])[order]
+        times = np.concatenate([between.times_s, touches.times_s])[order]
+        before = np.concatenate([[memory.time_s], times[:-1]])
+        follows = (np.diff(row_of, prepend=-1) == 0) | _follows(touches, memory)[row_of]
+        is_between = np.ones(len(between.rows), np.bool_)
+        return cls(
+            np.flatnonzero(order >= len(between.rows)),
+            row_of,
+            times,
+            np.where(follows, before, times),
+            np.concatenate([between.set_of, touches.set_of])[order],
+            np.concatenate([is_between, touches.is_touched])[order],
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class _Ringing:
-    """Impacts over the times of touches, those of one moment together."""
+    """Impacts over the N moments of a timeline, those of one time together."""
 
     impacts: list[list[Impact]]  # of each filter
-    values: F64  # (n, F) of the filters; 0 where they are no impacts
-    rings: Bool  # (n,)
-    energies: dict[float, F64]  # (n,) the sum of all that began at a time
-    ends: dict[float, Bool]  # (n,) whether all of these are over
+    values: F64  # (N, F) of the filters; 0 where they are no impacts
+    rings: Bool  # (N,)
+    energies: dict[float, F64]  # (N,) the sum of all that began at a time
+    ends: dict[float, Bool]  # (N,) whether all of these are over
+    is_loud: Bool  # (n,) samples before which moments count
 
 
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
     """Samples of touches that follow a memory, and the memory after them."""
     filters = touches.filters
-    ringing = _ringing(touches, memory)
-    values = _held_values(touches, memory, ringing.rings)
+    line = _Timeline.of(touches, memory)
+    begins = _begins(touches, memory)
+    ringing = _ringing(touches, memory, line, begins)
+    values = _held_values(touches, memory, ringing.rings[line.samples])[line.row_of]
     multiplies = False
     for f, each in enumerate(filters):
         if each.kind is FilterKind.IMPACT:
             values[:, f] = ringing.values[:, f]
             multiplies |= each.operation is Operation.MULTIPLY
-    influences = touches.controls[:, :, 0]
+        elif each.kind is FilterKind.PROXIMITY:
+            values[line.is_touched, f] = 1.0
+    influences = touches.controls[line.row_of, :, 0]
     starts = ringing.rings & multiplies
-    response = folded(filters, (touches.is_touched | starts).astype(np.float64), values, influences)
+    response = folded(filters, (line.is_touched | starts).astype(np.float64), values, influences)
     response[response < LEAST] = 0.0
     for f, each in enumerate(filters):
         if each.kind is FilterKind.PROXIMITY:
@@ -106,10 +148,12 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
     left = folded(filters, starts.astype(np.float64), values, influences)
     # What rings is felt at most as strongly as what is touched; both are multiplied by a level.
     shares = np.divide(left, response, out=np.zeros(len(left)), where=response > 0.0)
-    is_felt = response * touches.levels > 0.0
-    is_felt &= (touches.set_of >= 0) | ringing.rings  # without a set of its own, only ringing is
-    sets, held = _held_sets(touches, memory, ringing, np.minimum(shares, 1.0), is_felt)
-    run = _run(touches, np.flatnonzero(is_felt), sets, response)
+    levels = response * touches.levels[line.row_of]
+    levels[(line.set_of < 0) & ~ringing.rings] = 0.0  # without a set of its own, only ringing is
+    shares = np.where(ringing.rings & (levels > 0.0), np.minimum(shares, 1.0), 0.0)
+    held = _Held(touches, memory, line, ringing, shares, levels)
+    felt = [held.next(k, begins=bool(begins[k])) for k in range(len(touches))]
+    run = _run(touches, felt)
     touched = np.flatnonzero(touches.is_touched)
     now = float(touches.times_s[-1])
     impacts = tuple(
@@ -121,22 +165,23 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
         index=int(touches.indices[-1]),
         time_s=now,
         was_touched=bool(touches.is_touched[-1]),
+        touched_s=max(memory.touched_s, float(line.times_s[line.is_touched].max(initial=-np.inf))),
+        left=held.left,
         impacts=impacts,
         values=touches.values[touched[-1]] if len(touched) else memory.values,
-        held=tuple(each for each in held.items() if each[0] in begun),
+        held=tuple(each for each in held.sets.items() if each[0] in begun),
     )
 
 
-def _ringing(touches: Touches, memory: Memory) -> _Ringing:
-    impacts = _with_new_impacts(touches, memory)
-    times = touches.times_s
-    before = np.concatenate([[memory.time_s], times[:-1]])
-    indices = np.concatenate([[memory.index], touches.indices[:-1]])
-    before = np.where(indices == touches.indices - 1, before, times)  # nothing peaks in a gap
-    rings = np.zeros(len(touches), np.bool_)
-    values = np.zeros((len(touches), len(impacts)))
+def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) -> _Ringing:
+    impacts = _with_new_impacts(touches, memory, begins)
+    times, before = line.times_s, line.before_s
+    rings = np.zeros(len(times), np.bool_)
+    values = np.zeros((len(times), len(impacts)))
     energies: dict[float, F64] = {}
     ends: dict[float, Bool] = {}
+    is_loud = begins.copy()
+    since = np.concatenate([[memory.time_s], touches.times_s[:-1]])
     for f, each in enumerate(impacts):
         for impact in each:
             value, felt = impact.envelope(times, before), impact.rings(times, before)
@@ -145,12 +190,12 @@ def _ringing(touches: Touches, memory: Memory) -> _Ringing:
             rings |= felt
             energies[impact.time_s] = energies.get(impact.time_s, 0.0) + value
             ends[impact.time_s] = ends.get(impact.time_s, np.True_) & is_over
-    return _Ringing(impacts, values, rings, energies, ends)
+            is_loud |= (since >= impact.time_s) & (since < impact.loud_until_s)
+    return _Ringing(impacts, values, rings, energies, ends, is_loud)
 
 
-def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
+def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[list[Impact]]:
     """Impacts of each filter: old ones that may still ring, and new ones."""
-    begins = _begins(touches, memory)
     known = memory.impacts or ((),) * len(touches.filters)
     impacts = [list(each) for each in known]
     for f, each in enumerate(touches.filters):
@@ -163,12 +208,29 @@ def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
     return impacts
 
 
-def _begins(touches: Touches, memory: Memory) -> Bool:
-    """Times (n,) since the sample before which an impact began."""
+def _follows(touches: Touches, memory: Memory) -> Bool:
+    """Samples (n,) that follow the one before them at once."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
+    follows: Bool = before == touches.indices - 1
+    return follows
+
+
+def _begins(touches: Touches, memory: Memory) -> Bool:
+    """Samples (n,) since the one before which an impact began."""
+    if not any(each.kind is FilterKind.IMPACT for each in touches.filters):
+        return np.zeros(len(touches), np.bool_)
+    between = touches.between
     was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
-    begins: Bool = touches.is_touched & ~was_touched & (before == touches.indices - 1)
-    return begins & (touches.speeds_m_s > 0.0)
+    is_touched = touches.is_touched.copy()
+    is_touched[between.rows] = True
+    begins = is_touched & ~was_touched & _follows(touches, memory) & (touches.speeds_m_s > 0.0)
+    last = np.full(len(touches), -np.inf)
+    last[between.rows] = between.times_s  # the last of each sample counts
+    last[touches.is_touched] = touches.times_s[touches.is_touched]
+    last = np.maximum.accumulate(np.concatenate([[memory.touched_s], last[:-1]]))
+    for k in np.flatnonzero(begins).tolist():
+        begins[k] = _onset_s(touches, k) - last[k] > touches.resumes_s
+    return begins
 
 
 def _onset_s(touches: Touches, k: int) -> float:
@@ -198,45 +260,109 @@ def _last(holds: Bool) -> I64:
     return places
 
 
-def _held_sets(
-    touches: Touches, memory: Memory, ringing: _Ringing, shares: F64, is_felt: Bool
-) -> tuple[list[WeightedSet | None], dict[float, WeightedSet]]:
-    """Sets of all times, with what rings on, ``shares`` (n,) as strongly; and what is held after.
+class _Held:
+    """Weights that impacts keep, and what is felt of them, sample by sample."""
 
-    Each impact is felt where it was: the weights of several are averaged by their envelopes.
-    """
-    held = dict(memory.held)
-    begins = _begins(touches, memory) & any(
-        each.kind is FilterKind.IMPACT for each in touches.filters
-    )
-    sets: list[WeightedSet | None] = []
-    merged = -1  # the last set that all impacts hold already
-    last: tuple[int, WeightedSet | None] = -1, None
-    for k, own in enumerate(touches.set_of.tolist()):
-        if begins[k]:
-            held[_onset_s(touches, k)] = np.zeros(0, np.int32), np.zeros(0, np.float32)
-            merged = -1
-        if held:
-            peak = -1 if touches.peak_of is None else int(touches.peak_of[k])
-            for j in (own if touches.is_touched[k] else -1, peak):
-                if j < 0 or j == merged:
-                    continue
-                held = {time: _merged(each, _set(touches, j)) for time, each in held.items()}
-            merged = own if touches.is_touched[k] else merged
-            held = {time: each for time, each in held.items() if not ringing.ends[time][k]}
-        if own != last[0]:
-            last = own, _set(touches, own) if own >= 0 else None
-        now = last[1]
-        if held and ringing.rings[k] and is_felt[k] and shares[k] > 0.0:
-            energies = [float(ringing.energies[time][k]) for time in held]
-            now = _together(now, list(held.values()), energies, float(shares[k]))
-        sets.append(now)
-    return sets, held
+    def __init__(
+        self,
+        touches: Touches,
+        memory: Memory,
+        line: _Timeline,
+        ringing: _Ringing,
+        shares: F64,
+        levels: F64,
+    ) -> None:
+        self.sets = dict(memory.held)  # by the time at which impacts began
+        self.left = memory.left
+        self._touches, self._line, self._ringing = touches, line, ringing
+        self._shares, self._levels = shares, levels  # (N,)
+        self._merged = -1  # the last set that all impacts hold already
+        self._own: tuple[int, WeightedSet | None] = -1, None
+        if len(touches) and not _follows(touches, memory)[0]:
+            self.left = None
+
+    def next(self, k: int, *, begins: bool) -> tuple[float, WeightedSet] | None:
+        """Level and weights of the sample ``k``, what was stronger before it included.
+
+        Each impact is felt where it was: the weights of several are averaged by their envelopes.
+        """
+        line, ringing = self._line, self._ringing
+        place = int(line.samples[k])
+        first = int(line.samples[k - 1]) + 1 if k else 0
+        if begins:
+            onset = _onset_s(self._touches, k)
+            self.sets[onset] = np.zeros(0, np.int32), np.zeros(0, np.float32)
+            self._merged = -1
+        strongest = None
+        if self.sets and first < place and ringing.is_loud[k]:
+            strongest = self._between(first, place)
+        own = int(line.set_of[place])
+        if self.sets and line.is_touched[place] and own != self._merged:
+            now = self._touches.weighted_set(own)
+            self.sets = {time: _merged(each, now) for time, each in self.sets.items()}
+            self._merged = own
+        if own != self._own[0]:
+            self._own = own, self._touches.weighted_set(own) if own >= 0 else None
+        weighted = self._own[1]
+        if self.sets:
+            over = [time for time in self.sets if ringing.ends[time][place]]
+            for time in over:
+                del self.sets[time]
+        if self.sets and self._shares[place] > 0.0:
+            energies = [float(ringing.energies[time][place]) for time in self.sets]
+            share = float(self._shares[place])
+            weighted = _together(weighted, list(self.sets.values()), energies, share)
+        level = float(self._levels[place])
+        self.left = None
+        if weighted is not None and len(weighted[0]) and level > 0.0:
+            self.left = level, weighted
+        return self.left if strongest is None else strongest
+
+    def _between(self, first: int, place: int) -> tuple[float, WeightedSet] | None:
+        """Strongest moments of each vertex before the sample at ``place``; None if none is inside.
+
+        Adds what was touched from ``first`` on to the weights that impacts keep.
+        """
+        line, ringing = self._line, self._ringing
+        numbers = line.set_of[first : place + 1].tolist()
+        own = [self._touches.weighted_set(j) if j >= 0 else None for j in numbers]
+        known = [each for each in (*own, *self.sets.values()) if each is not None]
+        if self.left is not None:
+            known.append(self.left[1])
+        vertices = np.unique(np.concatenate([each[0] for each in known]))
+        weights = np.stack([_spread(each, vertices) for each in own])
+        is_touched = line.is_touched[first : place + 1, None]
+        largest = np.maximum.accumulate(np.where(is_touched, weights, 0.0), axis=0)
+        sums, totals = np.zeros_like(largest), np.zeros((len(own), 1))
+        kept = largest
+        for time, before in self.sets.items():
+            kept = np.maximum(largest, _spread(before, vertices))
+            energies = ringing.energies[time][first : place + 1, None]
+            sums, totals = sums + energies * kept, totals + energies
+            is_kept = kept[-1] > 0.0
+            self.sets[time] = vertices[is_kept], kept[-1, is_kept].astype(np.float32)
+        rings = np.divide(sums, totals, out=kept.copy(), where=totals > 0.0)
+        rings *= self._shares[first : place + 1, None]
+        levels = self._levels[first : place + 1]
+        felt = levels[:, None] * np.maximum(weights, rings)
+        beside = felt[-1]
+        if self.left is not None:
+            beside = np.maximum(beside, self.left[0] * _spread(self.left[1], vertices))
+        peaks = felt[:-1].max(axis=0)
+        is_inside = peaks > _MORE * beside
+        if not is_inside.any():
+            return None
+        level = float(levels.max())
+        shown = np.minimum(np.where(is_inside, peaks, felt[-1]) / level, 1.0).astype(np.float32)
+        return level, (vertices[shown > 0.0], shown[shown > 0.0])
 
 
-def _set(touches: Touches, number: int) -> WeightedSet:
-    part = slice(int(touches.offsets[number]), int(touches.offsets[number + 1]))
-    return touches.vertices[part], touches.weights[part]
+def _spread(some: WeightedSet | None, vertices: I32) -> F64:
+    """Weights (V,) of vertices, all of the set among them; 0 for others."""
+    weights = np.zeros(len(vertices))
+    if some is not None:
+        weights[np.searchsorted(vertices, some[0])] = some[1]
+    return weights
 
 
 def _merged(one: WeightedSet, other: WeightedSet) -> WeightedSet:
@@ -269,19 +395,20 @@ def _together(
     return (vertices, weights) if is_felt.all() else (vertices[is_felt], weights[is_felt])
 
 
-def _run(
-    touches: Touches, felt: I64, sets: list[WeightedSet | None], response: F64
-) -> SampleRun | None:
+def _run(touches: Touches, felt: list[tuple[float, WeightedSet] | None]) -> SampleRun | None:
+    """Samples of all times at which anything is felt."""
     chosen: list[WeightedSet] = []
     numbers: list[int] = []
+    levels: list[float] = []
     rows: list[int] = []
-    for k in felt.tolist():
-        found = sets[k]
-        if found is None or not len(found[0]):
+    for k, sample in enumerate(felt):
+        if sample is None:
             continue
-        if not chosen or not _equal(chosen[-1], found):
-            chosen.append(found)
+        level, weighted = sample
+        if not chosen or not _equal(chosen[-1], weighted):
+            chosen.append(weighted)
         numbers.append(len(chosen) - 1)
+        levels.append(level)
         rows.append(k)
     if not rows:
         return None
@@ -289,7 +416,7 @@ def _run(
         stream=touches.stream,
         indices=touches.indices[rows],
         times_s=touches.times_s[rows],
-        levels=touches.levels[rows] * response[rows],
+        levels=np.array(levels),
         parameters=touches.parameters[rows],
         sets=np.array(numbers, np.int64),
         offsets=np.concatenate([[0], np.cumsum([len(v) for v, _ in chosen])]).astype(np.int64),

@@ -29,6 +29,27 @@ from ..volume.nearest_surface import distances_m
 from ..volume.placing_matrix import inverse_placement, world_bounds
 from .paths import Path
 
+WeightedSet = tuple[I32, F32]
+"""Vertices, ascending, and their weights."""
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """Moments between samples at which skin is touched, in the order of time."""
+
+    rows: I64  # (m,) of the samples after them
+    times_s: F64  # (m,)
+    set_of: I64  # (m,)
+
+    def part(self, rows: slice) -> Between:
+        """Moments before some of the samples."""
+        first, last = np.searchsorted(self.rows, [rows.start, rows.stop]).tolist()
+        mine = slice(first, last)
+        return Between(self.rows[mine] - rows.start, self.times_s[mine], self.set_of[mine])
+
+
+_NOTHING: Final = Between(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
+
 
 @dataclass(frozen=True, eq=False)
 class Touches:
@@ -53,7 +74,8 @@ class Touches:
     vertices: I32  # (total,) ascending within a set
     weights: F32  # (total,) in (0, 1]
     onsets_s: F64 | None = None  # (n,) when a touch began since the sample before, else NaN
-    peak_of: I64 | None = None  # (n,) set of the largest weights since then; -1: not looked for
+    between: Between = _NOTHING  # where impacts need them
+    resumes_s: float = 0.0  # a touch that begins so soon after the last one is no new impact
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -63,20 +85,17 @@ class Touches:
         columns = {
             name: getattr(self, name)[rows] for name in _COLUMNS if getattr(self, name) is not None
         }
-        return replace(self, **columns)
+        return replace(self, **columns, between=self.between.part(rows))
 
-    def set_of_row(self, k: int) -> tuple[I32, F32] | None:
-        """Vertices of the k-th time, and their weights; None if it is not touched."""
-        j = int(self.set_of[k])
-        if j < 0 or not self.is_touched[k]:
-            return None
-        part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
+    def weighted_set(self, number: int) -> WeightedSet:
+        """Vertices of a set, and their weights."""
+        part = slice(int(self.offsets[number]), int(self.offsets[number + 1]))
         return self.vertices[part], self.weights[part]
 
 
 _COLUMNS: Final = (
     *("indices", "times_s", "levels", "parameters", "controls", "values", "is_touched"),
-    *("speeds_m_s", "set_of", "onsets_s", "peak_of"),
+    *("speeds_m_s", "set_of", "onsets_s"),
 )
 """Fields of :class:`Touches` with a row for each time."""
 
@@ -220,23 +239,27 @@ class Moments:
         inverses = np.zeros_like(matrices)
         inverses[some], usable = inverse_placement(matrices[some])
         candidates[some[~usable]] = False
-        found: dict[int, list[tuple[I32, F64]]] = {}
+        found: list[tuple[I64, I32, F64]] = []
         for cluster in np.flatnonzero(candidates.any(axis=0)).tolist():
             mine = np.flatnonzero(candidates[:, cluster])
             world = self.places.of(cluster)[:, at[mine]]
             local = np.einsum("nij,jnv->inv", inverses[mine, :3, :3], world)
             local += inverses[mine, :3, 3].T[:, :, None]
             near = proximity_value(self._distances(mine, local, matrices), controls[mine])
-            is_near = near > 0.0
-            for i in np.flatnonzero(is_near.any(axis=1)).tolist():
-                vertices = self.skin.skin.clusters[cluster][is_near[i]].astype(np.int32)
-                found.setdefault(int(mine[i]), []).append((vertices, near[i, is_near[i]]))
-        for k, parts in found.items():
-            vertices, near = (np.concatenate(each) for each in zip(*parts, strict=True))
-            order = np.argsort(vertices, kind="stable")
-            peak = 1.0 if is_touched[k] else float(near.max())
+            i, v = np.nonzero(near > 0.0)
+            vertices = self.skin.skin.clusters[cluster][v].astype(np.int32)
+            found.append((mine[i], vertices, near[i, v]))
+        if not found:
+            return nearness
+        rows, ids, near = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.lexsort((ids, rows))
+        rows, ids, near = rows[order], ids[order], near[order]
+        ends = np.searchsorted(rows, np.arange(len(self.rows) + 1))
+        for k in np.unique(rows).tolist():
+            part = slice(int(ends[k]), int(ends[k + 1]))
+            peak = 1.0 if is_touched[k] else float(near[part].max())
             nearness[k] = max(nearness[k], peak)
-            sets[k] = strongest(sets.get(k), vertices[order], near[order] / peak)
+            sets[k] = strongest(sets.get(k), ids[part], near[part] / peak)
         return nearness
 
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
@@ -296,12 +319,11 @@ def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tup
     """Union of two weighted sets of vertices, with the larger weight of each."""
     if known is None:
         return vertices, weights
-    together = np.union1d(known[0], vertices).astype(np.int32)
-    largest = np.zeros(len(together))
-    for ids, values in (known, (vertices, weights)):
-        at = np.searchsorted(together, ids)
-        largest[at] = np.maximum(largest[at], values)
-    return together, largest
+    ids = np.concatenate([known[0], vertices])
+    order = np.argsort(ids, kind="stable")
+    ids, values = ids[order], np.concatenate([known[1], weights])[order]
+    first = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]]))
+    return ids[first], np.maximum.reduceat(values, first) if len(first) else values
 
 
 def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:

@@ -21,6 +21,9 @@ from ..arrays import F64, Bool
 SILENCE: Final = 1e-3
 """An impact's envelope has ended when it has fallen to this share of its peak."""
 
+LOUD: Final = 4.0
+"""Sums of attack and decay after which an envelope is below a fiftieth of its peak."""
+
 _SAME: Final = 1e-6  # relative difference of time constants that count as one
 _EQUAL_ENDS: Final = 12.0  # time constants; t e^(1 - t) is 2e-4 there, and others end sooner
 
@@ -38,6 +41,11 @@ class Impact:
     def ends_s(self) -> float:
         """End of the impact's decay, seconds."""
         return self.time_s + duration_s(self.attack_s, self.decay_s)
+
+    @property
+    def loud_until_s(self) -> float:
+        """Time until which moments between samples matter, seconds."""
+        return self.time_s + LOUD * (self.attack_s + self.decay_s)
 
     @property
     def peaks_s(self) -> float:

@@ -200,8 +200,11 @@ def test_impacts_add_up_and_stay_within_full_strength() -> None:
     levels = _levels(_felt(stack, heights))
     once = _levels(_felt(stack))
     second = int(np.flatnonzero(np.diff(levels) > 0.1)[-1]) + 1
-    assert second > 12
-    assert levels[second] == pytest.approx(once[second] + 0.5, abs=1e-6)
+    assert second == 23
+    began_s = 0.1 + (0.3 - 0.05) / SPEED_M_S  # 0.225 s: the ball's lowest point is on the skin
+    assert levels[second] == pytest.approx(0.5 * np.exp(-(began_s - ONSET_S) / 0.3) + 0.5, abs=1e-4)
+    after = 0.5 * np.exp(-(0.24 - began_s) / 0.3)
+    assert levels[24] == pytest.approx(once[24] + after, abs=1e-4)
 
 
 def test_what_is_inside_when_an_effect_begins_does_not_hit() -> None:
