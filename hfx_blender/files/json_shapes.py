@@ -490,4 +490,5 @@ def read(path: Path, most_bytes: int = MAX_OWN_BYTES) -> Node:
 
 def node_of(content: bytes, name: str, most_bytes: int = MAX_OWN_BYTES) -> Node:
     """:func:`read` for bytes that are no file; messages call them by ``name``."""
-    return Node(parse(content, name, most_bytes, MAX_OWN_DEPTH), name)
+    document = parse(content, name, most_bytes, MAX_OWN_DEPTH, has_file_names=True)
+    return Node(document, name)

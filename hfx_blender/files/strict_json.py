@@ -40,9 +40,17 @@ def shown_place(place: Place) -> str:
 
 
 def parse(
-    content: bytes, name: str, most_bytes: int | None = None, most_depth: int | None = None
+    content: bytes,
+    name: str,
+    most_bytes: int | None = None,
+    most_depth: int | None = None,
+    *,
+    has_file_names: bool = False,
 ) -> Any:
     """Parse a JSON document; numbers are finite, keys are there once. A byte order mark may be.
+
+    Texts may have halves of surrogate pairs only with ``has_file_names``: so Python names files
+    whose names are not UTF-8.
 
     Raises
     ------
@@ -59,7 +67,7 @@ def parse(
         raise InputError(f"{name}: is nested deeper than {most_depth}, the most that is allowed.")
     try:
         value = json.loads(text, **_STRICT)
-        if _HALF_PAIR.search(text):
+        if not has_file_names and _HALF_PAIR.search(text):
             encoded(value)
         return value
     except UnicodeEncodeError:

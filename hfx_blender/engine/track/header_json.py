@@ -4,12 +4,26 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from fractions import Fraction
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
+from ...errors import InputError
+from ...files.json_shapes import (
+    Anything,
+    Flag,
+    Items,
+    Node,
+    Number,
+    Record,
+    Row,
+    Shape,
+    Table,
+    Text,
+    tagged,
+)
+from ...files.strict_json import parse
 from ..modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
 from ..samples import Stream
 from ..scene import Clip, EffectKind, TimeBase
@@ -72,6 +86,66 @@ def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
         raise ValueError(f"the header of a track holds JSON values only: {error}") from error
 
 
+_TEXT: Final = Text()
+_WHOLE: Final = Number(is_whole=True)
+_FRACTION: Final = Row((Number(1, is_whole=True),) * 2)
+_ANY: Final = Table(Anything())
+
+
+def _record(members: Mapping[str, Shape], into: Callable[..., Any] = dict) -> Record:
+    return Record(members, unknown="ignore", into=into)
+
+
+_CLIP: Final = _record({"name": _TEXT, "frame_start": Number(), "frame_end": Number()}, Clip)
+_EFFECT: Final[Mapping[str, Shape]] = {
+    **dict.fromkeys(("id", "name", "modality", "model_id"), _TEXT),
+    "is_contact": Flag(),
+    "clips": Items(_CLIP),
+}
+_MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
+    "painted": {"painted_vertices": _WHOLE},
+    "actuators": {"device_id": _TEXT, "actuators": Items(_TEXT)},
+}
+"""Members of one kind of effect."""
+
+
+def _header(version: int) -> Record:
+    kinds: dict[str, Record] = {
+        kind: _record({**_EFFECT, **_MEMBERS.get(kind, {})}, TrackEffect)
+        for kind in _KINDS[version]
+    }
+    return _record(
+        {
+            "effects": Items(tagged("kind", kinds)),
+            "modalities": _ANY,
+            "time": _record(
+                {
+                    **dict.fromkeys(("fps", "rate_hz"), _FRACTION),
+                    **dict.fromkeys(
+                        ("scene_start", "frame_first", "frame_last", "sample_count"), _WHOLE
+                    ),
+                }
+            ),
+            "models": Items(
+                _record(
+                    {
+                        **dict.fromkeys(("id", "modality", "content_hash"), _TEXT),
+                        "vertex_count": _WHOLE,
+                    },
+                    TrackModel,
+                )
+            ),
+            "bodies": Items(_record({"id": _TEXT, "name": _TEXT}, TrackBody)),
+            "streams": Items(_record({"effect_id": _TEXT, "body_id": _TEXT})),
+            **dict.fromkeys(("source", "settings", "tools", "encoding"), _ANY),
+            "warnings": Items(_TEXT),
+        }
+    )
+
+
+_BEGIN: Final = _record({"format": Text((FORMAT,)), "version": _WHOLE})
+
+
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
     """Parse the header and its ``encoding`` from :func:`to_json` text.
 
@@ -80,87 +154,47 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
     ValueError
         It is not such JSON; the message says where.
     """
-    content = parse_json(text)
-    if get(content, "format", str) != FORMAT:
-        raise ValueError(f"'format' is '{content['format']:.40}', expected '{FORMAT}'")
-    version = get(content, "version", int)
+    document = parse_json(text, "header")
+    version = value_in(document, _BEGIN, "header")["version"]
     if version not in _KINDS:
         raise ValueError(f"it has version {version}, this program reads up to version {VERSION}")
-    effects = tuple(
-        _effect_from_json(item, _KINDS[version]) for item in get(content, "effects", list)
-    )
-    modalities = get(content, "modalities", dict)
+    content = value_in(document, _header(version), "header")
+    effects: tuple[TrackEffect, ...] = content["effects"]
     for name in {effect.modality for effect in effects}:
-        if name not in MODALITIES or modalities.get(name) != _modality_to_json(name):
+        if name not in MODALITIES or content["modalities"].get(name) != _modality_to_json(name):
             raise ValueError(f"modality '{name:.40}' is not known with these parameters")
     effect_by_id = {effect.id: effect for effect in effects}
-    time = get(content, "time", dict)
+    time: dict[str, Any] = content["time"]
+    count = time.pop("sample_count")
+    fps, rate_hz = Fraction(*time.pop("fps")), Fraction(*time.pop("rate_hz"))
     header = TrackHeader(
-        time=TimeBase(
-            fps=_fraction(time, "fps"),
-            rate_hz=_fraction(time, "rate_hz"),
-            scene_start=get(time, "scene_start", int),
-            frame_first=get(time, "frame_first", int),
-            frame_last=get(time, "frame_last", int),
-        ),
-        models=tuple(
-            TrackModel(
-                id=get(item, "id", str),
-                modality=get(item, "modality", str),
-                content_hash=get(item, "content_hash", str),
-                vertex_count=get(item, "vertex_count", int),
-            )
-            for item in get(content, "models", list)
-        ),
-        bodies=tuple(
-            TrackBody(get(item, "id", str), get(item, "name", str))
-            for item in get(content, "bodies", list)
-        ),
+        time=TimeBase(fps, rate_hz, **time),
         effects=effects,
-        streams=tuple(
-            _stream_from_json(item, effect_by_id) for item in get(content, "streams", list)
-        ),
-        source=get(content, "source", dict),
-        settings=get(content, "settings", dict),
-        tools=get(content, "tools", dict),
-        warnings=tuple(texts(get(content, "warnings", list), "warnings")),
+        streams=tuple(_stream(**each, effects=effect_by_id) for each in content["streams"]),
+        **{
+            key: content[key]
+            for key in ("models", "bodies", "source", "settings", "tools", "warnings")
+        },
     )
-    if get(time, "sample_count", int) != header.time.sample_count:
+    if count != header.time.sample_count:
         raise ValueError(f"'sample_count' is not {header.time.sample_count}")
-    return header, get(content, "encoding", dict)
+    return header, content["encoding"]
 
 
-_Kind = TypeVar("_Kind")
-
-
-def get(item: Any, key: str, kind: type[_Kind]) -> _Kind:
-    """Get a member of a JSON object that must have exactly this type."""
-    if not isinstance(item, dict) or key not in item:
-        raise ValueError(f"'{key}' is missing")
-    value = item[key]
-    if type(value) is not kind:
-        raise ValueError(f"'{key}' is a {type(value).__name__}, expected a {kind.__name__}")
-    return value
-
-
-def parse_json(text: bytes) -> Any:
-    """Parse JSON without non-standard constants, and not too deep.
-
-    Raises
-    ------
-    ValueError
-    """
+def parse_json(text: bytes, name: str) -> Any:
+    """Parse strict JSON; raises ``ValueError``, whose message begins with a name."""
     try:
-        return json.loads(text, parse_constant=_finite, parse_float=_finite)
-    except RecursionError:
-        raise ValueError("JSON that is nested too deeply") from None
+        return parse(text, name, has_file_names=True)
+    except InputError as error:
+        raise ValueError(str(error).rstrip(".")) from None
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"the number {text} is not finite")
-    return value
+def value_in(document: Any, shape: Shape, name: str) -> Any:
+    """Value of a shape in a parsed document; raises ``ValueError`` for the first fault."""
+    try:
+        return Node(document, name).read(shape)
+    except InputError as error:
+        raise ValueError(str(error).rstrip(".")) from None
 
 
 def _modality_to_json(name: str) -> dict[str, Any]:
@@ -186,51 +220,8 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
     return content
 
 
-def _effect_from_json(item: Any, kinds: tuple[EffectKind, ...]) -> TrackEffect:
-    found = get(item, "kind", str)
-    kind = next((each for each in kinds if each == found), None)
-    if kind is None:
-        raise ValueError(f"'kind' is '{found:.40}', expected one of {', '.join(kinds)}")
-    is_driven = kind == "actuators"
-    return TrackEffect(
-        id=get(item, "id", str),
-        name=get(item, "name", str),
-        modality=get(item, "modality", str),
-        kind=kind,
-        model_id=get(item, "model_id", str),
-        is_contact=get(item, "is_contact", bool),
-        clips=tuple(
-            Clip(
-                get(clip, "name", str),
-                get(clip, "frame_start", float),
-                get(clip, "frame_end", float),
-            )
-            for clip in get(item, "clips", list)
-        ),
-        painted_vertices=get(item, "painted_vertices", int) if kind == "painted" else None,
-        device_id=get(item, "device_id", str) if is_driven else None,
-        actuators=tuple(texts(get(item, "actuators", list), "actuators")) if is_driven else (),
-    )
-
-
-def _stream_from_json(item: Any, effects: Mapping[str, TrackEffect]) -> Stream:
-    effect_id = get(item, "effect_id", str)
+def _stream(effect_id: str, body_id: str, effects: Mapping[str, TrackEffect]) -> Stream:
     if effect_id not in effects:
         raise ValueError(f"a stream names effect '{effect_id:.40}', which is not there")
     effect = effects[effect_id]
-    return Stream(effect_id, get(item, "body_id", str), effect.modality, effect.model_id)
-
-
-def _fraction(item: Any, key: str) -> Fraction:
-    pair = get(item, key, list)
-    if len(pair) != 2 or any(type(part) is not int or part <= 0 for part in pair):
-        raise ValueError(f"'{key}' is not two positive whole numbers")
-    return Fraction(*pair)
-
-
-def texts(items: list[Any], name: str) -> Iterable[str]:
-    """Yield the items of a list that may hold text only."""
-    for item in items:
-        if not isinstance(item, str):
-            raise ValueError(f"'{name}' holds something that is not text")
-        yield item
+    return Stream(effect_id, body_id, effect.modality, effect.model_id)

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Any, Final
 
+from ...files.json_shapes import Items, Number, Record, Text
 from .codec import CHANNELS
-from .header_json import get, parse_json, texts
+from .header_json import parse_json, value_in
 
 HEADER: Final = "header.json"
 INDEX: Final = "index.json"
@@ -54,6 +56,41 @@ class StreamIndex:
         self.channels = tuple(name for name in CHANNELS if name in both)
 
 
+_INDEX: Final = Record(
+    {
+        "chunks": Items(Number(is_whole=True), order="ascending"),
+        "streams": Items(
+            Record(
+                {
+                    **dict.fromkeys(("first", "last"), Number(is_whole=True)),
+                    **dict.fromkeys(("samples", "entries"), Number(0, is_whole=True)),
+                    "peak_level": Number(0.0, 1.0),
+                    "channels": Items(Text(tuple(CHANNELS))),
+                },
+                unknown="ignore",
+                into=StreamIndex,
+            )
+        ),
+    },
+    unknown="ignore",
+)
+
+
+_STORAGE: Final = Record(
+    {
+        "samples_per_chunk": Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
+        "weights": Text((WEIGHTS_BYTE, WEIGHTS_FULL)),
+    },
+    unknown="ignore",
+)
+
+
+def storage_of(encoding: Mapping[str, Any]) -> dict[str, Any]:
+    """``samples_per_chunk`` and ``weights`` of a header's encoding; ``ValueError`` for others."""
+    found: dict[str, Any] = value_in(encoding, _STORAGE, "encoding")
+    return found
+
+
 def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
     """The index as UTF-8 JSON."""
     content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
@@ -68,24 +105,6 @@ def decode_index(text: bytes) -> tuple[list[int], list[StreamIndex]]:
     ValueError
         It is not such JSON.
     """
-    content = parse_json(text)
-    chunks = get(content, "chunks", list)
-    if any(type(chunk) is not int for chunk in chunks) or sorted(set(chunks)) != chunks:
-        raise ValueError("the chunks of the index are not ascending whole numbers")
-    streams = [
-        StreamIndex(
-            samples=get(item, "samples", int),
-            first=get(item, "first", int),
-            last=get(item, "last", int),
-            entries=get(item, "entries", int),
-            peak_level=get(item, "peak_level", float),
-            channels=tuple(texts(get(item, "channels", list), "channels")),
-        )
-        for item in get(content, "streams", list)
-    ]
-    for stream in streams:
-        if any(channel not in CHANNELS for channel in stream.channels):
-            raise ValueError("the index names unknown channels")
-        if min(stream.samples, stream.entries) < 0 or not 0.0 <= stream.peak_level <= 1.0:
-            raise ValueError("a number of the index is out of range")
-    return chunks, streams
+    document = parse_json(text, "index")
+    content = value_in(document, _INDEX, "index")
+    return list(content["chunks"]), list(content["streams"])

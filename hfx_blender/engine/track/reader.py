@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, NoReturn, Self, TypeVar
+from typing import Final, NoReturn, Self, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
-from .header_json import from_json, get
+from .header_json import from_json
 
 _ENCRYPTED: Final = 0x1  # of a ZIP entry's flags
 
@@ -81,8 +81,9 @@ class TrackReader:
                 self._fail(f"it has no {layout.HEADER}")
             header = self._entry(layout.HEADER, layout.MAX_JSON_BYTES)
             self.header, encoding = self._parsed(from_json, header)
-            self.samples_per_chunk = self._parsed(_samples_per_chunk, encoding)
-            self.full_precision = self._parsed(_full_precision, encoding)
+            storage = self._parsed(layout.storage_of, encoding)
+            self.samples_per_chunk: int = storage["samples_per_chunk"]
+            self.full_precision: bool = storage["weights"] == layout.WEIGHTS_FULL
             index = self._entry(layout.INDEX, layout.MAX_JSON_BYTES)
             self.chunks, self.index = self._parsed(layout.decode_index, index)
             self._check_index()
@@ -315,17 +316,3 @@ class TrackReader:
     def _fail(self, reason: str) -> NoReturn:
         reason = textwrap.shorten(reason, 200)  # zipfile quotes file names, however long
         raise InputError(f"{self.path}: not a readable HapticTrack ({reason}).")
-
-
-def _samples_per_chunk(encoding: dict[str, Any]) -> int:
-    count = get(encoding, "samples_per_chunk", int)
-    if not 1 <= count <= layout.MAX_SAMPLES_PER_CHUNK:
-        raise ValueError(f"{count} samples in a chunk, at most {layout.MAX_SAMPLES_PER_CHUNK}")
-    return count
-
-
-def _full_precision(encoding: dict[str, Any]) -> bool:
-    weights = get(encoding, "weights", str)
-    if weights not in (layout.WEIGHTS_BYTE, layout.WEIGHTS_FULL):
-        raise ValueError(f"weights of the unknown type '{weights:.40}'")
-    return weights == layout.WEIGHTS_FULL
