@@ -52,6 +52,24 @@ def normals_of_another(skin: Any) -> Any:
     )(skin)
 
 
+def around(kind: str, target: str, bind: str = "") -> Callable[[Any], Any]:
+    """A deforming modifier with a box around the skin, bound to it or not."""
+
+    def add(skin: Any) -> Any:
+        box = in_scene(bpy.data.objects.new("Box", bpy.data.meshes.new("Box")))
+        corners = [(x, y, z) for z in (-0.1, 2.0) for y in (-0.6, 0.6) for x in (-1.2, 1.2)]
+        faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+        box.data.from_pydata(corners, [], faces)
+        added = modifier(kind, **{target: box})(skin)
+        if bind:
+            with bpy.context.temp_override(object=skin, active_object=skin):
+                getattr(bpy.ops.object, bind)(modifier=added.name)
+            assert added.is_bound
+        return added
+
+    return add
+
+
 def cage(skin: Any) -> Any:
     """A lattice that deforms nothing yet."""
     lattice = in_scene(bpy.data.objects.new("Cage", bpy.data.lattices.new("Cage")))
@@ -141,6 +159,8 @@ STAYS = {
     "store attribute": nodes("GeometryNodeStoreNamedAttribute"),
     "stubble": stubble,
     "frame beside": modifier("WIREFRAME", use_replace=False),
+    "mesh deform, not bound": around("MESH_DEFORM", "object"),
+    "surface deform, not bound": around("SURFACE_DEFORM", "target"),
 }
 """Modifiers that leave the skin where the armature puts it."""
 
@@ -149,6 +169,8 @@ MOVES = {
     "displace": modifier("DISPLACE", strength=0.02, mid_level=0.0),
     "smoothed away": modifier("SMOOTH", iterations=30),
     "lattice": cage,
+    "mesh deform": around("MESH_DEFORM", "object", "meshdeform_bind"),
+    "surface deform": around("SURFACE_DEFORM", "target", "surfacedeform_bind"),
     "shrinkwrap": ball,
     "cloth": modifier("CLOTH"),
     "wave": modifier("WAVE"),
