@@ -175,7 +175,7 @@ def replace_part(page: Path, name: str, content: str) -> None:
 
 def hfx(*arguments: str) -> str:
     """Run a command of hfx; what it says."""
-    command = [sys.executable, "-P", "-m", "hfx_blender.cli", *arguments]
+    command = [sys.executable, "-P", "-m", "hfx_blender", *arguments]
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 

@@ -208,7 +208,3 @@ def unregister() -> None:
 
         bpy.utils.unregister_cli_command(_blender_command)
         _blender_command = None
-
-
-if __name__ == "__main__":
-    main()

@@ -20,7 +20,7 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
-    """Command line in place of ``own_processes.command``."""
+    """Command line in place of ``start.command``."""
     if module == "devices.host.host":
         return processes.program(Path(__file__).read_text(encoding="utf-8"), *arguments)
     return of(module, *arguments)

@@ -25,7 +25,7 @@ def code(language: str) -> list[str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which ``hfx demo`` was run."""
     where = tmp_path_factory.mktemp("readme")
-    command = [sys.executable, "-m", "hfx_blender.cli", "demo", "--no-pictures"]
+    command = [sys.executable, "-m", "hfx_blender", "demo", "--no-pictures"]
     subprocess.run(command, cwd=where, check=True, capture_output=True)
     return where
 

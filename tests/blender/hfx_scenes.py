@@ -56,7 +56,7 @@ def process_without_litter(
 
 
 def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "hfx_blender.cli", *map(str, arguments)]
+    return [sys.executable, "-m", "hfx_blender", *map(str, arguments)]
 
 
 def environment() -> dict[str, str]:

@@ -320,18 +320,18 @@ for _ in range(2):
     assert not hasattr(bpy.types.Object, "hfx")
     bpy.ops.preferences.addon_enable(module=name)
 assert bpy.context.object.hfx.role == "EFFECT"
-from bl_ext.user_default.hfx_blender.processes import start as own_processes
+from bl_ext.user_default.hfx_blender.processes import start
 
 # Beside other extensions, of which some are named as modules of Python; so are wheels of theirs.
 strange, *kinds = sys.argv[2:]
-beside = Path(own_processes.__file__).parents[2]
+beside = Path(start.__file__).parents[2]
 wheels = Path(strange).parent / "site-packages"
 fill(beside)
 fill(wheels, only_known=True)
 sys.path.append(str(wheels))
 children = [
-    own_processes.start(
-        own_processes.command(kind),
+    start.start(
+        start.command(kind),
         {"PYTHONPROFILEIMPORTTIME": "1"},
         cwd=strange,
         stdin=subprocess.DEVNULL,

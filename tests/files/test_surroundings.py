@@ -108,7 +108,7 @@ def test_a_user_without_home_and_entry_can_validate(tmp_path: Path) -> None:
     for name in ("HOME", "XDG_DATA_HOME", "HFX_DEVICES", resources.BODY_MODELS_VARIABLE):
         variables.pop(name, None)
     done = subprocess.run(
-        [*nobody, sys.executable, "-P", "-m", "hfx_blender.cli", "validate", str(path)],
+        [*nobody, sys.executable, "-P", "-m", "hfx_blender", "validate", str(path)],
         env={**variables, "PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,

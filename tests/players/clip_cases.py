@@ -108,7 +108,7 @@ def cases(folder: Path, demos: Sequence[str] = DEMOS) -> Iterator[Case]:
         yield case_of(spec, folder)
     for name in demos:
         made = folder / f"demo_{name}"
-        command = [sys.executable, "-m", "hfx_blender.cli", "demo", "-o", str(made)]
+        command = [sys.executable, "-m", "hfx_blender", "demo", "-o", str(made)]
         command += ["--scene", name, "--no-pictures"]
         subprocess.run(command, check=True, capture_output=True)
         (path,) = made.glob("*.hfxtrack")

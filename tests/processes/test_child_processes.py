@@ -41,7 +41,7 @@ def test_all_kinds_of_children_are_tried() -> None:
         for path in package.rglob("*.py")
         if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
     }
-    of_people = {"__main__", "cli", "hfx_tools.demo.sensation_assets"}
+    of_people = {"__main__", "hfx_tools.demo.sensation_assets"}
     assert runs - of_people - {"processes.child"} == set(CHILDREN)
 
 

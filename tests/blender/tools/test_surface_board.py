@@ -23,7 +23,7 @@ LATIN = ("Gravel Metal Fabric Wood", "Fabric Wood Gravel Metal", "Wood Fabric Me
 @pytest.fixture(scope="module")
 def squares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("board")
-    command = [sys.executable, "-m", "hfx_blender.cli", "demo", "--scene", "surfaces", "--json"]
+    command = [sys.executable, "-m", "hfx_blender", "demo", "--scene", "surfaces", "--json"]
     done = subprocess.run([*command, "-o", str(folder)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     for device in ("phone_wide_band", "phone_lra"):
@@ -62,7 +62,7 @@ def test_every_square_is_played_by_both_phones_at_its_materials_frequency(square
 def test_hands_and_fingers_play_the_stroke(squares: Any, tmp_path: Path) -> None:
     _, folder = next(iter(squares.values()))
     devices = ("oculus_touch", "fingertips_left", "bhaptics_tactglove_left")
-    command = [sys.executable, "-m", "hfx_blender.cli", "export", str(folder / "board.blend")]
+    command = [sys.executable, "-m", "hfx_blender", "export", str(folder / "board.blend")]
     command += ["-o", str(tmp_path), "-f", "csv", "--frames", "0:20"]
     command += [part for device in devices for part in ("--device", device)]
     subprocess.run(command, check=True, capture_output=True)

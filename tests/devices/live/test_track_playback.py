@@ -74,7 +74,7 @@ def test_a_log_that_cannot_be_written_is_no_fault_of_a_device(
     log = tmp_path / "band.log"
     command = [*arguments(track, "--path", str(log)), "--to", kind]
     done = subprocess.run(
-        [sys.executable, "-m", "hfx_blender.cli", *command],
+        [sys.executable, "-m", "hfx_blender", *command],
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200)),
@@ -88,7 +88,7 @@ def test_ctrl_c_and_a_kill_end_in_silence(tmp_path: Path) -> None:
     track = written(tmp_path / "long.hfxtrack", 30.0, range(30 * RATE_HZ))
     for number in (signal.SIGINT, signal.SIGKILL):
         log = tmp_path / f"{number.name}.jsonl"
-        command = [sys.executable, "-m", "hfx_blender.cli", *arguments(track, "--path", str(log))]
+        command = [sys.executable, "-m", "hfx_blender", *arguments(track, "--path", str(log))]
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
         until(partial(sounds, log))
         process.send_signal(number)
