@@ -130,7 +130,7 @@ def digest(root: Path = ROOT) -> str:
 def is_current(library: Path, target: Target, root: Path = ROOT) -> bool:
     """Test that a file is the library of the present sources, for this target."""
     try:
-        return _mark(target, root).encode() in library.read_bytes()
+        return mark(target, root).encode() in library.read_bytes()
     except OSError:
         return False
 
@@ -211,7 +211,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             run = _Compiler(zig, target, work)
             header = work / "hfx_build.h"
             declared = json.dumps(interface(sources.files()))  # a string in C, too
-            told = f'#define HFX_BUILD "{_mark(target, root)}"\n#define HFX_INTERFACE {declared}\n'
+            told = f'#define HFX_BUILD "{mark(target, root)}"\n#define HFX_INTERFACE {declared}\n'
             header.write_text(told, encoding="utf-8")
             flags = [*_flags(sources.FOLDER), "-include", header.name, f"-I{sources.FOLDER}"]
             paths = [path for path in sources.files() if path.suffix == ".c"]
@@ -271,7 +271,7 @@ def _flags(folder: Path) -> list[str]:
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
 
 
-def _mark(target: Target, root: Path) -> str:
+def mark(target: Target, root: Path) -> str:
     """Mark of the library, by which it is recognised without being loaded."""
     return f"{_sources(root).MARK} {digest(root)} {target.zig} {target.processor}"
 

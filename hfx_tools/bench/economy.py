@@ -37,7 +37,7 @@ from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.shape import Falloff
 from hfx_blender.files.staging import temporary_folder
 
-_MODEL: Final = "hfx-vibration-1"
+MODEL_ID: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times
 _AWAY_M: Final = 5.0  # place of everything without contact
 _SHAPES: Final = (Sphere(), Cuboid(), Cylinder(), Capsule(0.75), Sphere())
@@ -54,11 +54,13 @@ def measure(
     """Plain data; Blender is needed for the demo only."""
     blocks = 1 if short else 4
     cases: dict[str, Callable[[], Callable[[], Engine]]] = {
-        "plain": lambda: _case(blocks, tolerance),
-        "twice the vertices": lambda: _case(blocks, tolerance, model=_doubled(load_model(_MODEL))),
-        "twice the volumes": lambda: _case(blocks, tolerance, idle_volumes=len(_SHAPES)),
-        "100 more volumes": lambda: _case(blocks, tolerance, idle_volumes=100),
-        "twice the bodies": lambda: _case(blocks, tolerance, idle_bodies=1),
+        "plain": lambda: evaluated_case(blocks, tolerance),
+        "twice the vertices": lambda: evaluated_case(
+            blocks, tolerance, model=doubled_model(load_model(MODEL_ID))
+        ),
+        "twice the volumes": lambda: evaluated_case(blocks, tolerance, idle_volumes=len(_SHAPES)),
+        "100 more volumes": lambda: evaluated_case(blocks, tolerance, idle_volumes=100),
+        "twice the bodies": lambda: evaluated_case(blocks, tolerance, idle_bodies=1),
     }
     made = {name: make() for name, make in cases.items()}
     seconds: dict[str, list[float]] = {name: [] for name in made}
@@ -82,7 +84,7 @@ def measure(
     ]
     live = _live(tolerance, short)
     progress(1.0)
-    return {"cases": rows, "live": live, "model": _MODEL, "tolerance": tolerance.name}
+    return {"cases": rows, "live": live, "model": MODEL_ID, "tolerance": tolerance.name}
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -103,7 +105,7 @@ def as_text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _case(
+def evaluated_case(
     blocks: int,
     tolerance: Tolerance,
     *,
@@ -111,7 +113,8 @@ def _case(
     idle_volumes: int = 0,
     idle_bodies: int = 0,
 ) -> Callable[[], Engine]:
-    model = model or load_model(_MODEL)
+    """Function that evaluates blocks of a moving body and volumes, and returns the engine."""
+    model = model or load_model(MODEL_ID)
     effects = tuple(
         EffectDescription(f"v{k}", f"v{k}", "vibration", model.id, HapticVolume(Falloff()))
         for k in range(len(_SHAPES) + idle_volumes)
@@ -164,7 +167,7 @@ def _block(number: int, bones: int, idle_volumes: int, idle_bodies: int) -> Anim
     return AnimationBlock(indices, tuple(effects), tuple(poses))
 
 
-def _doubled(model: PerceptualModel) -> PerceptualModel:
+def doubled_model(model: PerceptualModel) -> PerceptualModel:
     """Model with a copy of itself beside it, far from every volume.
 
     The copy's parts have labels of their own: the model stays in the clusters that it had.

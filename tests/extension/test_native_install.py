@@ -66,7 +66,7 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     def build(target: Any, folder: Path, zig: Path, root: Path) -> Path:
         folders.append(folder)
         path = folder / target.library
-        path.write_text(native_build._mark(target, root))
+        path.write_text(native_build.mark(target, root))
         return path
 
     monkeypatch.setattr(native_build, "compiler", lambda: Path("zig"))

@@ -173,27 +173,27 @@ def test_whole_numbers_judge_the_formulas(monkeypatch: pytest.MonkeyPatch) -> No
     rng = np.random.default_rng(3)
     for name in volumes._SHAPES:
         for kind in volumes._MATRICES:
-            judged = volumes._whole(name, kind, 4000, rng)
+            judged = volumes.compare_formula(name, kind, 4000, rng)
             assert judged["wrong"] == 0 and judged["judged"] > 2000
     broken = type("Ball", (), {"contains": lambda self, p: (p**2).sum(axis=0) <= 1.0005})()
     broken.bounds = volumes._SHAPES["sphere"].bounds
     monkeypatch.setitem(volumes._SHAPES, "sphere", broken)
-    assert volumes._whole("sphere", "turned", 4000, rng)["wrong"] > 10
+    assert volumes.compare_formula("sphere", "turned", 4000, rng)["wrong"] > 10
 
 
 def test_the_winding_number_judges_meshes() -> None:
     pytest.importorskip("igl")
-    (name, (vertices, triangles)), _ = volumes._meshes().items()
-    found = volumes._mesh(name, vertices, triangles, 2000, 1, np.random.default_rng(2))
+    (name, (vertices, triangles)), _ = volumes.bench_meshes().items()
+    found = volumes.measure_mesh(name, vertices, triangles, 2000, 1, np.random.default_rng(2))
     assert (found["wrong"], found["judged"]) == (0, 2000)
     assert found["trimesh_differs"] in (None, 0)
 
 
 def test_what_is_added_to_measure_economy_touches_nothing() -> None:
-    plain = economy._case(1, PAPER)().counters
-    doubled = economy._doubled(load_model(economy._MODEL))
+    plain = economy.evaluated_case(1, PAPER)().counters
+    doubled = economy.doubled_model(load_model(economy.MODEL_ID))
     for extra in ({"idle_volumes": 7}, {"idle_bodies": 1}, {"model": doubled}):
-        more = economy._case(1, PAPER, **extra)().counters
+        more = economy.evaluated_case(1, PAPER, **extra)().counters
         assert more.contacts == plain.contacts > 1000
         assert more.vertices_posed == plain.vertices_posed
 

@@ -94,7 +94,7 @@ def test_what_never_played_is_repeated_and_what_was_never_silent_is_not() -> Non
     found = run(kind, 4)
     assert found.times_s == [0.1, 0.2, 0.3]
     assert (found.never_silent, found.not_played, kind.recovered) == (1, 1, 2)
-    row = safety._row("operator stops", found)
+    row = safety.result_row("operator stops", found)
     assert row["trials"] == 4
     assert not safety.is_within(row)
     assert "1 never silent, 1 repeated" in safety.as_text({"operator stops": row})

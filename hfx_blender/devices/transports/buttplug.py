@@ -267,6 +267,11 @@ class ButtplugOutput:
         Which of several devices of the server, as :func:`chosen` takes it; empty: the first that
         fits and that no other output has, or the one that the device had in this process before.
 
+    Attributes
+    ----------
+    command_interval_s : float
+        Least time between two commands, unless the device falls silent.
+
     Raises
     ------
     OutputLostError
@@ -306,7 +311,7 @@ class ButtplugOutput:
             return
         shares = self._channels.fractions(self._channels.values(values))
         silent = self._channels.fractions(self._channels.neutral)
-        if now < self._given_s + self._interval_s and (shares != silent).any():
+        if now < self._given_s + self.command_interval_s and (shares != silent).any():
             return
         commands = []
         for k, (share, rest, (low, high)) in enumerate(
@@ -353,7 +358,7 @@ class ButtplugOutput:
             _had_before[key, device_id] = found.label
         self._device, self._ranges = found, ranges
         gap_s = _seconds(found.facts.get("DeviceMessageTimingGap"))
-        self._interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
+        self.command_interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
         self._given = [None] * len(ranges)
 
     def _check(self) -> None:

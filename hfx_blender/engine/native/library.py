@@ -30,7 +30,7 @@ NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
 @cache
 def library() -> ctypes.CDLL | None:
     """Library, loaded once; None without a fitting one."""
-    return _found()[0]
+    return find_library()[0]
 
 
 def loaded() -> ctypes.CDLL:
@@ -61,10 +61,11 @@ def require_in_time() -> None:
 
 def state() -> str:
     """``compiled``, or ``numpy`` and why; for people."""
-    return _found()[1]
+    return find_library()[1]
 
 
-def _found() -> tuple[ctypes.CDLL | None, str]:
+def find_library() -> tuple[ctypes.CDLL | None, str]:
+    """Library, or None, and its :func:`state`; loaded anew, whatever was loaded before."""
     if os.environ.get(SWITCH) == "0":
         return None, f"numpy ({SWITCH}=0)"
     faults = []

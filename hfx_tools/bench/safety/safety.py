@@ -111,13 +111,14 @@ def _measured(
     if name == "opened files":
         return safety_values.opened_files(folder, rounds)
     if name == "gap beside hostile scripts":
-        return _row(name, safety_stops.gaps(folder, gap_s))
+        return result_row(name, safety_stops.gaps(folder, gap_s))
     make, at_a_time = KINDS[name]
     at_a_time = min(at_a_time, rounds)
-    return _row(name, safety_stops.run(name, make, at_a_time, folder, rounds, progress))
+    return result_row(name, safety_stops.run(name, make, at_a_time, folder, rounds, progress))
 
 
-def _row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
+def result_row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
+    """Row of the table of silence: counts, and times in milliseconds."""
     times = 1000.0 * np.array(trials.times_s)
     row = {
         "trials": len(times) + trials.never_silent,

@@ -446,7 +446,7 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
 def test_no_server_can_keep_a_device_from_falling_silent(serve, gap):
     server = serve(intiface(devices={"3": {**EDGE, "DeviceMessageTimingGap": gap}}))
     output = lovense(server)
-    assert 0.0 < output._interval_s <= 0.25
+    assert 0.0 < output.command_interval_s <= 0.25
     output.send(np.array([5.0, 175.0, 29.0]))
     output.send(np.array([0.0, 175.0, 29.0]))  # at once
     server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 3)

@@ -51,7 +51,7 @@ def found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """Loads anew, as if ``library.py`` lay in ``tmp_path``, and tells state and library."""
     monkeypatch.setattr(loading, "__file__", str(tmp_path / "library.py"))
     monkeypatch.delenv(loading.SWITCH, raising=False)
-    return lambda: (loading.state(), loading._found()[0])
+    return lambda: (loading.state(), loading.find_library()[0])
 
 
 def test_the_build_gives_a_library_that_the_package_loads(
@@ -171,7 +171,7 @@ def test_measurements_and_reports_say_which_engine_it_was(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert journal.tools()["native"] is (loading.library() is not None)
-    monkeypatch.setattr(loading, "_found", lambda: (None, "numpy (of a test)"))
+    monkeypatch.setattr(loading, "find_library", lambda: (None, "numpy (of a test)"))
     assert machine.describe()["engine"] == "numpy (of a test)"
     assert "engine: numpy (of a test)" in machine.as_line(machine.describe())
 
