@@ -198,7 +198,7 @@ def _stroke_of(options: argparse.Namespace) -> Any:
         return stroke.along(path, speed / 1000.0, options.rate)
     if options.start is not None or options.end is not None:
         raise UsageError("give --path, or --from and --to, not both")
-    table = _table(options.path)
+    table = path_table(options.path)
     if table.shape[1] == 2:
         _refuse_long(table / 1000.0, speed)
         return stroke.along(table / 1000.0, speed / 1000.0, options.rate)
@@ -225,7 +225,7 @@ def _refuse_lasting(seconds: float) -> None:
     limits.MEMORY.check(8.0 * WAV_RATE_HZ * seconds, "Stroke", "its waveform would take")
 
 
-def _table(path: Path) -> Any:
+def path_table(path: Path) -> Any:
     """Numbers (N, 2 or 3) of a CSV file; a first line that is no numbers is a heading."""
     import numpy as np
 

@@ -16,7 +16,9 @@ from ..formats.written import name_part
 from ..text import name_key
 
 if TYPE_CHECKING:
-    from ..engine.track import TrackBody
+    from ..engine.rendering.device import DeviceConfig
+    from ..engine.rendering.raster import Raster
+    from ..engine.track import TrackBody, TrackHeader
 
 
 _LONGEST_PART: Final = 255
@@ -67,6 +69,25 @@ def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
     if not body:
         return stem.with_name(f"{stem.name}.{device_id}")
     return scene / body / device_id / f"{stem.name}.{body}.{device_id}"
+
+
+def placed(
+    whole: TrackHeader,
+    played: Sequence[tuple[DeviceConfig, Raster]],
+    scene: Path,
+    stem: Path,
+) -> list[tuple[Path, DeviceConfig, Raster]]:
+    """Devices and rasters with ``folder/stem`` of their files, in folders that are there.
+
+    ``scene`` is that of the whole scene, ``stem`` that of these files.
+    """
+    parts = body_parts(whole.bodies)
+    found = []
+    for device, raster in played:
+        path = device_stem(scene, stem, parts[raster.body_id], device.id)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        found.append((path, device, raster))
+    return found
 
 
 def listed(folder: Path, name: object) -> Path | None:

@@ -25,15 +25,13 @@ from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import misfits, renderers_of_track
-from ..engine.rendering.raster import Raster
 from ..engine.rendering.render import Renderer
 from ..engine.rendering.room import needs_positions
 from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription
 from ..engine.stepwise import Progress, finish
 from ..engine.tolerance import Tolerance
-from ..engine.track import SUFFIX, TrackHeader, TrackReader
-from ..engine.track.excerpt import merge, write_excerpt
-from ..engine.track.named_clips import named_clips
+from ..engine.track import SUFFIX, TrackReader
+from ..engine.track.excerpt import merge
 from ..errors import InputError
 from ..files.atomic import atomic_file, inputs_kept
 from ..files.staging import place, staging
@@ -50,6 +48,7 @@ from ..reading.description.scene_tolerance import scene_tolerance
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..text import MOST_LINES, counted, shortened
 from . import result_files
+from .clip_files import write_clips
 from .recorders import SceneRecorders
 from .recording import Recorded, record_track
 from .report import (
@@ -286,10 +285,12 @@ class SceneExport:
                 seen_on=recorded.reading.get("on", {}),
             )
             if settings.per_clip:
-                written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
+                written, rendered = write_clips(
+                    whole, settings.formats, settings.devices, rendered, stem, tolerance
+                )
             else:
                 tracks = (track,) if "track" in settings.formats else ()
-                played = _placed(whole.header, rendered.played, stem, stem)
+                played = result_files.placed(whole.header, rendered.played, stem, stem)
                 written = Written(tracks) + writing.write_all(
                     settings.formats,
                     played,
@@ -383,74 +384,6 @@ def export_scene(
         The folder cannot be written to; nothing was left there.
     """
     return SceneExport(scene, settings).whole(folder, stem, progress)
-
-
-def _write_clips(
-    whole: TrackReader,
-    settings: ExportSettings,
-    rendered: Rendered,
-    stem: Path,
-    tolerance: CurveTolerance,
-) -> tuple[Written, Rendered]:
-    """Write each named clip of a track as files of its own, from time 0.
-
-    Scripts begin anew with each clip; a device whose script fails in one of them is left out
-    of all, and is silent in what is returned.
-    """
-    found = named_clips(whole.header)
-    if not found:
-        raise InputError("There are no clips to write one by one: no effect has a named clip.")
-    written = Written()
-    of_clips: list[str] = []
-    names = result_files.distinct(named.name for named in found)
-    for named, name in zip(found, names, strict=True):
-        part = stem.with_name(f"{stem.name}.{name}")
-        path = part.with_name(part.name + SUFFIX)
-        try:
-            write_excerpt(whole, named.effect_ids, named.clip, path)
-        except ValueError:
-            note = f"clip '{named.name}' is outside the exported frames, so it gets no file"
-            written += Written(notes=(note,))
-            continue
-        with TrackReader(path) as track:
-            if "track" in settings.formats:
-                written += Written((path,))
-            devices = [each for each in settings.devices if each.id not in rendered.silent]
-            of_clip = finish(rendering(track, renderers_of_track(track, devices)))
-            if of_clip.silent:
-                reasons = {
-                    device: f"clip '{named.name}': {reason}"
-                    for device, reason in of_clip.silent.items()
-                }
-                left = rendered.without(reasons)
-                return _write_clips(whole, settings, left, stem, tolerance)
-            written += Written(notes=of_clip.notes)
-            of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
-            played = _placed(whole.header, of_clip.played, stem, part)
-            made = writing.write_all(
-                settings.formats, played, track, settings.devices, part, tolerance
-            )
-            written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
-    return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))
-
-
-def _placed(
-    whole: TrackHeader,
-    played: Sequence[tuple[DeviceConfig, Raster]],
-    scene: Path,
-    stem: Path,
-) -> list[tuple[Path, DeviceConfig, Raster]]:
-    """Devices and rasters with ``folder/stem`` of their files, in folders that are there.
-
-    ``scene`` is that of the whole scene, ``stem`` that of these files.
-    """
-    parts = result_files.body_parts(whole.bodies)
-    found = []
-    for device, raster in played:
-        path = result_files.device_stem(scene, stem, parts[raster.body_id], device.id)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        found.append((path, device, raster))
-    return found
 
 
 def _refuse(warnings: Sequence[str]) -> None:

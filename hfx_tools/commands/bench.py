@@ -265,6 +265,6 @@ _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]]
 
 
 def _frames(text: str) -> tuple[int, int]:
-    from hfx_blender.commands.export import _frames as parsed
+    from hfx_blender.commands.export_options import frames as parsed
 
     return parsed(text)

@@ -31,7 +31,7 @@ def _device(path: Path) -> object:
 
 
 def _table(path: Path) -> object:
-    return texture._table(path).tolist()
+    return texture.path_table(path).tolist()
 
 
 def _points(path: Path) -> object:

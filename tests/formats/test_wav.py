@@ -157,7 +157,7 @@ def test_any_block_size_gives_the_same_bytes(tmp_path, monkeypatch, block, rate_
     raster = make_raster(random.uniform(0, 20, (6, 3)), random.uniform(20, 500, (6, 3)), rate_hz)
     device = make_device(3)
     wav.write(raster, device, tmp_path / "whole.wav")
-    monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
+    monkeypatch.setattr(wav, "BLOCK_SAMPLES", block)
     wav.write(raster, device, tmp_path / "parts.wav")
     assert (tmp_path / "whole.wav").read_bytes() == (tmp_path / "parts.wav").read_bytes()
 
@@ -168,7 +168,7 @@ def test_an_effect_that_sounds_for_a_while_is_heard_there_only(monkeypatch, bloc
     """m1 takes a waveform: 8 rows of 12 m/s^2 at 150 Hz from row 10 on; m0 never sounds."""
     hum = Partial("hum", 10, np.full((8, 1), 12.0), np.full((8, 1), 150.0))
     silent = make_raster(np.zeros((40, 2)), np.full((40, 2), 100.0), rate_hz)
-    monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
+    monkeypatch.setattr(wav, "BLOCK_SAMPLES", block)
     data = waveform(replace(silent, waveform_actuators=("m1",), partials=(hum,)))
     assert not data[:, 0].any()
     row = np.arange(len(data)) * float(rate_hz) / RATE

@@ -51,7 +51,7 @@ _MAX_CHANNELS = 65_535
 MAX_FREQUENCY_HZ: Final = 1000.0
 """Skin feels no vibration above it; well below half of any audio rate."""
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
-_BLOCK_SAMPLES = 1 << 18  # over all channels
+BLOCK_SAMPLES = 1 << 18  # over all channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
     channel_count = len(drives[0].actuators)
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
-    row_count = max(1, int(_BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
+    row_count = max(1, int(BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
     for first in range(0, len(raster.values), row_count):
         block = starts[first : first + row_count + 1]
         played = np.zeros((int(block[-1] - block[0]), channel_count))

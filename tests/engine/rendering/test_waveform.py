@@ -220,7 +220,7 @@ def test_a_wav_of_any_waveform_keeps_the_limit_and_is_alike_in_any_blocks(
         assert np.abs(whole).max() <= 1.0 + 1e-6
         assert np.abs(whole[:, 0]).max() > 0.99
         for block in (1, 2500):
-            monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
+            monkeypatch.setattr(wav, "BLOCK_SAMPLES", block)
             again = exported(device, raster)
             monkeypatch.undo()
             assert (again == whole).all()

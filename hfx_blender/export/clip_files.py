@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of each named clip by itself, instead of the whole timeline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..devices.script_rendering import Rendered, rendering
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.devices import renderers_of_track
+from ..engine.stepwise import finish
+from ..engine.track import SUFFIX, TrackReader
+from ..engine.track.excerpt import write_excerpt
+from ..engine.track.named_clips import named_clips
+from ..errors import InputError
+from ..formats import writing
+from ..formats.signals.curves import CurveTolerance
+from ..formats.written import Written
+from . import result_files
+
+
+def write_clips(
+    whole: TrackReader,
+    formats: Sequence[str],
+    devices: Sequence[DeviceConfig],
+    rendered: Rendered,
+    stem: Path,
+    tolerance: CurveTolerance,
+) -> tuple[Written, Rendered]:
+    """Write each named clip of a track as files of its own, from time 0.
+
+    Scripts begin anew with each clip; a device whose script fails in one of them is left out
+    of all, and is silent in what is returned.
+    """
+    found = named_clips(whole.header)
+    if not found:
+        raise InputError("There are no clips to write one by one: no effect has a named clip.")
+    written = Written()
+    of_clips: list[str] = []
+    names = result_files.distinct(named.name for named in found)
+    for named, name in zip(found, names, strict=True):
+        part = stem.with_name(f"{stem.name}.{name}")
+        path = part.with_name(part.name + SUFFIX)
+        try:
+            write_excerpt(whole, named.effect_ids, named.clip, path)
+        except ValueError:
+            note = f"clip '{named.name}' is outside the exported frames, so it gets no file"
+            written += Written(notes=(note,))
+            continue
+        with TrackReader(path) as track:
+            if "track" in formats:
+                written += Written((path,))
+            played_by = [each for each in devices if each.id not in rendered.silent]
+            of_clip = finish(rendering(track, renderers_of_track(track, played_by)))
+            if of_clip.silent:
+                reasons = {
+                    device: f"clip '{named.name}': {reason}"
+                    for device, reason in of_clip.silent.items()
+                }
+                left = rendered.without(reasons)
+                return write_clips(whole, formats, devices, left, stem, tolerance)
+            written += Written(notes=of_clip.notes)
+            of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
+            played = result_files.placed(whole.header, of_clip.played, stem, part)
+            made = writing.write_all(formats, played, track, devices, part, tolerance)
+            written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
+    return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))
