@@ -57,6 +57,11 @@ def device_schema() -> str:
     return json.dumps(schema, indent=2) + "\n"
 
 
+def schema_of(shape: Shape) -> dict[str, Any]:
+    """JSON Schema of a shape, without definitions."""
+    return _plain(shape, {})
+
+
 def _schema(shape: Shape, names: _Names) -> dict[str, Any]:
     """Schema of a shape; one that is defined is a reference to its definition."""
     if id(shape) in names:
