@@ -60,7 +60,8 @@ def measure(
 
     with temporary_folder() as folder:
         blender_session.open_blend(build(Path(folder) / "preview.blend"))
-    from hfx_blender.playback.preview import preview
+    from hfx_blender.playback.preview.preview import preview
+    from hfx_blender.playback.timeline.timeline_recorder import recorder
 
     scene = bpy.context.scene
     step = 12 if short else 4
@@ -79,8 +80,8 @@ def measure(
     found: dict[str, Any] = {}
     for name in _LOOKS_EVERY:
         if name == "from the record":  # which is made once nothing is edited for a moment
-            preview.updates().look(scene)
-            preview.updates().update_now(scene)
+            recorder.look(scene)
+            recorder.update_now(scene)
         for part, frames, key, limit in parts:
             own, with_it, without = _play(screen, frames, rounds, _LOOKS_EVERY[name])
             found[f"{part}, {name}"] = {
@@ -228,7 +229,7 @@ class _Preview:
 
     def on_frame(self) -> None:
         """Call the preview as on a change of the frame."""
-        from hfx_blender.playback.preview import preview
+        from hfx_blender.playback.preview.preview import preview
 
         self._timed(preview.on_frame)
         if self._looks:
@@ -236,7 +237,7 @@ class _Preview:
 
     def draw(self) -> None:
         """Call the preview as for drawing the viewport."""
-        from hfx_blender.playback.preview import preview
+        from hfx_blender.playback.preview.preview import preview
 
         self._timed(preview.draw_over)
 

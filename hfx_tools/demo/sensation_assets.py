@@ -115,7 +115,8 @@ def picture_of(sensation: Sensation) -> F64:
     spreads: dict[str, Spread] = {}
     for frame in range(scene.frame_start, scene.frame_end + 1):
         index = found.index(frame)
-        samples = [] if index is None else found.samples(index) or []
+        runs = [] if index is None else found.runs(index) or []
+        samples = [sample for run in runs for sample in run]
         used = {sample.stream.model_id for sample in samples}
         for model_id in used - set(spreads):
             spreads[model_id] = spread_between(
