@@ -18,7 +18,7 @@ from ..authoring.effects import swarms
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
-from .stepwise_export import StepwiseExport
+from .stepwise_operator import StepwiseExport
 
 if TYPE_CHECKING:
     from ..export.report import ExportReport

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base class of the operators whose work takes long: progress in the window, and Esc ends it."""
+"""Base classes of the operators whose work takes long, exports among them: progress in the window,
+and Esc ends it.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import bpy
 
+from ..authoring.effects import swarms
 from ..engine.stepwise import finish
 from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ..export.report import ExportReport
 
 _AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
 _PAUSE_S = 0.01
@@ -111,3 +117,30 @@ class StepwiseOperator(HfxOperator):
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
             context.workspace.status_text_set(None)
+
+
+class StepwiseExport(StepwiseOperator):
+    """Base of the operators that export: in one go for a script, step by step in a window."""
+
+    bl_options = {"REGISTER"}
+    doing, doing_icon = "Exporting Haptics", "EXPORT"
+    cancelled = "Export cancelled: nothing was written"
+    requires = (
+        (lambda context: swarms.listed_effects(context.scene), "Add a haptic effect first"),
+    )
+
+    def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
+        """Begin the export; the steps yield the share that is done, and return the report."""
+        raise NotImplementedError
+
+    def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
+        """Tell what was written."""
+        raise NotImplementedError
+
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
+        return self._reporting(context, self.export_steps(context))
+
+    def _reporting(
+        self, context: bpy.types.Context, steps: Generator[float, None, ExportReport]
+    ) -> Generator[float, None, str]:
+        return self.finished(context, (yield from steps))

@@ -14,7 +14,7 @@ from ...authoring.effects import effects, swarms
 from ...playback.live.live import live
 from ...processes import blender_session
 from ..shared import HfxOperator, is_in_view_layer
-from ..stepwise_export import StepwiseExport
+from ..stepwise_operator import StepwiseExport
 
 if TYPE_CHECKING:
     from ...export.report import ExportReport
