@@ -10,7 +10,7 @@ import bpy
 from ...blender import compat
 from ...engine.response_filters.controls import CONTROLS, FilterKind
 from ..effects.response_recipes import FilterRecipe, Keys, references_of
-from . import response_animation, responses
+from . import responses
 
 
 def response_recipe(
@@ -36,7 +36,7 @@ def _recipe(
     curves = {
         match[2]: curve
         for curve in compat.fcurves(effect)
-        if (match := response_animation.PATH.match(curve.data_path)) and int(match[1]) == place
+        if (match := responses.PATH.match(curve.data_path)) and int(match[1]) == place
     }
     values, keys = {}, []
     for control, name in zip(controls, names, strict=True):

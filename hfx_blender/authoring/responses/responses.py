@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from typing import Final
 
 import bpy
 
+from ...blender import compat
 from ...engine.response_filters.controls import About, Filter, FilterKind, Operation
 from ...errors import InputError
-from . import response_animation
 
 KINDS: Final = (
     ("distance", "Distance", "Strength over the distance from the volume's centre or axis"),
@@ -29,6 +31,10 @@ _PROPERTIES: Final = {
 }
 LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})
 """Properties in Blender's units."""
+
+
+PATH: Final = re.compile(r"hfx\.response\[(\d+)\]\.(\w+)$")
+"""Animated path of a filter's property: the filter's place, and the property."""
 
 
 def properties_of(each: bpy.types.PropertyGroup) -> tuple[str, ...]:
@@ -83,7 +89,7 @@ def remove_filter(effect: bpy.types.Object, index: int) -> None:
     count = len(effect.hfx.response)
     effect.hfx.response.remove(index)
     order = [None if k == index else k - (k > index) for k in range(count)]
-    response_animation.renumber(effect, order)
+    renumber(effect, order)
     effect.hfx.response_active = max(0, min(index, count - 2))
     effect.update_tag()
 
@@ -97,6 +103,30 @@ def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
     places = list(range(count))
     places.insert(to, places.pop(index))
     order: list[int | None] = [places.index(k) for k in range(count)]
-    response_animation.renumber(effect, order)
+    renumber(effect, order)
     effect.hfx.response_active = to
     effect.update_tag()
+
+
+def renumber(effect: bpy.types.Object, order: Sequence[int | None]) -> None:
+    """Rename curves and drivers to follow their filters, which they name by their place.
+
+    Parameters
+    ----------
+    order : sequence of int or None
+        The new place of the filter that was at each place; None: it is gone, and so is its
+        animation.
+    """
+    data = effect.animation_data
+    if data is None:
+        return
+    for curves in (data.drivers, *compat.curve_collections(effect)):
+        for curve in list(curves):
+            match = PATH.match(curve.data_path)
+            if match is None or int(match[1]) >= len(order):
+                continue
+            to = order[int(match[1])]
+            if to is None:
+                curves.remove(curve)
+            else:
+                curve.data_path = f"hfx.response[{to}].{match[2]}"

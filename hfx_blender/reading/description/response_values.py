@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...authoring.responses import responses
-from ...authoring.responses.response_animation import PATH
+from ...authoring.responses.responses import PATH
 from ...blender import compat
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
