@@ -224,18 +224,15 @@ class PlainRig:
 
     @property
     def bone_count(self) -> int:
+        """Number of bones."""
         return len(self._names)
-
-    def channels(self, frames: F64) -> F64:
-        """Sampled values (T, C), as :attr:`keyed` takes them."""
-        return self._values.sample(frames)
 
     def sample(self, frames: F64) -> tuple[F64, F64]:
         """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
         return self.body.world(frames), self._pose(frames)
 
     def _pose(self, frames: F64) -> F64:
-        return self.keyed.skinning(self.channels(frames))
+        return self.keyed.skinning(self._values.sample(frames))
 
     def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
         """Places of objects with a bone as their parent, (T, 4, 4), armature space.
