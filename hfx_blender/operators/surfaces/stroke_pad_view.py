@@ -73,7 +73,7 @@ def draw(
     _frame(left, bottom, side, side)
     if len(pad.trail_m) > 1:
         gpu.state.line_width_set(2.0)
-        _lines(place.pixels(pad, pad.trail), _WAY)
+        _lines(place.pixels(pad, pad.trail_m), _WAY)
         gpu.state.line_width_set(1.0)
     _texts(pad, place)
     _plots(pad, left + side + 16, bottom)

@@ -118,7 +118,7 @@ def test_at_the_target_speed_the_pointer_goes_200_pixels_a_second(texture: Surfa
         one = np.array(place.surface_point(pad, 100, 300))
         two = np.array(place.surface_point(pad, 100 + TARGET_PX_S, 300))
         assert (two - one)[0] == pytest.approx(target)
-        assert place.pixels(pad, one[None])[0] == pytest.approx([100, 300])
+        assert place.pixels(pad, [tuple(one)])[0] == pytest.approx([100, 300])
     assert place.holds(place.left, place.bottom) and not place.holds(place.left - 1, place.bottom)
 
 
