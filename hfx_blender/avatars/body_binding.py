@@ -175,23 +175,8 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
     """Reasons for which bones alone may pose a mesh wrongly: by the name of a modifier, or
     "armature", "bones", "keys".
     """
-    suspects: dict[str, str] = {}
     armatures = _armatures(body, mesh)
-    if armatures:
-        modifier = armatures[0]
-        if modifier.use_deform_preserve_volume:
-            suspects["armature"] = "Preserve Volume is on"
-        elif modifier.use_bone_envelopes or modifier.vertex_group or not modifier.use_vertex_groups:
-            suspects["armature"] = (
-                f"modifier '{modifier.name}' does not deform by plain vertex groups"
-            )
-        elif len(armatures) > 1:
-            suspects["armature"] = "several armature modifiers deform it"
-        bones = body.data.bones
-        skin = filter(None, (bones.get(group.name) for group in mesh.vertex_groups))
-        bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
-        if bent:
-            suspects["bones"] = f"bone '{bent[0]}' bends or does not deform"
+    suspects = _of_armatures(body, mesh, armatures) if armatures else {}
     own = [*armatures, *mesh_copies.mirrors_of(mesh)]
     for modifier in mesh.modifiers:
         if modifier.show_viewport and modifier not in own:
@@ -204,6 +189,26 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
         suspects["keys"] = "shape keys deform it"
     elif retargeting.shape_of(body, mesh):
         suspects["keys"] = "its shape keys are not those that the body was fitted to"
+    return suspects
+
+
+def _of_armatures(
+    body: bpy.types.Object, mesh: bpy.types.Object, armatures: list[bpy.types.Modifier]
+) -> dict[str, str]:
+    """Reasons that lie in the Armature modifiers of a mesh, at least one, and in its bones."""
+    suspects: dict[str, str] = {}
+    modifier = armatures[0]
+    if modifier.use_deform_preserve_volume:
+        suspects["armature"] = "Preserve Volume is on"
+    elif modifier.use_bone_envelopes or modifier.vertex_group or not modifier.use_vertex_groups:
+        suspects["armature"] = f"modifier '{modifier.name}' does not deform by plain vertex groups"
+    elif len(armatures) > 1:
+        suspects["armature"] = "several armature modifiers deform it"
+    bones = body.data.bones
+    skin = filter(None, (bones.get(group.name) for group in mesh.vertex_groups))
+    bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
+    if bent:
+        suspects["bones"] = f"bone '{bent[0]}' bends or does not deform"
     return suspects
 
 

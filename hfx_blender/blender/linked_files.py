@@ -109,8 +109,19 @@ def _is_gone(each: LinkedFile) -> bool:
         return True
 
 
-def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
-    """Owner and stored path of each external file, and whether it must exist."""
+_Path = tuple[bpy.types.ID, str, bool]
+"""Owner of a path, the path as it is stored, and whether the file must exist."""
+
+
+def _paths() -> Iterator[_Path]:
+    """Paths of all external files: those that Blender tells, and those that it does not."""
+    yield from _told_paths()
+    yield from _paths_of_objects()
+    yield from _paths_of_nodes()
+    yield from _paths_of_caches()
+
+
+def _told_paths() -> Iterator[_Path]:
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj in bpy.data.objects
@@ -124,6 +135,10 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
             # Blender 5 names the folder of point caches, whether anything is cached on disk or not.
             is_cache = Path(path).name.startswith("blendcache_")
             yield owner, raw, path not in folders and not is_cache
+
+
+def _paths_of_objects() -> Iterator[_Path]:
+    """Folders of modifiers and particles, and scans that surfaces were made from."""
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False
@@ -133,12 +148,20 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
         surface = obj.hfx.surface
         if obj.hfx.kind == "SURFACE" and surface.source == "SCAN" and surface.scan_path:
             yield obj, surface.scan_path, False  # its relief is in the .blend
+
+
+def _paths_of_nodes() -> Iterator[_Path]:
+    """Files that geometry nodes import."""
     for tree in bpy.data.node_groups:
         for node in tree.nodes:
             for socket in node.inputs if node.bl_idname.startswith("GeometryNodeImport") else ():
                 raw = getattr(socket, "default_value", "")
                 if socket.name == "Path" and raw and not socket.is_linked:
                     yield tree, raw, True
+
+
+def _paths_of_caches() -> Iterator[_Path]:
+    """Folders of point caches beside the file, and beside its libraries."""
     source = Path(bpy.data.filepath)
     if bpy.data.filepath and bpy.data.objects:
         yield bpy.data.objects[0], f"//blendcache_{source.stem}", False
