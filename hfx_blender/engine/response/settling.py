@@ -352,8 +352,13 @@ class _Held:
         is_inside = peaks > _MORE * beside
         if not is_inside.any():
             return None
-        level = float(levels.max())
-        shown = np.minimum(np.where(is_inside, peaks, felt[-1]) / level, 1.0).astype(np.float32)
+        products = np.where(is_inside, peaks, felt[-1])
+        # The level's own peak counts alike; weights are at most 1.
+        left = 0.0 if self.left is None else self.left[0]
+        inside = float(levels[:-1].max())
+        level = inside if inside > max(left, levels[-1]) else float(levels[-1])
+        level = max(level, float(products.max()))
+        shown = np.minimum(products / level, 1.0).astype(np.float32)
         return level, (vertices[shown > 0.0], shown[shown > 0.0])
 
 

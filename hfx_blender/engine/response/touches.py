@@ -265,7 +265,9 @@ class Moments:
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
         """Distances (n, V) to the volume of points (3, n, V) in its shape space."""
         index = self.effect.shape_index
-        which = np.zeros(len(mine), np.int64) if index is None else index[self.rows[mine]]
+        if index is None:
+            return distances_m(self.effect.shapes[0], local, matrices[mine])
+        which = index[self.rows[mine]]
         distances = np.zeros(local.shape[1:])
         for shape in np.unique(which).tolist():
             rows = np.flatnonzero(which == shape)

@@ -41,7 +41,8 @@ def speed_value(speeds_m_s: F64, controls: F64) -> F64:
 def proximity_value(distances_m: F64, controls: F64) -> F64:
     """1 at the boundary, 0 at the range's end and beyond, (n, V); controls (n, WIDTH)."""
     share = 1.0 - distances_m / np.maximum(controls[:, 1:2], 1e-9)
-    return np.asarray(np.clip(np.nan_to_num(share), 0.0, 1.0) ** controls[:, 2:3])
+    # Of a number and NaN these take the number, and are quicker than a search for NaN.
+    return np.asarray(np.fmin(np.fmax(share, 0.0), 1.0) ** controls[:, 2:3])
 
 
 def sine_value(turns: F64, controls: F64) -> F64:

@@ -91,11 +91,10 @@ def test_an_impact_rings_on_after_the_ball_has_left(ball: Any) -> None:
     assert np.argmax(levels) == first and levels[last + 10] > 0.0
     # 0.48 m in 12 frames.
     assert levels[first] == pytest.approx(0.48 / (12 / FPS) / 2.0, rel=0.02)
-    after = levels[first : first + 10]
-    # The peak is felt at the sample after it. The impact began since the sample before.
+    # While the ball goes deeper, the strongest moment may lie between two samples.
     a_sample = np.exp(-0.01 / DECAY_S)
-    np.testing.assert_allclose(after[2:] / after[1:-1], a_sample)
-    assert a_sample**2 < after[1] / after[0] <= a_sample
+    after = levels[last + 1 : last + 11]
+    np.testing.assert_allclose(after[1:] / after[:-1], a_sample)
 
 
 def _skin_y() -> float:
