@@ -40,7 +40,6 @@ class Number:
     is_whole: bool = False  # written without a decimal point
     smallest: float = 0.0  # of its size: numbers nearer to 0 are not allowed
     choices: tuple[int, ...] = ()
-    is_clamped: bool = False  # readers of this format clamp: out of range is a warning
     may_be_text: bool = False
     note: str = ""  # for messages, in place of the range
 
@@ -176,6 +175,13 @@ def strict(
 ) -> Record:
     """A record of this program's own kinds: unknown members are errors."""
     return Record(required, optional or {}, unknown="error", **more)
+
+
+def loose(
+    required: Mapping[str, Shape], optional: Mapping[str, Shape] | None = None, **more: Any
+) -> Record:
+    """A record of which only some members matter: others may be there."""
+    return Record(required, optional or {}, unknown="ignore", **more)
 
 
 def tagged(tag: str, kinds: Mapping[str, Record]) -> Tagged:
@@ -372,8 +378,7 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
         return
     is_in_range = shape.lowest <= value <= shape.highest and abs(value) >= shape.smallest
     if not is_in_range or (shape.choices and value not in shape.choices):
-        fault = report.warn if shape.is_clamped and math.isfinite(value) else report.error
-        fault("RANGE", place, _found(value, shape.allowed))
+        report.error("RANGE", place, _found(value, shape.allowed))
 
 
 def _number_of(text: str) -> float | None:

@@ -24,7 +24,7 @@ from ...engine.rendering.actuator_vertices import on_parts
 from ...errors import InputError
 from ...files import resources
 from ...files.atomic import atomic_file
-from ...files.json_shapes import Items, Node, Number, Record, Text, read
+from ...files.json_shapes import Items, Node, Number, Text, loose, read
 from . import unitouch_layout
 from .device_shape import ID
 
@@ -52,20 +52,18 @@ _MIDDLE: Final = {
 }
 _AMPLITUDE_M_S2: Final = 10.0
 _FREQUENCY_HZ: Final = 150.0
-_POSITION: Final = Record(
+_POSITION: Final = loose(
     dict.fromkeys("xyz", Number(-3.0, 3.0, "m")),
-    unknown="ignore",
     title="an object with x, y and z",
 )
-_MAP: Final = Record(
+_MAP: Final = loose(
     {
         "nodes": Items(
-            Record({}, {"radius": Number(0.0, 1.0, "m"), "node_data": _POSITION}, "ignore"),
+            loose({}, {"radius": Number(0.0, 1.0, "m"), "node_data": _POSITION}),
             1,
             MAX_NODES,
         )
     },
-    unknown="ignore",
     title="an object with 'nodes'",
 )
 _ADDRESS: Final = Text(pattern=r"(?:/[A-Za-z0-9_.\-]+)+", note="an OSC address")

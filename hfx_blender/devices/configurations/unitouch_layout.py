@@ -20,7 +20,7 @@ from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from ...engine.rendering.actuator_vertices import on_parts
-from ...files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Record, Text, strict
+from ...files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Text, loose, strict
 
 MAX_ACTUATORS: Final = 1000
 
@@ -40,9 +40,7 @@ _REFERENCE: Final = Text(tuple(each for each in _PARTS if each is not None))
 _LAYOUT: Final = strict(
     {
         "actuators": Items(
-            Record(
-                {"projectedViewPosition": strict(dict.fromkeys("xyz", _AXIS))}, unknown="ignore"
-            ),
+            loose({"projectedViewPosition": strict(dict.fromkeys("xyz", _AXIS))}),
             1,
             MAX_ACTUATORS,
         ),

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from ...files.json_shapes import Items, Number, Record, Text
+from ...files.json_shapes import Items, Number, Text, loose
 from .codec import CHANNELS
 from .header_json import parse_json, value_in
 
@@ -56,32 +56,29 @@ class StreamIndex:
         self.channels = tuple(name for name in CHANNELS if name in both)
 
 
-_INDEX: Final = Record(
+_INDEX: Final = loose(
     {
         "chunks": Items(Number(is_whole=True), order="ascending"),
         "streams": Items(
-            Record(
+            loose(
                 {
                     **dict.fromkeys(("first", "last"), Number(is_whole=True)),
                     **dict.fromkeys(("samples", "entries"), Number(0, is_whole=True)),
                     "peak_level": Number(0.0, 1.0),
                     "channels": Items(Text(tuple(CHANNELS))),
                 },
-                unknown="ignore",
                 into=StreamIndex,
             )
         ),
-    },
-    unknown="ignore",
+    }
 )
 
 
-_STORAGE: Final = Record(
+_STORAGE: Final = loose(
     {
         "samples_per_chunk": Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
         "weights": Text((WEIGHTS_BYTE, WEIGHTS_FULL)),
-    },
-    unknown="ignore",
+    }
 )
 
 

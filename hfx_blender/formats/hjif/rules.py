@@ -44,9 +44,7 @@ _COUNT = Number(0, is_whole=True)
 _POSITIVE = Number(1, is_whole=True)
 _HERTZ = Number(0.0, 10_000.0)
 _NOT_NEGATIVE = Number(0.0)
-_VECTOR = Record(
-    {axis: Number(-127, 127, is_whole=True) for axis in ("X", "Y", "Z")}, unknown="warning"
-)
+_VECTOR = Record({axis: Number(-127, 127, is_whole=True) for axis in ("X", "Y", "Z")})
 _KEYFRAME = Record(
     {},
     {
@@ -54,7 +52,6 @@ _KEYFRAME = Record(
         "amplitude_modulation": Number(-1.0, 1.0),
         "frequency_modulation": _HERTZ,
     },
-    unknown="warning",
 )
 _EFFECT_MEMBERS: dict[str, Shape] = {
     "id": _COUNT,
@@ -65,9 +62,7 @@ _EFFECT_MEMBERS: dict[str, Shape] = {
     "keyframes": Items(_KEYFRAME),
     "wavelet_stream": Text(),
 }
-_EFFECT = Record(
-    {"effect_type": Text(("Basis", "Composite", "Reference"))}, _EFFECT_MEMBERS, unknown="warning"
-)
+_EFFECT = Record({"effect_type": Text(("Basis", "Composite", "Reference"))}, _EFFECT_MEMBERS)
 _EFFECT_MEMBERS["composition"] = Items(_EFFECT)  # effects within effects
 _BAND = Record(
     {
@@ -81,7 +76,6 @@ _BAND = Record(
         "curve_type": Text(("Linear", "Cubic", "Akima", "Bezier", "BSpline", "Unknown")),
         "block_length": Number(16, is_whole=True),
     },
-    unknown="warning",
 )
 _CHANNEL = Record(
     {
@@ -103,7 +97,6 @@ _CHANNEL = Record(
         "vertices": Items(Number(is_whole=True)),
         "direction": _VECTOR,
     },
-    unknown="warning",
 )
 _DEVICE = Record(
     {"id": _POSITIVE, "name": Text()},
@@ -127,7 +120,6 @@ _DEVICE = Record(
         "custom": Number(),
         "type": Text(("LRA", "VCA", "ERM", "Piezo", "Unknown")),
     },
-    unknown="warning",
 )
 _PERCEPTION = Record(
     {
@@ -146,7 +138,6 @@ _PERCEPTION = Record(
         "unit_exponent": Number(is_whole=True),
         "perception_unit_exponent": Number(is_whole=True),
     },
-    unknown="warning",
 )
 _AVATAR = Record(
     {
@@ -155,9 +146,8 @@ _AVATAR = Record(
         "type": Text(("Vibration", "Pressure", "Temperature", "Custom")),
     },
     {"mesh": Text()},
-    unknown="warning",
 )
-_SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE}, unknown="warning")
+_SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE})
 DOCUMENT = Record(
     {
         "version": Text(pattern=r"[0-9]{4}(-[0-9])?", code="VERSION"),
@@ -169,7 +159,6 @@ DOCUMENT = Record(
         "perceptions": Items(_PERCEPTION, least=1),
     },
     {"timescale": _POSITIVE, "syncs": Items(_SYNC)},
-    unknown="warning",
 )
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ...files.findings import Finding, Report, json_validator
-from ...files.json_shapes import Anything, Flag, Items, Number, Record, Shape, Table, Text, check
+from ...files.json_shapes import Anything, Flag, Items, Number, Shape, Table, Text, check, loose
 from ...files.strict_json import Place
 from .tact_layouts import MAX_DOTS
 
@@ -14,92 +14,74 @@ INTERVAL_MS: Final = 20
 _MAX_MS: Final = 3_600_000 * 24
 _MILLIS = Number(0, _MAX_MS)
 _SHARE = Number(0.0, 1.0, may_be_text=True)
-_DOT_MODE: Shape = Record(
+_DOT_MODE: Shape = loose(
     {
         "feedback": Items(
-            Record(
+            loose(
                 {
                     "startTime": _MILLIS,
                     "endTime": _MILLIS,
                     "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
                     "pointList": Items(
-                        Record(
+                        loose(
                             {
                                 "index": Number(0, MAX_DOTS - 1, is_whole=True),
                                 "intensity": _SHARE,
-                            },
-                            unknown="ignore",
+                            }
                         ),
                     ),
-                },
-                unknown="ignore",
+                }
             )
         )
     },
     {"dotConnected": Flag()},
-    unknown="ignore",
 )
-_PATH_MODE: Shape = Record(
+_PATH_MODE: Shape = loose(
     {
         "feedback": Items(
-            Record(
+            loose(
                 {
                     "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
                     "movingPattern": Text(("CONST_SPEED", "CONST_TDM")),
                     "pointList": Items(
-                        Record(
-                            {"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS},
-                            unknown="ignore",
-                        )
+                        loose({"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS})
                     ),
-                },
-                unknown="ignore",
+                }
             )
         )
-    },
-    unknown="ignore",
+    }
 )
-_MODE = Record(
+_MODE = loose(
     {
         "mode": Text(("DOT_MODE", "PATH_MODE")),
         "dotMode": _DOT_MODE,
         "pathMode": _PATH_MODE,
-    },
-    unknown="ignore",
+    }
 )
-_EFFECT = Record(
-    {"startTime": _MILLIS, "offsetTime": _MILLIS, "modes": Table(_MODE)}, unknown="ignore"
-)
-_LAYOUT = Record(
+_EFFECT = loose({"startTime": _MILLIS, "offsetTime": _MILLIS, "modes": Table(_MODE)})
+_LAYOUT = loose(
     {
         "type": Text(),
         "name": Text(),
         "layouts": Table(
             Items(
-                Record(
-                    {"index": Number(0, MAX_DOTS - 1, is_whole=True), "x": _SHARE, "y": _SHARE},
-                    unknown="ignore",
-                ),
+                loose({"index": Number(0, MAX_DOTS - 1, is_whole=True), "x": _SHARE, "y": _SHARE}),
                 most=MAX_DOTS,
             )
         ),
-    },
-    unknown="ignore",
+    }
 )
-DOCUMENT = Record(
+DOCUMENT = loose(
     {
         "intervalMillis": Number(INTERVAL_MS, INTERVAL_MS, is_whole=True),
         "size": Number(MAX_DOTS, MAX_DOTS, is_whole=True),
         "durationMillis": _MILLIS,
-        "project": Record(
+        "project": loose(
             {
                 "layout": _LAYOUT,
-                "tracks": Items(
-                    Record({"effects": Items(_EFFECT)}, {"enable": Flag()}, unknown="ignore")
-                ),
+                "tracks": Items(loose({"effects": Items(_EFFECT)}, {"enable": Flag()})),
             },
             dict.fromkeys(("name", "description"), Anything()),
-            unknown="ignore",
         ),
     },
     {"name": Anything(), "feedback": Anything()},
