@@ -29,7 +29,7 @@ from . import effects
 _OURS = {modality.hjif: name for name, modality in MODALITIES.items()}
 _OURS |= dict.fromkeys(VIBRATIONS, "vibration")
 _ANYWHERE = 0xFFFFFFFF  # mask of all body parts
-_MANY = 500  # keyframes of a channel: beyond it they are simplified
+MOST_KEYS = 500  # keyframes of a channel: beyond it they are simplified
 _WARMER_K = 6.0  # full scale of a temperature whose file does not state it
 
 
@@ -95,9 +95,9 @@ def _with_ticks(envelope: Envelope) -> Envelope:
             for tick in envelope.transients
         ),
     ]
-    if len(strength) > _MANY or envelope.transients:
+    if len(strength) > MOST_KEYS or envelope.transients:
         whole = mixed(envelope.channel, pieces)
-        (few,) = simplified_signals([whole]).signals
+        (few,) = simplified_signals([whole])
         strength, pitch = few.amplitude, few.frequency_hz
     return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
 

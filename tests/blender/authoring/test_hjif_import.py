@@ -10,7 +10,7 @@ import bpy
 import pytest
 from hfx_scenes import small_scene
 
-from hfx_blender.authoring.effects import effects
+from hfx_blender.authoring.effects import effects, hjif_import
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 
 
@@ -19,7 +19,12 @@ def exported(scene: bpy.types.Scene, folder: Path, stem: str) -> dict[str, Any]:
     return {each["effect"]: each for each in report.felt}
 
 
-def test_what_was_exported_is_felt_again(registered: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("most_keys", [hjif_import.MOST_KEYS, 0])
+def test_what_was_exported_is_felt_again(
+    registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_keys: int
+) -> None:
+    """Also with more keyframes than an effect should have: then these are fewer."""
+    monkeypatch.setattr(hjif_import, "MOST_KEYS", most_keys)
     scene = small_scene()
     before = exported(scene, tmp_path, "first")
     vertices, _ = effects.area(bpy.data.objects["Touch"])
