@@ -236,6 +236,16 @@ def test_a_broken_rule_is_found_by_its_code(place, value, code):
     assert code in [each.code for each in tact_rules.validate(encoded(found), "x")]
 
 
+def test_unknown_members_are_told_beside_a_project_only():
+    """bHaptics' own tools keep more within a project than the player reads."""
+    found = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
+    found["project"]["more"] = found["project"]["tracks"][0]["more"] = 1
+    assert tact_rules.validate(encoded(found), "x") == []
+    found["more"] = 1
+    (finding,) = tact_rules.validate(encoded(found), "x")
+    assert (finding.code, finding.severity) == ("TACT-UNKNOWN", "warning")
+
+
 def test_a_device_without_motors_costs_no_other(tmp_path):
     vest, soles = (load_device(name) for name in ("back_pad", "insoles"))
     played = [(tmp_path / f"x.{each.id}", each, raster_for(each)) for each in (vest, soles)]

@@ -6,7 +6,18 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ...files.findings import Finding, Report, json_validator
-from ...files.json_shapes import Anything, Flag, Items, Number, Shape, Table, Text, check, loose
+from ...files.json_shapes import (
+    Anything,
+    Flag,
+    Items,
+    Number,
+    Record,
+    Shape,
+    Table,
+    Text,
+    check,
+    loose,
+)
 from ...files.strict_json import Place
 from .tact_layouts import MAX_DOTS
 
@@ -71,7 +82,7 @@ _LAYOUT = loose(
         ),
     }
 )
-DOCUMENT = loose(
+DOCUMENT = Record(
     {
         "intervalMillis": Number(INTERVAL_MS, INTERVAL_MS, is_whole=True),
         "size": Number(MAX_DOTS, MAX_DOTS, is_whole=True),
