@@ -91,7 +91,7 @@ def test_an_impact_rings_on_after_the_ball_has_left(ball: Any) -> None:
     assert np.argmax(levels) == first and levels[last + 10] > 0.0
     # 0.48 m in 12 frames.
     assert levels[first] == pytest.approx(0.48 / (12 / FPS) / 2.0, rel=0.02)
-    # While the ball goes deeper, the strongest moment may lie between two samples.
+    # The strongest moment may lie between two samples while the ball is inside, not afterwards.
     a_sample = np.exp(-0.01 / DECAY_S)
     after = levels[last + 1 : last + 11]
     np.testing.assert_allclose(after[1:] / after[:-1], a_sample)
