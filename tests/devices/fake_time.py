@@ -73,8 +73,8 @@ class Played:
         self.thread = DeviceThread(
             1, device, lambda: self.port, self._told, clock=self.clock, **more
         )
-        self.thread._output, self.thread._is_open = self.port, True  # its threads are this one
-        self.thread._silence = self.port.stop  # type: ignore[method-assign]
+        self.thread.output, self.thread.is_open = self.port, True  # its threads are this one
+        self.thread.silence = self.port.stop  # type: ignore[method-assign]
         self.thread.arm()
 
     def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:

@@ -118,22 +118,22 @@ class DeviceThread:
         self._pace = Pace(device, self._tick_s)
         self._sounding = Sounding(device)
         self._sent: F64 | None = None  # last
-        self._output: Output | None = None
+        self.output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
-        self._waiting = Waiting(device, self._tick_s, FREEZE_S)
-        self._generation = 0  # raised by everything that voids earlier requests
+        self.waiting = Waiting(device, self._tick_s, FREEZE_S)
+        self.generation = 0  # raised by everything that voids earlier requests
         self._sign_s = -math.inf  # last time at which the present or waiting values were valid
         self._asked = self._answered = 0  # numbers of the newest questions
         self._is_cut = False  # silent at once, not by a ramp
         self._due_s = self._last_s = self._changed_s = -math.inf  # of turns
         self._is_armed = False
-        self._is_wanted = False  # armed before it was open
-        self._is_open = False
-        self._is_closed = False
+        self.is_wanted = False  # armed before it was open
+        self.is_open = False
+        self.is_closed = False
         self._begins = False
         self._sending_since = math.inf
-        self._pulse: tuple[int, float] | None = None  # actuator, begun
+        self.test_pulse: tuple[int, float] | None = None  # actuator, begun
         self._levels_at = 0.0
         self._levels: list[float] = []
         self._hush, self._is_quiet = threading.Event(), threading.Event()
@@ -155,7 +155,7 @@ class DeviceThread:
         """Register a request for this device; :meth:`feed` takes its answer."""
         with self._wake:
             self._asked += 1
-            return Question(self._generation, asked_s, self._asked)
+            return Question(self.generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
         """Take the newest frame; older ones that are due are dropped.
@@ -172,8 +172,8 @@ class DeviceThread:
             if not self._is_armed:
                 return
             if question is None:
-                question = Question(self._generation, now, self._asked)
-            if question.generation != self._generation:
+                question = Question(self.generation, now, self._asked)
+            if question.generation != self.generation:
                 return
             if question.number < self._answered:
                 return
@@ -181,7 +181,7 @@ class DeviceThread:
             if not fault:
                 self._answered = question.number
                 self._sign_s = max(self._sign_s, question.asked_s)
-                self._waiting.add(values, now)
+                self.waiting.add(values, now)
                 self._wake.notify()
         if fault:
             self.fault(fault)
@@ -213,29 +213,29 @@ class DeviceThread:
 
     def _void(self) -> None:
         """Discard everything that was asked before."""
-        self._generation += 1
-        self._waiting.clear()
-        self._pulse = None
+        self.generation += 1
+        self.waiting.clear()
+        self.test_pulse = None
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
-                self._pulse = actuator, self._clock.now()
+                self.test_pulse = actuator, self._clock.now()
                 self._wake.notify()
 
     def arm(self) -> None:
         """Play from now on, from silence."""
         with self._wake:
-            self._is_wanted = True
-            if not self._is_open or self._is_armed or self._is_closed:
+            self.is_wanted = True
+            if not self.is_open or self._is_armed or self.is_closed:
                 return
             if self.script is not None:
                 try:
                     self.script.start()
                 except ScriptRefusedError as error:
-                    self._is_wanted = False
+                    self.is_wanted = False
                     self._report("fault", self.number, text=str(error))
                     return
             self._void()
@@ -247,9 +247,9 @@ class DeviceThread:
     def stop(self, reason: str, event: str = "stopped") -> None:
         """Silence the device now; also when it is silent already."""
         with self._wake:
-            was_armed, self._is_armed, self._is_wanted = self._is_armed, False, False
+            was_armed, self._is_armed, self.is_wanted = self._is_armed, False, False
             self._void()
-        self._silence()
+        self.silence()
         if was_armed or event != "stopped":
             self._report(event, self.number, text=reason)
         if self.script is not None:
@@ -272,11 +272,11 @@ class DeviceThread:
     def close(self, reason: str) -> None:
         """Stop, and give the port back."""
         with self._wake:
-            if self._is_closed:
+            if self.is_closed:
                 return
         self.stop(reason)
         with self._wake:
-            self._is_closed = True
+            self.is_closed = True
             self._wake.notify()
 
     def wait_closed(self) -> None:
@@ -293,7 +293,7 @@ class DeviceThread:
         """Test for an output that does not answer; its own thread cannot tell."""
         return now_s - self._sending_since > PATIENCE_S
 
-    def _silence(self) -> None:
+    def silence(self) -> None:
         """Request stop bytes, before anything else that is sent; without waiting."""
         self._is_quiet.clear()
         self._hush.set()
@@ -305,7 +305,7 @@ class DeviceThread:
         while True:
             self._hush.wait()
             self._hush.clear()
-            output = self._output
+            output = self.output
             if output is not None:
                 is_ours = self._port.acquire(timeout=0.005)  # past a send that is stuck
                 try:
@@ -347,22 +347,22 @@ class DeviceThread:
             self._report("lost", self.number, text=f"cannot be opened: {error}")
             return
         with self._wake:
-            self._output = output
-        self._silence()
+            self.output = output
+        self.silence()
         self._is_quiet.wait(PATIENCE_S)
         with self._wake:
-            self._is_open = True
+            self.is_open = True
             unit = str(getattr(output, "chosen_device", ""))
             self._report("connected", self.number, text=unit)  # before anybody can arm it
-            wanted = self._is_wanted and not self._is_closed
+            wanted = self.is_wanted and not self.is_closed
         if wanted:
             self.arm()
         try:
             self._play()
         finally:
-            self._silence()
+            self.silence()
             self._is_quiet.wait(PATIENCE_S)
-            self._output = None
+            self.output = None
             with suppress(Exception):
                 output.close()
             uses.close()
@@ -371,7 +371,7 @@ class DeviceThread:
     def _play(self) -> None:
         while True:
             with self._wake:
-                if self._is_closed:
+                if self.is_closed:
                     return
                 wait_s = self.due_in_s()
                 if wait_s > 0.0:
@@ -390,8 +390,8 @@ class DeviceThread:
         if self._begins or self._is_cut:
             return -math.inf
         due = self._due_s
-        if self._waiting:  # a frame is sent as soon as the device can take it
-            asked_s = self._waiting.due_s(self._offset_s)
+        if self.waiting:  # a frame is sent as soon as the device can take it
+            asked_s = self.waiting.due_s(self._offset_s)
             due = min(due, max(asked_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
             due = min(due, self._holds_until_s())
@@ -417,13 +417,13 @@ class DeviceThread:
                 self._sent = None
             if now >= self._holds_until_s():
                 self._is_cut = True
-                self._waiting.clear()
-            generation, is_cut, newest = self._generation, self._is_cut, None
+                self.waiting.clear()
+            generation, is_cut, newest = self.generation, self._is_cut, None
             self._is_cut = False
-            if self._ramp.share < 1.0 and self._waiting.due_s(self._offset_s) <= now:
+            if self._ramp.share < 1.0 and self.waiting.due_s(self._offset_s) <= now:
                 self._ramp.complete()  # what was asked for is played before what comes next
             else:
-                newest = self._waiting.taken(now, self._offset_s)
+                newest = self.waiting.taken(now, self._offset_s)
         if self.script is not None and self.script.is_overdue(now):
             self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
             return
@@ -432,7 +432,7 @@ class DeviceThread:
             self._sounding.reset()
         is_change = False
         try:
-            is_change = self._step(now, now - self._last_s, newest, generation)
+            is_change = self.step(now, now - self._last_s, newest, generation)
         except OutputLostError as error:
             self.stop(str(error), "lost")
         except Exception as error:
@@ -444,7 +444,7 @@ class DeviceThread:
         due = max(min(due, now) + self._tick_s, now + 0.5 * self._tick_s)
         self._due_s = self._ramp.next_s(due, now)
 
-    def _step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
+    def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
         """Send the values that are due; returns True if they differ from the last."""
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
@@ -452,13 +452,13 @@ class DeviceThread:
         asked = self._sounding.totals(self._ramp.share, asked)
         wanted = self._with_pulse(self._pace.paced(asked, now), now)
         with self._port:
-            output = self._output
+            output = self.output
             if not self._is_armed or output is None:
                 return False
             values = self._guard.limited(wanted, step_s)
             self._stepped_s = now
             # Values computed before a pause, or before the computer slept, are not sent.
-            if generation != self._generation or self._clock.now() - now > FREEZE_S:
+            if generation != self.generation or self._clock.now() - now > FREEZE_S:
                 return False
             is_change = self._sent is None or not np.array_equal(values, self._sent)
             self._sent = values
@@ -473,17 +473,17 @@ class DeviceThread:
                 self._sending_since = math.inf
             was_stopped = not self._is_armed
         if was_stopped:  # meanwhile, without waiting for us
-            self._silence()
+            self.silence()
         self._report_levels(values, now)
         return is_change
 
     def _with_pulse(self, wanted: F64, now: float) -> F64:
-        if self._pulse is None:
+        if self.test_pulse is None:
             return wanted
-        actuator, begun = self._pulse
+        actuator, begun = self.test_pulse
         share = (now - begun) / PULSE_S
         if share >= 1.0:
-            self._pulse = None
+            self.test_pulse = None
             return wanted
         strength = self.device.actuators[actuator].type.strength
         column = self.device.strength_columns[actuator]

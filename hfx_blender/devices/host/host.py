@@ -98,16 +98,16 @@ class Host:
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
-        self._device_threads: dict[int, DeviceThread] = {}
+        self.device_threads: dict[int, DeviceThread] = {}
         self._wake = threading.Condition()
         self._last_sign_s = self._last_turn_s = clock.now()
-        self._end = ""
-        self._patience_s = HEARTBEAT_S
+        self.end_reason = ""
+        self.patience_s = HEARTBEAT_S
         self._is_frozen = False
         self._accounts = KeptAccounts(resources.time_on(), clock)
         threading.Thread(target=self._accounts.save_regularly, name="time on", daemon=True).start()
-        self._rendering = RenderProcess(
-            self._rendered, self._cannot_render, clock, lambda: report("prepared")
+        self.rendering = RenderProcess(
+            self.take_rendered, self.fail_rendering, clock, lambda: report("prepared")
         )
 
     def read(self, stream: BinaryIO) -> None:
@@ -130,10 +130,10 @@ class Host:
 
     def _finish(self, end: str) -> None:
         with self._wake:
-            self._end = end
+            self.end_reason = end
             self._wake.notify()
         # At once, not when the main thread is up.
-        for thread in list(self._device_threads.values()):
+        for thread in list(self.device_threads.values()):
             thread.stop(end)
 
     def receive(self, message: Message) -> None:
@@ -141,10 +141,10 @@ class Host:
         now = self._clock.now()
         self._stop_after_standstill(now)
         is_work = message.kind is MessageKind.PAUSE and message.device == EVERY_DEVICE
-        self._patience_s = PAUSE_S if is_work else HEARTBEAT_S
+        self.patience_s = PAUSE_S if is_work else HEARTBEAT_S
         self._last_sign_s = now
         self.take(message, now)
-        for thread in list(self._device_threads.values()):
+        for thread in list(self.device_threads.values()):
             thread.sign(now)
 
     def take(self, message: Message, read_s: float) -> None:
@@ -154,16 +154,16 @@ class Host:
             self._connect(message.device, decode_json(message.body))
             return
         if kind is MessageKind.MOMENT:
-            playing = [(n, thread) for n, thread in self._device_threads.items() if thread.is_armed]
+            playing = [(n, thread) for n, thread in self.device_threads.items() if thread.is_armed]
             questions = {number: thread.question(read_s) for number, thread in playing}
-            self._rendering.show(message.body, questions)
+            self.rendering.show(message.body, questions)
             return
         if message.device == EVERY_DEVICE:
             if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
-                self._rendering.forget()
-            threads = list(self._device_threads.values())
+                self.rendering.forget()
+            threads = list(self.device_threads.values())
         else:
-            threads = [x for x in (self._device_threads.get(message.device),) if x is not None]
+            threads = [x for x in (self.device_threads.get(message.device),) if x is not None]
         for thread in threads:
             if kind is MessageKind.STOP:
                 thread.stop(message.body.decode(errors="replace") or "stopped by you")
@@ -181,21 +181,21 @@ class Host:
             elif kind is MessageKind.SETTINGS:
                 thread.set_offset(_offset_s(decode_json(message.body)))
             elif kind is MessageKind.DISCONNECT:
-                self._device_threads.pop(thread.number, None)
+                self.device_threads.pop(thread.number, None)
                 thread.close("disconnected")
         if kind is MessageKind.STOP:
             self._report("silent")
         elif kind is MessageKind.SCENE:
-            self._rendering.describe(message.body)
+            self.rendering.describe(message.body)
         elif kind is MessageKind.ARM:
-            self._rendering.restart()
+            self.rendering.restart()
 
-    def _rendered(self, answer: Message, questions: Questions) -> None:
+    def take_rendered(self, answer: Message, questions: Questions) -> None:
         """Forward rendered values to a device, or haptic data to its script."""
         if answer.device == EVERY_DEVICE:
-            self._cannot_render(answer.body.decode(errors="replace"))
+            self.fail_rendering(answer.body.decode(errors="replace"))
             return
-        thread = self._device_threads.get(answer.device)
+        thread = self.device_threads.get(answer.device)
         if thread is None or not thread.is_armed:
             return
         if answer.kind is MessageKind.FAULT:
@@ -209,16 +209,16 @@ class Host:
         elif answer.kind is MessageKind.HAPTICS and thread.script is not None:
             thread.script.ask(answer.body, partial(thread.feed, question=question))
 
-    def _cannot_render(self, text: str) -> None:
-        for thread in list(self._device_threads.values()):
+    def fail_rendering(self, text: str) -> None:
+        for thread in list(self.device_threads.values()):
             if thread.is_armed:
                 thread.fault(text)
 
     def _connect(self, number: int, request: dict[str, Any]) -> None:
-        before = self._device_threads.pop(number, None)
+        before = self.device_threads.pop(number, None)
         if before is not None:
             before.close("connected anew")
-        if len(self._device_threads) >= MAX_DEVICES:
+        if len(self.device_threads) >= MAX_DEVICES:
             self._report("lost", number, text=f"more than {MAX_DEVICES} devices")
             return
         folder = request.get("folder")
@@ -246,7 +246,7 @@ class Host:
             accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
         )
         self._add_script(thread, request)
-        self._device_threads[number] = thread
+        self.device_threads[number] = thread
         thread.start()
 
     def _accounts_of(
@@ -270,9 +270,9 @@ class Host:
         self._last_turn_s = self._clock.now()
         while not _signals:
             with self._wake:
-                if self._end:
+                if self.end_reason:
                     return
-                left_s = self._last_sign_s + self._patience_s - self._clock.now()
+                left_s = self._last_sign_s + self.patience_s - self._clock.now()
                 wait_s = min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S
                 self._clock.wait(self._wake, wait_s)
             self.check_deadlines()
@@ -282,14 +282,14 @@ class Host:
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
-        threads = list(self._device_threads.values())
+        threads = list(self.device_threads.values())
         was_frozen = self._is_frozen
-        self._is_frozen = now - self._last_sign_s > self._patience_s
+        self._is_frozen = now - self._last_sign_s > self.patience_s
         if self._is_frozen and not was_frozen:
             for thread in threads:
-                thread.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
-        if self._rendering.is_overdue(now):
-            self._cannot_render("the samples could not be rendered in time")
+                thread.freeze(f"Blender did not answer for {self.patience_s * 1000:.0f} ms")
+        if self.rendering.is_overdue(now):
+            self.fail_rendering("the samples could not be rendered in time")
         for thread in threads:
             if thread.is_stuck(now):
                 thread.fault("its output does not answer")
@@ -301,15 +301,15 @@ class Host:
         """
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
-            for thread in list(self._device_threads.values()):
+            for thread in list(self.device_threads.values()):
                 thread.stop(f"the computer slept or did not run for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
         """Stop every device and give back its port, at the end."""
-        threads = list(self._device_threads.values())
+        threads = list(self.device_threads.values())
         for thread in threads:
             thread.stop(reason)
-        self._rendering.close()
+        self.rendering.close()
         for thread in threads:
             thread.close(reason)
         for thread in threads:

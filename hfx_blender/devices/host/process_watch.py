@@ -28,14 +28,14 @@ _KILLED: Final = 1 << 8  # SIGKILL, signal 9, in the set of pending ones
 def await_end(pid: int) -> bool:
     """Wait until a process begins to end; False at once where the system does not tell it."""
     with suppress(OSError, AttributeError):
-        is_ending = _test_of_end(pid)
+        is_ending = end_test(pid)
         while not is_ending():
             time.sleep(LOOK_S)
         return True
     return False
 
 
-def _test_of_end(pid: int) -> Callable[[], bool]:
+def end_test(pid: int) -> Callable[[], bool]:
     """Test for the beginning of the end of a process.
 
     Raises

@@ -14,7 +14,7 @@ from ...engine.rendering.device import DeviceConfig
 
 MAX_OFFSET_S: Final = 1.0
 
-_LEAST_APART_S: Final = 0.001
+LEAST_APART_S: Final = 0.001
 """Frames that come closer are one, so that those that wait for an offset have a bound."""
 
 _LONGEST_TICK_S: Final = 0.05 / 3.0
@@ -55,7 +55,7 @@ class Waiting:
 
     def add(self, values: F64, now_s: float) -> None:
         """A frame that came now."""
-        if self._frames and now_s - self._frames[-1][0] < _LEAST_APART_S:
+        if self._frames and now_s - self._frames[-1][0] < LEAST_APART_S:
             now_s = self._frames.pop()[0]
         self._frames.append((now_s, values))
         while self._frames[0][0] < now_s - self._oldest_s:

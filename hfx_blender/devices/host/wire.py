@@ -141,7 +141,7 @@ class Receiver:
     """Frames out of a stream; whatever is not a whole, intact frame is dropped."""
 
     def __init__(self) -> None:
-        self._waiting = bytearray()
+        self.unfinished = bytearray()
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
@@ -149,15 +149,15 @@ class Receiver:
         found = []
         for byte in content:
             if byte == 0:
-                each = None if self._is_skipping else decode_frame(bytes(self._waiting))
+                each = None if self._is_skipping else decode_frame(bytes(self.unfinished))
                 if each is not None:
                     found.append(each)
-                self._waiting.clear()
+                self.unfinished.clear()
                 self._is_skipping = False
-            elif len(self._waiting) >= MAX_FRAME:
+            elif len(self.unfinished) >= MAX_FRAME:
                 self._is_skipping = True
             else:
-                self._waiting.append(byte)
+                self.unfinished.append(byte)
         return found
 
 

@@ -95,20 +95,20 @@ class GameDoor:
         self._driven = {
             device.id.encode(): _Driven(name, device.neutral) for name, device in devices.items()
         }
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self._socket.bind((ADDRESS, port))
+            self.socket.bind((ADDRESS, port))
         except OverflowError:
-            self._socket.close()
+            self.socket.close()
             raise UsageError(f"port {port}: expected 1 to 65535, or 0 for any") from None
         except OSError as error:
-            self._socket.close()
+            self.socket.close()
             raise UsageError(f"port {port} of {ADDRESS}: {error.strerror}") from None
-        self._socket.setblocking(False)
-        self.port = int(self._socket.getsockname()[1])
+        self.socket.setblocking(False)
+        self.port = int(self.socket.getsockname()[1])
 
     def close(self) -> None:
-        self._socket.close()
+        self.socket.close()
 
     def begin(self, client: LiveClient) -> None:
         """Do nothing: values come rendered."""
@@ -117,7 +117,7 @@ class GameDoor:
         """Send what has come; neutral values to devices that nothing has come for in time."""
         for _ in range(_MOST_AT_ONCE):
             try:
-                datagram = self._socket.recv(_MOST_BYTES)
+                datagram = self.socket.recv(_MOST_BYTES)
             except OSError:  # none waits; on Windows also: an answer could not be delivered
                 break
             found = self._values(datagram)

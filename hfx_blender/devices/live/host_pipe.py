@@ -34,8 +34,8 @@ class HostPipe:
         self.worker: Worker | None = None
         # Between threads without a lock, which Blender would wait for: each step is atomic.
         self._wake: SimpleQueue[None] = SimpleQueue()
-        self._urgent: deque[bytes] = deque()
-        self._newest: dict[int, bytes | LiveFrame] = {}
+        self.urgent: deque[bytes] = deque()
+        self.newest: dict[int, bytes | LiveFrame] = {}
         self._silences = 0  # how often everything before became void
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
@@ -73,7 +73,7 @@ class HostPipe:
             variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few
         )
         self._is_closing, self._is_ready, self._asked_silence_s = False, False, None
-        self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
+        self._wake, self.urgent, self.newest = SimpleQueue(), deque(), {}
         try:
             worker.start()
         except OSError as error:
@@ -84,24 +84,24 @@ class HostPipe:
         """A message; they arrive in their order."""
         if not self.is_running:
             return
-        if kind is MessageKind.HEARTBEAT and (self._urgent or self._newest):
+        if kind is MessageKind.HEARTBEAT and (self.urgent or self.newest):
             return  # whatever waits is one
-        self._urgent.append(message(kind, device, body))
+        self.urgent.append(message(kind, device, body))
         self._nudge()
 
     def replace(self, device: int, newest: bytes | LiveFrame) -> None:
         """Set what a device is to play now, in place of what was not sent yet."""
         if self.worker is None:
             return
-        self._newest[device] = newest
+        self.newest[device] = newest
         self._nudge()
 
     def void(self, device: int | None = None) -> None:
         """Discard everything that was to be played and was not sent."""
         if device is None:
-            self._newest.clear()
+            self.newest.clear()
         else:
-            self._newest.pop(device, None)
+            self.newest.pop(device, None)
         self._silences += 1
 
     def stop(self, reason: str) -> None:
@@ -110,9 +110,9 @@ class HostPipe:
             return
         self.void()
         stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
-        if self._urgent:
-            self._urgent.append(stop)  # what waits may arm a device: a stop follows it, too
-        self._urgent.appendleft(stop)
+        if self.urgent:
+            self.urgent.append(stop)  # what waits may arm a device: a stop follows it, too
+        self.urgent.appendleft(stop)
         if self._asked_silence_s is None:
             self._asked_silence_s = time.monotonic()
         self._nudge()
@@ -135,8 +135,8 @@ class HostPipe:
         if worker is None:
             return False
         self.void()
-        self._urgent.clear()
-        self._urgent.append(message(MessageKind.STOP))
+        self.urgent.clear()
+        self.urgent.append(message(MessageKind.STOP))
         self._is_closing = True
         self._nudge()
         worker.close(_END_S)
@@ -162,11 +162,11 @@ class HostPipe:
                 return
             # New values first: urgent messages from before them are then present as well.
             silences, is_last, places = self._silences, self._is_closing, self.places
-            newest = list(_taken(self._newest.popitem))[::-1]
-            waiting = list(_taken(self._urgent.popleft))
+            newest = list(_taken(self.newest.popitem))[::-1]
+            waiting = list(_taken(self.urgent.popleft))
             if waiting:
                 yield b"".join(waiting)
-            data = b"".join(self._as_bytes(each, places) for _, each in newest)
+            data = b"".join(self.encoded(each, places) for _, each in newest)
             if silences != self._silences and not is_last:
                 continue  # a stop came meanwhile: values from before it are dropped
             if data:
@@ -174,7 +174,7 @@ class HostPipe:
             if is_last:
                 return
 
-    def _as_bytes(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
+    def encoded(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
         if not isinstance(newest, LiveFrame):
             return newest
         try:

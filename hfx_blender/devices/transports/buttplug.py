@@ -29,7 +29,7 @@ _LONGEST_INTERVAL_S: Final = 0.25
 _opening: defaultdict[tuple[str, int], threading.Lock] = defaultdict(threading.Lock)
 _users = threading.Lock()
 _servers: dict[tuple[str, int], Server] = {}
-_had_before: dict[tuple[tuple[str, int], str], str] = {}
+had_before: dict[tuple[tuple[str, int], str], str] = {}
 """Server and device of ours -> label of the server's device that it got, if several fitted."""
 
 
@@ -78,7 +78,7 @@ def _names(name: str, display_name: str) -> str:
     return f"{name} ({display_name})" if display_name not in ("", name) else name
 
 
-def _served(devices: Mapping[str, Any]) -> list[ServedDevice]:
+def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
     """Devices of a server's list, by ascending index; entries without an index are left out."""
     found = []
     for facts in devices.values():
@@ -201,7 +201,7 @@ class Server:
             self._info = dict(message["ServerInfo"])
         elif "DeviceList" in message:
             # Sent anew whenever a device appears or vanishes.
-            self.devices = _served(dict(message["DeviceList"]["Devices"]))
+            self.devices = served_devices(dict(message["DeviceList"]["Devices"]))
         elif "Error" in message:
             reason = str(message["Error"].get("ErrorMessage", ""))[:200]
             self._fault = f"The server reports a fault: {reason}"
@@ -343,7 +343,7 @@ class ButtplugOutput:
         """Reserve one of the server's devices that fit."""
         there = self._server.devices or []
         fitting = [each for each in there if each.fits(self._how)]
-        wanted = unit or _had_before.get((key, device_id), "")
+        wanted = unit or had_before.get((key, device_id), "")
         free = [each for each in fitting if are_free([(*key, each.index)])]
         found = chosen(wanted, fitting) if wanted else next(iter(free or fitting), None)
         if found is None:
@@ -355,7 +355,7 @@ class ButtplugOutput:
         assert ranges is not None
         self._reserved = reserve([(*key, found.index)], f"'{found.label}' of the server")
         if len(fitting) > 1:
-            _had_before[key, device_id] = found.label
+            had_before[key, device_id] = found.label
         self._device, self._ranges = found, ranges
         gap_s = _seconds(found.facts.get("DeviceMessageTimingGap"))
         self.command_interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)

@@ -13,7 +13,7 @@ from ..host.output import OutputLostError
 
 Keys = frozenset[Hashable]
 
-_reserved: dict[Hashable, Keys] = {}
+reserved: dict[Hashable, Keys] = {}
 _lock = threading.Lock()
 
 
@@ -34,24 +34,24 @@ def reserve(keys: Iterable[Hashable], name: str) -> Keys:
     """
     found = frozenset(keys)
     with _lock:
-        if not found.isdisjoint(_reserved):
+        if not found.isdisjoint(reserved):
             raise OutputLostError(f"{name} is open already, for another device.")
-        _reserved.update(dict.fromkeys(found, found))
+        reserved.update(dict.fromkeys(found, found))
     return found
 
 
 def are_free(keys: Iterable[Hashable]) -> bool:
     """Test that no output has reserved any of these keys."""
     with _lock:
-        return not any(key in _reserved for key in keys)
+        return not any(key in reserved for key in keys)
 
 
 def release(keys: Keys) -> None:
     """Give keys back; it may be called again."""
     with _lock:
         for key in keys:
-            if _reserved.get(key) is keys:  # unless another output has reserved it since
-                del _reserved[key]
+            if reserved.get(key) is keys:  # unless another output has reserved it since
+                del reserved[key]
 
 
 def server_key(host: str, port: int) -> tuple[str, int]:

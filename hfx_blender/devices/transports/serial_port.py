@@ -64,7 +64,7 @@ class SerialPort:
         self.name = name
         self._rest = b""  # of a frame that was begun
         self._next = b""
-        self._keys = _reserved(name)
+        self._keys = reserve_port(name)
         try:
             # write_timeout=0: pyserial returns at once on Windows. Elsewhere bytes go straight
             # to the descriptor, because pyserial 3.5 spins while a port is stalled.
@@ -173,7 +173,7 @@ class SerialFrames:
         self._port.close()
 
 
-def _reserved(name: str) -> Keys:
+def reserve_port(name: str) -> Keys:
     """Register a port as open, by its real path and its device number.
 
     Two names may lead to one port, and the system lets two programs open it.

@@ -75,7 +75,7 @@ class Renderers:
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams
-        self._rendered: dict[int, _Rendered] = {}
+        self.rendered: dict[int, _Rendered] = {}
         self.faults: list[bytes] = []
         names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
         numbers = {name: k for k, name in enumerate(names)}
@@ -89,7 +89,7 @@ class Renderers:
                 self.faults.append(_fault(rendered.number, error))
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
-            self._rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
+            self.rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
 
     def answers(self, body: bytes) -> list[bytes]:
         """Messages for all devices.
@@ -101,7 +101,7 @@ class Renderers:
         """
         moment = decode_live_frame(body, self._streams)
         found = []
-        for number, each in self._rendered.items():
+        for number, each in self.rendered.items():
             try:
                 found.append(each.answer(moment))
             except Exception as error:

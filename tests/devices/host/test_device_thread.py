@@ -110,7 +110,7 @@ def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None
     count = len(played.output.given)
     for _ in range(5):
         played.thread.feed(playing())
-        played.thread._step(SYSTEM.now(), 0.01, playing(), played.thread._generation)
+        played.thread.step(SYSTEM.now(), 0.01, playing(), played.thread.generation)
     assert len(played.output.given) == count
     assert ("stopped", "enough") in played.reports
 
@@ -298,7 +298,7 @@ def test_a_thread_that_was_closed_leaves_no_thread_behind() -> None:
         found = Playing()
         found.play()
         found.thread.close("bye")
-        found.thread._thread.join(PATIENCE_S)
+        found.thread.wait_closed()
     end = time.monotonic() + PATIENCE_S
     while threading.active_count() > before:
         assert time.monotonic() < end, [each.name for each in threading.enumerate()]

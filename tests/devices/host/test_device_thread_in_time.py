@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from hfx_blender.devices.host import waiting
 from hfx_blender.devices.host.device_thread import FREEZE_S
+from hfx_blender.devices.host.pacing import Pace
 from hfx_blender.devices.host.waiting import MAX_OFFSET_S
 from hfx_blender.engine.rendering.device import DeviceConfig
 
@@ -111,7 +112,7 @@ def test_a_flood_of_frames_takes_only_so_much_memory_and_the_newest_is_played() 
     for k in range(30_000):
         played.thread.feed(frame(10.0 if k < 29_000 else 0.0))
         played.clock.now_s += 0.0001
-    assert len(played.thread._waiting) <= (MAX_OFFSET_S + FREEZE_S) / waiting._LEAST_APART_S + 2
+    assert len(played.thread.waiting) <= (MAX_OFFSET_S + FREEZE_S) / waiting.LEAST_APART_S + 2
     played.run(1.2)
     assert not played.port.is_loud()
 
@@ -217,13 +218,13 @@ def test_after_a_sleep_nothing_of_before_is_sent(asleep_s: float) -> None:
 def test_a_turn_that_slept_before_it_sent_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played()
     played.thread.feed(frame())
-    paced = played.thread._pace.paced
+    paced = Pace.paced
 
-    def sleeps(values: np.ndarray, now_s: float) -> np.ndarray:
+    def sleeps(pace: Pace, values: np.ndarray, now_s: float) -> np.ndarray:
         played.clock.now_s = now_s + 3.0
-        return paced(values, now_s)
+        return paced(pace, values, now_s)
 
-    monkeypatch.setattr(played.thread._pace, "paced", sleeps)
+    monkeypatch.setattr(Pace, "paced", sleeps)
     played.thread.turn()
     assert not played.port.given
 
@@ -302,14 +303,14 @@ def test_a_turn_that_was_under_way_sends_nothing_after_a_pause(
 ) -> None:
     played = Played()
     played.thread.feed(frame())
-    paced = played.thread._pace.paced
+    paced = Pace.paced
 
-    def paused(values: np.ndarray, now_s: float) -> np.ndarray:
+    def paused(pace: Pace, values: np.ndarray, now_s: float) -> np.ndarray:
         played.thread.pause()
         monkeypatch.undo()
-        return paced(values, now_s)
+        return paced(pace, values, now_s)
 
-    monkeypatch.setattr(played.thread._pace, "paced", paused)
+    monkeypatch.setattr(Pace, "paced", paused)
     played.run(0.2)
     assert played.port.given and played.port.last_loud_s() == -1.0
 

@@ -10,25 +10,26 @@ import subprocess
 import sys
 import threading
 import time
+import zlib
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fake_time import Played
 from fake_worker import FakeWorker
 from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host import host as host_module
+from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.device_thread import DeviceThread, Question
-from hfx_blender.devices.host.encoders import Channels
 from hfx_blender.devices.host.host import Host
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.live import host_pipe
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.host_pipe import STOP_PATIENCE_S, HostPipe
-from hfx_blender.devices.transports import buttplug, serial_port
+from hfx_blender.devices.transports import serial_port
 from hfx_blender.devices.transports.wire_board import WireBoard
 from hfx_blender.devices.workers import script_process
 from hfx_blender.devices.workers.live_frame import LiveFrame
@@ -36,7 +37,14 @@ from hfx_blender.devices.workers.message_bodies import encode_values
 from hfx_blender.devices.workers.script_process import ScriptProcess
 from hfx_blender.errors import DeviceError
 from hfx_blender.processes import start
-from hfx_blender.processes.messages import EVERY_DEVICE, Message, MessageKind, encode_json, message
+from hfx_blender.processes.messages import (
+    EVERY_DEVICE,
+    Message,
+    MessageKind,
+    encode_json,
+    message,
+    messages,
+)
 from hfx_blender.processes.worker import Worker
 from hfx_tools import processes
 
@@ -63,7 +71,7 @@ def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
     """A lane that is open, without its threads."""
     output = Kept()
     thread = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
-    thread._output, thread._is_open = output, True
+    thread.output, thread.is_open = output, True
     return thread, output
 
 
@@ -71,11 +79,11 @@ def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
     thread, _ = lane_of(DEVICE)
     thread.feed(playing())
     thread.pulse(2)
-    assert not thread._waiting and thread._pulse is None
+    assert not thread.waiting and thread.test_pulse is None
     thread.arm()
     thread.feed(playing())
     thread.pulse(2)
-    assert len(thread._waiting) == 1 and thread._pulse is not None
+    assert len(thread.waiting) == 1 and thread.test_pulse is not None
 
 
 def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
@@ -83,34 +91,45 @@ def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
     thread.arm()
     thread.feed(playing())
     thread.stop("enough")
-    assert not thread._waiting
-    thread._waiting.add(playing(), 0.0)  # one that slipped through
+    assert not thread.waiting
+    thread.waiting.add(playing(), 0.0)  # one that slipped through
     thread.arm()
-    assert not thread._waiting
+    assert not thread.waiting
 
 
 def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
     thread, _ = lane_of(DEVICE)
-    thread._is_open = False
+    thread.is_open = False
     thread.arm()
-    assert not thread._is_armed and thread._is_wanted
+    assert not thread.is_armed and thread.is_wanted
 
 
-def test_after_a_stop_everything_begins_from_silence(monkeypatch: pytest.MonkeyPatch) -> None:
-    kinds = {n: replace(k, slew_per_s=100.0) for n, k in DEVICE.actuator_types.items()}
+@pytest.mark.parametrize(
+    ("facts", "expected"),
+    [
+        ({}, 3.0),  # no ramp from 10
+        ({"update_interval_ms": 500.0}, 3.0),  # which holds nothing for the rest of 500 ms
+        ({"slew_per_s": 100.0}, 0.5),  # of 3, after the 5 ms between two values
+    ],
+)
+def test_after_a_stop_everything_begins_from_silence(
+    facts: dict[str, float], expected: float
+) -> None:
+    """Guard, ramp and pace all know of the values before the stop."""
+    kinds = {n: replace(k, **facts) for n, k in DEVICE.actuator_types.items()}
     actuators = tuple(replace(a, type=kinds[a.type.name]) for a in DEVICE.actuators)
-    thread, _ = lane_of(replace(DEVICE, actuators=actuators))
-    begun: list[str] = []
-    for name in ("_guard", "_ramp", "_pace"):
-        monkeypatch.setattr(getattr(thread, name), "reset", lambda name=name: begun.append(name))
-    thread.arm()
-
-    def ended(*_: Any) -> None:
-        thread._is_closed = True
-
-    monkeypatch.setattr(thread, "_step", ended)
-    thread.turn()
-    assert set(begun) == {"_guard", "_pace", "_ramp"}
+    played = Played(device=replace(DEVICE, actuators=actuators))
+    for _ in range(24):
+        played.thread.feed(playing())
+        played.run(0.05)
+    assert played.port.strengths()[-1][1] == 10.0
+    played.thread.stop("enough")
+    stopped = len(played.port.given)
+    played.thread.arm()
+    played.thread.feed(playing(3.0))
+    played.run(0.05)
+    felt = [strength for _, strength in played.port.strengths()[stopped:]]
+    assert next(strength for strength in felt if strength) == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None:
@@ -133,15 +152,15 @@ def client(monkeypatch: pytest.MonkeyPatch) -> LiveClient:
 
 
 def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> None:
+    worker: Any = client.pipe.worker
+    written = client.pipe.outgoing(worker)
     client.arm()
     client.send("band", playing())
     client.stop_all("enough")
-    assert not client.pipe._newest
-    stop = message(MessageKind.STOP, EVERY_DEVICE, b"enough")
-    waiting = list(client.pipe._urgent)
-    assert waiting[0] == stop
-    armed = max(at for at, each in enumerate(waiting) if each == message(MessageKind.ARM))
-    assert stop in waiting[armed:]  # else the device would be armed after the stop
+    kinds = [each.kind for each in messages(io.BytesIO(next(written)))]
+    assert kinds == [MessageKind.STOP, MessageKind.ARM, MessageKind.STOP]  # else it is armed after
+    client.heartbeat()
+    assert next(written) == message(MessageKind.HEARTBEAT)  # no values
 
 
 def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
@@ -229,12 +248,12 @@ def test_a_port_that_leads_elsewhere_is_refused(
     elsewhere.touch()
     monkeypatch.setattr(serial_port.os.path, "realpath", lambda name: str(elsewhere))
     with pytest.raises(OutputLostError, match="leads to"):
-        serial_port._reserved("/dev/ttyACM0")
+        serial_port.reserve_port("/dev/ttyACM0")
 
 
 def test_what_is_no_ports_name_is_not_even_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[str] = []
-    monkeypatch.setattr(serial_port, "_reserved", looked.append)
+    monkeypatch.setattr(serial_port, "reserve_port", looked.append)
     for name in ("spy:///dev/ttyS0?file=x", "socket://1.2.3.4:5", "/tmp/x", "/dev/tty/../sda", ""):
         with pytest.raises(OutputLostError, match="not a serial port"):
             serial_port.SerialPort(name, 9600)
@@ -252,20 +271,37 @@ def test_a_port_that_cannot_be_opened_may_be_tried_again(
 
     released: list[Any] = []
     monkeypatch.setattr(serial, "Serial", refuse)
-    monkeypatch.setattr(serial_port, "_reserved", lambda name: frozenset({(name, 7)}))
+    monkeypatch.setattr(serial_port, "reserve_port", lambda name: frozenset({(name, 7)}))
     monkeypatch.setattr(serial_port, "release", released.append)
     with pytest.raises(OutputLostError, match="cannot be opened"):
         serial_port.SerialPort("/dev/ttyACM0", 9600)
     assert released == [frozenset({("/dev/ttyACM0", 7)})]
 
 
-def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
-    port = serial_port.SerialPort.__new__(serial_port.SerialPort)
-    port._rest, port._next, port._port = b"the rest of a frame", b"a frame", None
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    master, slave = os.openpty()
+    port = serial_port.SerialPort(os.ttyname(slave), 115200)
+    room = [4, 0, 100]  # bytes that the system takes, call by call
     written: list[bytes] = []
-    port._written = lambda content: written.append(content) or len(content)  # type: ignore[method-assign]
-    port.write_first(b"stop")
-    assert written == [b"stop"]
+
+    def write(_descriptor: int, content: bytes) -> int:
+        count = room.pop(0)
+        if not count:
+            raise BlockingIOError
+        written.append(content[:count])
+        return len(written[-1])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(serial_port.os, "write", write)
+        port.write_newest(b"a frame")
+        port.write_first(b"stop")
+    assert written == [b"a fr", b"stop"]
+    port.close()
+    os.close(slave)
+    os.close(master)
 
 
 def test_a_script_that_answers_without_being_asked_is_not_heard(
@@ -324,37 +360,33 @@ def test_what_a_script_has_started_ends_with_it(monkeypatch: pytest.MonkeyPatch)
         time.sleep(0.01)
 
 
+class ForgetfulBoard:
+    """A port whose board tells of the session before when it is asked first."""
+
+    name = "/dev/ttyACM0"
+
+    def __init__(self) -> None:
+        self.questions = 0
+        self._reply = b""
+
+    def write_newest(self, content: bytes) -> None:
+        (frame,) = wire.Receiver().take(content)
+        assert frame.kind == wire.FrameKind.CONFIGURE
+        crc = zlib.crc32(frame.payload) ^ (self.questions == 0)
+        self.questions += 1
+        self._reply = wire.encode_frame(wire.FrameKind.READY, 1, struct.pack("<IB", crc, 8))
+
+    def read(self) -> bytes:
+        reply, self._reply = self._reply, b""
+        return reply
+
+    def close(self) -> None: ...
+
+
 def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
-    board = WireBoard.__new__(WireBoard)
-    board._crc, board._channels, board._is_ready = 7, Channels(DEVICE, strengths_only=True), False
-    board._name = "/dev/ttyACM0"
-    board._check_ready(struct.pack("<IB", 6, 8))
-    assert not board._is_ready
-    board._check_ready(struct.pack("<IB", 7, 8))
-    assert board._is_ready
-
-
-def test_a_board_is_not_asked_for_ever() -> None:
-    asked: list[bytes] = []
-    board = WireBoard.__new__(WireBoard)
-    board._port = SimpleNamespace(write_newest=asked.append)  # type: ignore[assignment]
-    board._channels = Channels(DEVICE, strengths_only=True)
-    board._time_limits_ms = 1000, 500
-    board._name, board._sequence = "/dev/ttyACM0", 0
-    board._begin(60.0)
-    assert len(asked) == 1
-    with pytest.raises(OutputLostError, match="does not answer"):
-        board._begin(-1.0)
-
-
-def test_a_buttplug_server_is_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(buttplug, "ANSWER_S", -1.0)
-    server = buttplug.Server.__new__(buttplug.Server)
-    server._received = threading.Condition()
-    monkeypatch.setattr(server, "check", lambda: None)
-    answers = iter([None, None, {}])  # it would come too late
-    with pytest.raises(OutputLostError, match="does not answer"):
-        server._answer(lambda: next(answers), "a server")
+    port = ForgetfulBoard()
+    WireBoard(DEVICE, port)  # type: ignore[arg-type]
+    assert port.questions == 2
 
 
 @pytest.mark.skipif(os.name != "posix", reason="descriptors")
@@ -385,7 +417,7 @@ def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None
     thread, _ = lane_of(DEVICE)
     thread.arm()
     thread.pulse(actuator)
-    assert thread._pulse is None
+    assert thread.test_pulse is None
 
 
 def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
@@ -396,16 +428,20 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
     thread = DeviceThread(
         0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text))
     )
-    thread._run()
+    thread.start()
+    end = time.monotonic() + PATIENCE_S
+    while not told:
+        assert time.monotonic() < end
+        time.sleep(0.002)
     assert told == [("lost", "cannot be opened: of somebody's")]
 
 
 def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     thread, _ = lane_of(DEVICE)
     told: list[tuple[str, bool]] = []
-    monkeypatch.setattr(thread, "stop", lambda reason: told.append((reason, thread._is_closed)))
+    monkeypatch.setattr(thread, "stop", lambda reason: told.append((reason, thread.is_closed)))
     thread.close("bye")
-    assert told == [("bye", False)] and thread._is_closed
+    assert told == [("bye", False)] and thread.is_closed
     thread.close("again")
     assert len(told) == 1
 
@@ -476,7 +512,7 @@ def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> 
 def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
     """An output process's heart, and its one lane."""
     host, thread = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
-    host._device_threads[1] = thread  # type: ignore[assignment]
+    host.device_threads[1] = thread  # type: ignore[assignment]
     return host, thread
 
 
@@ -484,7 +520,7 @@ def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.Monkey
     host, thread = host_of(monkeypatch)
     host.read(io.BytesIO(b""))
     assert thread.told == ["stop: Blender has gone"]
-    assert host._end == "Blender has gone"
+    assert host.end_reason == "Blender has gone"
 
 
 @pytest.mark.parametrize(
@@ -501,13 +537,13 @@ def test_messages_that_are_none_stop_every_lane(
     host, thread = host_of(monkeypatch)
     host.read(io.BytesIO(content))
     assert thread.told[-1].startswith(f"stop: {told}")
-    assert host._end.startswith(told)
+    assert host.end_reason.startswith(told)
 
 
 def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     host, _ = host_of(monkeypatch)
     seen: list[float] = []
-    monkeypatch.setattr(host, "take", lambda *_: seen.append(host._patience_s))
+    monkeypatch.setattr(host, "take", lambda *_: seen.append(host.patience_s))
     kinds = MessageKind.PAUSE, MessageKind.HEARTBEAT, MessageKind.PAUSE
     host.read(io.BytesIO(b"".join(map(message, kinds)) + message(MessageKind.PAUSE, 1)))
     assert seen == [
@@ -524,7 +560,7 @@ def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.Monke
     monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
     wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
     host.receive(Message(MessageKind.CONNECT, 1, wish))
-    assert thread.told == ["close"] and host._device_threads[1] is not thread
+    assert thread.told == ["close"] and host.device_threads[1] is not thread
 
 
 def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
@@ -533,24 +569,24 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
     told: list[tuple[str, int, str]] = []
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
     host.receive(Message(MessageKind.CONNECT, 5, encode_json({"configuration": "none_such"})))
-    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._device_threads
+    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host.device_threads
 
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
     asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host._rendered(Message(kind, 1, encode_values(playing())), asked)
-        host._rendered(Message(kind, 2, encode_values(playing())), asked)
+        host.take_rendered(Message(kind, 1, encode_values(playing())), asked)
+        host.take_rendered(Message(kind, 2, encode_values(playing())), asked)
     assert [each.split(":")[0] for each in thread.told] == ["feed", "fault"]
     thread.told.clear()
     thread.is_armed = False
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host._rendered(Message(kind, 1, encode_values(playing())), asked)
-    host._cannot_render("it has ended")
+        host.take_rendered(Message(kind, 1, encode_values(playing())), asked)
+    host.fail_rendering("it has ended")
     assert not thread.told
     thread.is_armed = True
-    host._cannot_render("it has ended")
+    host.fail_rendering("it has ended")
     assert thread.told == ["fault: it has ended"]
 
 
@@ -558,7 +594,7 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
     host, thread = host_of(monkeypatch)
     done: list[str] = []
     for name in ("describe", "forget", "show", "restart"):
-        monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
+        monkeypatch.setattr(host.rendering, name, lambda *_, name=name: done.append(name))
     host.receive(Message(MessageKind.SCENE, EVERY_DEVICE, b"{}"))
     assert thread.told == ["pause"] and done == ["forget", "describe"]
     host.receive(Message(MessageKind.MOMENT, EVERY_DEVICE, b""))
@@ -569,11 +605,21 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
 
 
 def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
-    class Stuck(io.BytesIO):
-        def write(self, content: Any) -> int:
-            raise OSError("nobody reads")
+    is_read = threading.Event()
 
-    reporter = host_module.Reporter(Stuck())
+    class Unread(io.BytesIO):
+        def write(self, content: Any) -> int:
+            is_read.wait(PATIENCE_S)
+            return super().write(content)
+
+    stream = Unread()
+    reporter = host_module.Reporter(stream)
     for _ in range(5000):
         reporter("levels", 1)
-    assert len(reporter._events) <= 1000
+    reporter("last", 1)
+    is_read.set()
+    end = time.monotonic() + PATIENCE_S
+    while b"last" not in stream.getvalue():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+    assert stream.getvalue().count(b"levels") <= 2000  # what is written, and what waits: 1000 each

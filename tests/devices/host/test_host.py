@@ -178,7 +178,7 @@ def test_the_system_tells_of_the_end_of_a_process(stat: bytes, is_ending: bool) 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
 def test_a_process_that_lives_is_not_ending_and_one_that_has_gone_is() -> None:
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        is_ending = process_watch._test_of_end(process.pid)
+        is_ending = process_watch.end_test(process.pid)
         assert not any(is_ending() for _ in range(50))
         process.kill()
         until(is_ending)
@@ -322,8 +322,8 @@ def test_sending_never_waits_for_an_output_process_that_sleeps(
         client.send("band", playing())
         client.heartbeat()
     assert time.monotonic() - begun < PATIENCE_S
-    assert len(client.pipe._newest) <= 1
-    assert len(client.pipe._urgent) <= 1
+    assert len(client.pipe.newest) <= 1
+    assert len(client.pipe.urgent) <= 1
     os.kill(client.pid or 0, signal.SIGKILL)
 
 

@@ -61,9 +61,9 @@ class Session:
         self.played = Played(self.clock, offset_s=offset_s)
         self.script = None if script_s is None else SlowScript(self.clock, script_s)
         self.played.thread.script = self.script
-        self.host._device_threads[1] = self.played.thread
+        self.host.device_threads[1] = self.played.thread
         self.shown: list[Any] = []
-        self.host._rendering.show = lambda body, questions: self.shown.append(questions)  # type: ignore[method-assign]
+        self.host.rendering.show = lambda body, questions: self.shown.append(questions)  # type: ignore[method-assign]
 
     def receive(self, kind: MessageKind, device: int = 1, body: bytes = b"") -> None:
         self.host.receive(Message(kind, device, body))
@@ -99,7 +99,7 @@ def test_no_late_answer_of_a_script_is_played_after(
     script_s: float, kind: MessageKind, device: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session(script_s)
-    monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
+    monkeypatch.setattr(session.host.rendering, "describe", lambda body: None)
     session.stream(0.5)
     assert session.played.port.last_loud_s() > 0.0
     for extra_s in (0.0, 0.001, 0.005, 0.013):
@@ -149,16 +149,16 @@ def test_no_late_answer_of_what_renders_is_played_after(
     kind: MessageKind, void: MessageKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session(0.0)
-    monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
+    monkeypatch.setattr(session.host.rendering, "describe", lambda body: None)
     session.receive(MessageKind.MOMENT, EVERY_DEVICE)
     session.receive(void, EVERY_DEVICE)
     if void is MessageKind.STOP:
         session.played.thread.arm()
-    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[0])
+    session.host.take_rendered(Message(kind, 1, encode_values(frame())), session.shown[0])
     session.pass_time(0.2, beat=True)
     assert session.played.port.last_loud_s() == -1.0
     session.receive(MessageKind.MOMENT, EVERY_DEVICE)
-    session.host._rendered(Message(kind, 1, encode_values(frame())), session.shown[1])
+    session.host.take_rendered(Message(kind, 1, encode_values(frame())), session.shown[1])
     session.pass_time(0.1, beat=True)
     assert session.played.port.is_loud()
 
@@ -168,8 +168,8 @@ def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
     session.receive(MessageKind.MOMENT, EVERY_DEVICE)
     other = Played(session.clock)
     other.thread.arm()
-    session.host._device_threads[1] = other.thread
-    session.host._rendered(Message(MessageKind.ANSWER, 1, encode_values(frame())), {})
+    session.host.device_threads[1] = other.thread
+    session.host.take_rendered(Message(MessageKind.ANSWER, 1, encode_values(frame())), {})
     other.run(0.1)
     assert other.port.last_loud_s() == -1.0
 
@@ -309,10 +309,10 @@ def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
 def test_a_pause_of_one_device_leaves_the_others_and_buys_no_time() -> None:
     session = Session()
     other = Played(session.clock)
-    session.host._device_threads[2] = other.thread
+    session.host.device_threads[2] = other.thread
     session.stream(0.1)
     other.thread.feed(frame())
     session.receive(MessageKind.PAUSE, 1)
     run([session.played, other], 0.1)
     assert not session.played.port.is_loud() and other.port.is_loud()
-    assert session.host._patience_s == HEARTBEAT_S
+    assert session.host.patience_s == HEARTBEAT_S

@@ -17,6 +17,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host.clock import SYSTEM
 from hfx_blender.devices.host.device_thread import DeviceThread
 from hfx_blender.devices.host.oscillators import SumOfTones
 from hfx_blender.devices.host.output import SoundingOutput
@@ -288,13 +289,14 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
     thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread._output, thread._is_armed = ears, True  # its thread is this one
+    thread.output, thread.is_open = ears, True  # its thread is this one
+    thread.arm()
     thread.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
-    newest = thread._waiting.taken(math.inf, 0.0)
-    now = thread._clock.now()
+    newest = thread.waiting.taken(math.inf, 0.0)
+    now = SYSTEM.now()
     for k in range(8):
-        thread._step(now + 0.01 * k, 0.01, newest if k == 0 else None, thread._generation)
+        thread.step(now + 0.01 * k, 0.01, newest if k == 0 else None, thread.generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
@@ -305,11 +307,12 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
     thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread._output, thread._is_armed = ears, True  # its thread is this one
+    thread.output, thread.is_open = ears, True  # its thread is this one
+    thread.arm()
     frame = both(3.0, 4.0)
     frame[0] = 1e-6
-    now = thread._clock.now()
+    now = SYSTEM.now()
     for k in range(3):
-        thread._step(now + 0.01 * k, 0.01, frame if k == 0 else None, thread._generation)
+        thread.step(now + 0.01 * k, 0.01, frame if k == 0 else None, thread.generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0])

@@ -90,7 +90,7 @@ def test_another_board_under_the_name_of_one_that_is_gone_is_refused() -> None:
 def test_each_device_of_a_buttplug_server_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     outputs = {"0": {"Output": {"Vibrate": {"Value": [0, 20]}}}}
     names = {"0": ("Lush", "left"), "4": ("Lush", ""), "5": ("Lush", ""), "9": ("Edge", "")}
-    served = buttplug._served(
+    served = buttplug.served_devices(
         {
             index: {
                 **{"DeviceIndex": int(index), "DeviceName": name, "DeviceDisplayName": display},

@@ -99,7 +99,7 @@ def test_a_game_that_is_gone_is_silent_after_the_dead_man_time_and_may_come_back
 def test_the_door_is_on_this_computer_alone_and_its_options_are_checked(
     game: Game, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert game.door._socket.getsockname()[0] == "127.0.0.1"
+    assert game.door.socket.getsockname()[0] == "127.0.0.1"
     assert len(GameDoor({}).token) == 16 and GameDoor({}).token != GameDoor({}).token
     clip = str(Path(__file__).parents[3] / "players/conformance/demo_garage.hfxclip")
     start = ["play", clip, "--device", "insoles", "--to", "simulator", "--listen"]

@@ -46,5 +46,5 @@ def terminal():
 @pytest.fixture(autouse=True)
 def nothing_stays_reserved():
     yield
-    reservations._reserved.clear()  # terminals' names and ports are used again
-    buttplug._had_before.clear()
+    reservations.reserved.clear()  # terminals' names and ports are used again
+    buttplug.had_before.clear()

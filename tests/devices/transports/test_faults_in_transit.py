@@ -31,7 +31,7 @@ def test_a_frame_of_another_version_is_dropped_however_intact():
 def test_bytes_without_an_end_take_only_so_much_memory():
     receiver = wire.Receiver()
     receiver.take(b"\x01" * 10_000)
-    assert len(receiver._waiting) <= wire.MAX_FRAME
+    assert len(receiver.unfinished) <= wire.MAX_FRAME
 
 
 @pytest.fixture

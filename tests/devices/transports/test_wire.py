@@ -52,7 +52,7 @@ def test_what_is_too_long_is_skipped_up_to_the_next_zero():
     receiver = wire.Receiver()
     stop = wire.encode_frame(wire.FrameKind.STOP, 1)
     assert receiver.take(b"\x01" * 10_000 + stop)[0].kind == wire.FrameKind.STOP
-    assert len(receiver._waiting) == 0
+    assert len(receiver.unfinished) == 0
 
 
 def test_payloads_are_these_bytes():

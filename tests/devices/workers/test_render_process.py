@@ -214,7 +214,7 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
     def broken(*_: object) -> None:
         raise RuntimeError("of somebody's")
 
-    monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
+    monkeypatch.setattr(renderers.rendered[1].renderer, "ahead", broken)
     one, other = renderers.answers(encode_live_frame(moment(), places()))
     assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
     assert other[4] == MessageKind.ANSWER
@@ -344,10 +344,6 @@ class Asked:
             assert time.monotonic() < end, f"never happened: {self.told} {self.faults}"
             time.sleep(0.002)
 
-    def is_idle(self) -> bool:
-        with self.process._lock:
-            return self.process._deadline_s is None and self.process._scene is None
-
 
 @pytest.fixture
 def asked() -> Iterator[Asked]:
@@ -356,23 +352,34 @@ def asked() -> Iterator[Asked]:
     found.process.close()
 
 
-def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_asked(
-    asked: Asked,
-) -> None:
+def test_each_answer_brings_back_what_was_asked(asked: Asked) -> None:
     asked.process.describe(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
-    for k in range(50):
+    for k in range(25):
         asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
-        if k % 2:
-            asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
-        else:
-            with asked.process._lock:
-                is_waiting = asked.process._moment is not None
-                asked.process.forget()
-                count = len(asked.told)
-            asked.until(asked.is_idle)
-            assert len(asked.told) <= count + (not is_waiting)
-    generations = [each[1].generation for each in asked.answered]
-    assert generations == sorted(set(generations))
+        asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
+    assert [each[1].generation for each in asked.answered] == list(range(25))
+
+
+@pytest.mark.parametrize("is_forgotten", [False, True])
+def test_of_moments_that_wait_the_newest_is_asked_unless_it_is_forgotten(
+    is_forgotten: bool, played: list[FakeWorker]
+) -> None:
+    answered: list[Any] = []
+    process = RenderProcess(lambda _, questions: answered.append(questions), lambda text: None)
+    process.describe(b"scene")
+    worker = played[-1]
+    worker.says(MessageKind.READY)
+    for k in range(3):
+        process.show(b"moment %d" % k, {1: Question(k, 0.0, k)})
+    if is_forgotten:
+        process.forget()
+    for _ in range(3):
+        worker.says(MessageKind.ANSWER, b"", 1)
+        worker.says(MessageKind.READY)
+    bodies = [each.body for each in worker.sent]
+    assert bodies == [b"scene", b"moment 0", *([] if is_forgotten else [b"moment 2"])]
+    expected = [0] if is_forgotten else [0, 2]
+    assert [each[1].generation for each in answered if each][: len(expected)] == expected
 
 
 def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
@@ -407,7 +414,7 @@ def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     stopped: list[str] = []
     pipe = client.pipe
     pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
-    assert pipe._as_bytes(LiveFrame(0.0, [huge]), places()) == b""
+    assert pipe.encoded(LiveFrame(0.0, [huge]), places()) == b""
     assert "cannot be handed over" in stopped[0]
-    assert pipe._as_bytes(moment(), {}) == b""  # of the scene before: no fault
+    assert pipe.encoded(moment(), {}) == b""  # of the scene before: no fault
     assert len(stopped) == 1
