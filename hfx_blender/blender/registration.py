@@ -8,6 +8,8 @@ from importlib import import_module
 from pkgutil import walk_packages
 from types import ModuleType
 
+import bpy
+
 Registration = tuple[Callable[[], None], Callable[[], None]]
 """Functions ``register`` and ``unregister``."""
 
@@ -34,7 +36,11 @@ def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
 
 
 def of_package(name: str, path: Iterable[str]) -> Registration:
-    """``register`` and ``unregister`` for all modules of a package that have both, by name.
+    """``register`` and ``unregister`` for all modules of a package, by name.
+
+    Blender gets the classes that a module defines, in their order, and then the module's own
+    ``register`` is called, if it has one. Base classes are left out by their names: those that
+    Blender knows begin with ``HFX_``, but for groups of properties.
 
     Parameters
     ----------
@@ -44,7 +50,30 @@ def of_package(name: str, path: Iterable[str]) -> Registration:
 
     def modules() -> list[ModuleType]:
         found = [each for each in walk_packages(path, f"{name}.") if not each.ispkg]
-        imported = (import_module(each.name) for each in sorted(found, key=lambda each: each.name))
-        return [module for module in imported if hasattr(module, "register")]
+        return [import_module(each) for each in sorted(each.name for each in found)]
 
-    return of_modules(modules)
+    def register() -> None:
+        for module in modules():
+            for each in _classes_of(module):
+                bpy.utils.register_class(each)
+            if hasattr(module, "register"):
+                module.register()
+
+    def unregister() -> None:
+        for module in reversed(modules()):
+            if hasattr(module, "unregister"):
+                module.unregister()
+            for each in reversed(_classes_of(module)):
+                bpy.utils.unregister_class(each)
+
+    return register, unregister
+
+
+def _classes_of(module: ModuleType) -> list[type]:
+    classes = [each for each in vars(module).values() if isinstance(each, type)]
+    return [
+        each
+        for each in classes
+        if each.__module__ == module.__name__
+        and (each.__name__.startswith("HFX_") or issubclass(each, bpy.types.PropertyGroup))
+    ]

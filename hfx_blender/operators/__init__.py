@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """User actions: thin operators over plain functions, one file a topic.
 
-A module that has ``register`` and ``unregister`` is registered.
+Each module is registered: its classes, and what its ``register`` does.
 """
 
 from __future__ import annotations

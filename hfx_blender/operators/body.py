@@ -306,16 +306,3 @@ class HFX_OT_add_walk(HfxOperator):
         way = [tuple(place.location) for place in self.places]
         bodies.add_walk(context.object, way, self.frame_start, self.frame_end)
         return ""
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_avatar,
-        HFX_OT_mark_body,
-        HFX_OT_move_to_body,
-        HFX_OT_fit_body,
-        HFX_OT_show_model,
-        HfxPlace,
-        HFX_OT_add_walk,
-    )
-)

@@ -97,8 +97,3 @@ class HFX_OT_load_bones(_FileOperator):
             self.report({"WARNING"}, printable(warning))
         count = sum(1 for row in armature.hfx.bone_map if row.bone)
         return f"{count} bones loaded"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_find_bones, HFX_OT_reset_bones, HFX_OT_save_bones, HFX_OT_load_bones)
-)

@@ -250,6 +250,3 @@ def _draw_wrapped(layout: bpy.types.UILayout, text: str, icon: str) -> None:
     sentence = printable(text[:1].upper() + text[1:])
     for number, line in enumerate(textwrap.wrap(sentence, _POPUP_LINE, max_lines=_LINES)):
         layout.label(text=line, icon="BLANK1" if number else icon)
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_export,))

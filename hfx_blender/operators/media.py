@@ -79,6 +79,3 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
             return f"'{path.name}' is the world; seen in Material Preview and in renders"
         made = media.add_screen(scene, path, start)
         return f"'{made.name}' stands behind the body"
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_add_sound, HFX_OT_add_video))

@@ -30,6 +30,3 @@ class HFX_OT_update_values(HfxOperator):
         recorder.update_now(context.scene)
         preview.touch()
         return ""
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_update_values,))

@@ -212,11 +212,9 @@ _ENTRIES = {
     "TOPBAR_MT_file": _end_wait,  # Defaults > Load Factory Settings begins a file, too
     "WM_MT_splash": _end_wait,
 }
-_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_workspace, HFX_OT_new_file))
 
 
 def register() -> None:
-    _register()
     for name, entry in _ENTRIES.items():
         getattr(bpy.types, name).append(entry)
 
@@ -225,4 +223,3 @@ def unregister() -> None:
     for name, entry in _ENTRIES.items():
         getattr(bpy.types, name).remove(entry)
     remove_handlers(_AWAITED)
-    _unregister()

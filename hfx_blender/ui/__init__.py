@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """User interface: menus, panels and gizmos.
 
-A module that has ``register`` and ``unregister`` is registered; panels are ordered by ``bl_order``.
+Each module is registered: its classes, and what its ``register`` does. Panels are ordered by
+``bl_order``.
 """
 
 from __future__ import annotations

@@ -111,11 +111,9 @@ _ENTRIES = {
     "TOPBAR_MT_file_export": draw_export_menu,
     "TOPBAR_MT_file_import": draw_import_menu,
 }
-_register, _unregister = bpy.utils.register_classes_factory((HFX_MT_add, HFX_MT_object))
 
 
 def register() -> None:
-    _register()
     for name, entry in _ENTRIES.items():
         getattr(bpy.types, name).append(entry)
 
@@ -123,4 +121,3 @@ def register() -> None:
 def unregister() -> None:
     for name, entry in reversed(_ENTRIES.items()):
         getattr(bpy.types, name).remove(entry)
-    _unregister()

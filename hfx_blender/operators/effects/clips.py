@@ -230,15 +230,3 @@ class HFX_OT_copy_clips(_OfEffect):
             raise InputError("Select the target effects first, and this effect last.")
         count = sum(clips.copy_clips(source, effect) for effect in others)
         return f"Added {count} clips"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_clip,
-        HFX_OT_add_heartbeat,
-        HFX_OT_extend_scene,
-        HFX_OT_remove_clip,
-        HFX_OT_draw_fades,
-        HFX_OT_copy_clips,
-    )
-)

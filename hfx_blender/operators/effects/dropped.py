@@ -94,15 +94,12 @@ _HANDLERS = {
     "undo_post": _on_undo,
     "redo_post": _on_redo,
 }
-_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_place_dropped,))
 
 
 def register() -> None:
-    _register()
     if not bpy.app.background:  # where timers never fire
         add_handlers(_HANDLERS)
 
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
-    _unregister()

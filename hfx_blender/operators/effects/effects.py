@@ -158,8 +158,3 @@ class HFX_OT_make_editable(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         active_effect(context).override_library.is_system_override = False
         return ""
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted, HFX_OT_make_editable)
-)

@@ -157,8 +157,3 @@ class HFX_OT_add_rain(OnBodyOperator):
         )
         select_only(context, *made)
         return f"{round(self.drops_per_second * self.duration)} drops"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_scale_strength, HFX_OT_scale_frequency, HFX_OT_modulate, HFX_OT_add_rain)
-)

@@ -37,6 +37,3 @@ class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
         if not made:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
         return f"Added {len(made)} effects"
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_import_hjif,))

@@ -95,13 +95,3 @@ class HFX_OT_bake_response(_OnVolume):
     def work(self, context: bpy.types.Context) -> str:
         count = response_baking.bake(context.scene, active_volume(context), self.target)
         return f"{count} keys"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_response_filter,
-        HFX_OT_remove_response_filter,
-        HFX_OT_move_response_filter,
-        HFX_OT_bake_response,
-    )
-)

@@ -189,14 +189,3 @@ class HFX_OT_paste_effects(HfxOperator):
             raise InputError("There are no effects to paste: copy some first.")
         made = _place(context, replace(effect_file.from_text(text), name=""))
         return f"Pasted {len(made)} effects"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_from_library,
-        HFX_OT_load_effects,
-        HFX_OT_save_effects,
-        HFX_OT_copy_effects,
-        HFX_OT_paste_effects,
-    )
-)

@@ -96,8 +96,3 @@ class HFX_OT_key_actuators(HfxOperator):
                 each.value = self.value
             effect.keyframe_insert(f"hfx.drive[{k}].value", frame=context.scene.frame_current)
         return ""
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_vector_sensation, HFX_OT_key_actuators)
-)

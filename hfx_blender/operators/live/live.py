@@ -319,33 +319,9 @@ class HFX_OT_live_revoke(_OfDevice):
         return f"{title_of(self.name)}: approval withdrawn"
 
 
-_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_live_add,
-        HFX_OT_live_import,
-        HFX_OT_live_remove,
-        HFX_OT_live_connect,
-        HFX_OT_live_disconnect,
-        HFX_OT_live_play,
-        HFX_OT_live_stop_all,
-        HFX_OT_live_pulse,
-        HFX_OT_live_approve,
-        HFX_OT_live_revoke,
-    )
-)
-
 _keys = KeyBindings(
     "Window",
     ("hfx.live_stop_all", "BACK_SPACE", {"ctrl": True, "shift": True}),
     ("hfx.live_stop_all", "PAUSE", {}),
 )
-
-
-def register() -> None:
-    _classes()
-    _keys.register()
-
-
-def unregister() -> None:
-    _keys.unregister()
-    _unregister_classes()
+register, unregister = _keys.register, _keys.unregister

@@ -130,6 +130,3 @@ class HFX_OT_live_offset(HfxOperator):
         known = live_settings.load().get(self.name, live_settings.LiveSettings())
         live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
         return f"{title_of(self.name)} is delayed by {self.offset_ms:g} ms"
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_live_find, HFX_OT_live_offset))

@@ -90,6 +90,3 @@ def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
         kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
         kept |= set(body.children_recursive)
     return kept
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_record_track, HFX_OT_hide_meshes))

@@ -235,16 +235,3 @@ class HFX_OT_effect_mirrored(_AreaOperator):
         copy = effects.duplicate(effect)
         painting.set_weights(copy, areas.mirrored(self.model(effect), painting.weights_of(effect)))
         return f"Added '{copy.name}'"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_area_filter,
-        HFX_OT_area_mirror,
-        HFX_OT_area_from_image,
-        HFX_OT_area_from_selection,
-        HFX_OT_area_copy,
-        HFX_OT_area_keep,
-        HFX_OT_effect_mirrored,
-    )
-)

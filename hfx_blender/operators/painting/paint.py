@@ -159,14 +159,3 @@ class HFX_OT_save_area(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         count = saved_areas.save(painted_effect(context), self.name.strip())
         return f"'{self.name}' saved" if count else f"'{self.name}' is no longer listed"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_paint_begin,
-        HFX_OT_paint_end,
-        HFX_OT_fill_part,
-        HFX_OT_save_area,
-        HFX_OT_set_area,
-    )
-)

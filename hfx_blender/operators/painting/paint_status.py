@@ -131,15 +131,12 @@ def part_name(canvas: bpy.types.Object, vertex: int) -> str:
 
 
 _HANDLERS = {"undo_post": _after_undo, "redo_post": _after_undo, "load_post": _after_loading}
-_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_paint_status,))
 
 
 def register() -> None:
-    _register()
     if not bpy.app.background:
         add_handlers(_HANDLERS)
 
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
-    _unregister()

@@ -242,6 +242,3 @@ class HFX_OT_draw_path(HfxOperator):
         context.window.cursor_modal_restore()
         if context.area is not None:
             context.area.tag_redraw()
-
-
-register, unregister = bpy.utils.register_classes_factory((HfxPathPoint, HFX_OT_draw_path))

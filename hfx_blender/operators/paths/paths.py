@@ -254,16 +254,3 @@ class HFX_OT_save_path(PathOperator, ExportHelper):
         title = self.name or path.stem.replace("_", " ").title()
         path_file.save(paths.recipe_of(context.scene, active_spot(context), title), path)
         return f"Saved the path to {path.name}"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_spot,
-        HFX_OT_reverse_path,
-        HFX_OT_mirror_path,
-        HFX_OT_move_along_path,
-        HFX_OT_path_from_library,
-        HFX_OT_load_path,
-        HFX_OT_save_path,
-    )
-)

@@ -234,17 +234,7 @@ def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
 
 
 _classes = (HFX_OT_slide_spot, HFX_OT_resize_spot, HFX_OT_key_spot)
-_register, _unregister = bpy.utils.register_classes_factory(_classes)
 _keys = KeyBindings(
     "Object Mode", *((each.bl_idname, key, {}) for each, key in zip(_classes, "GSI", strict=True))
 )
-
-
-def register() -> None:
-    _register()
-    _keys.register()
-
-
-def unregister() -> None:
-    _keys.unregister()
-    _unregister()
+register, unregister = _keys.register, _keys.unregister

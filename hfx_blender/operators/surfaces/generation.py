@@ -223,17 +223,7 @@ def stop() -> None:
         running = None
 
 
-_register, _unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_generate_surface, HFX_OT_cancel_generation, HFX_OT_use_generated)
-)
-
-
-def register() -> None:
-    _register()
-
-
 def unregister() -> None:
     stop()
     results.clear()
     _forget()
-    _unregister()

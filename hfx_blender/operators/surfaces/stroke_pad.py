@@ -196,16 +196,6 @@ class HFX_OT_export_stroke(FileOperator):
         return f"Wrote {path.name}" + "".join(f"; {note}" for note in written.notes)
 
 
-_register, _unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_stroke_pad, HFX_OT_export_stroke)
-)
-
-
-def register() -> None:
-    _register()
-
-
 def unregister() -> None:
     global last_take
     last_take = None
-    _unregister()

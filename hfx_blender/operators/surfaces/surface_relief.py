@@ -120,6 +120,3 @@ class HFX_OT_estimate_relief(HfxOperator):
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
             context.workspace.status_text_set(None)
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_estimate_relief,))

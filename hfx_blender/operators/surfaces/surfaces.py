@@ -201,17 +201,3 @@ class HFX_OT_feel_fabric(HfxOperator):
         full = float(DeviceRange().amplitude_m_s2(1.0))
         reference_strokes.reference_stroke.play(signal, full)
         return f"{signal.amplitude_m_s2.mean() / full:.0%} of full strength"
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        HFX_OT_add_surface,
-        HFX_OT_remove_surface,
-        HFX_OT_bake_surface,
-        HFX_OT_load_surface_image,
-        HFX_OT_load_scan,
-        HFX_OT_export_texture,
-        HFX_OT_import_texture,
-        HFX_OT_feel_fabric,
-    )
-)

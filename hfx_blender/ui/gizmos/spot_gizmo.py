@@ -92,6 +92,3 @@ def pixel_size(context: bpy.types.Context, place: Vector) -> float:
     view = context.region_data.perspective_matrix
     depth = abs((view @ place.to_4d()).w)
     return 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_GGT_spot,))

@@ -129,6 +129,3 @@ def along(world: Matrix, axis: int) -> Matrix:
         Matrix.Translation(world.translation)
         @ direction.to_track_quat("Z", "Y").to_matrix().to_4x4()
     )
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_GGT_volume,))

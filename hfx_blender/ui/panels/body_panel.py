@@ -279,8 +279,3 @@ def _draw_row(
     row = split.row()
     for value in values:
         row.label(text=value)
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_UL_bones, HFX_PT_body, HFX_PT_bones, HFX_PT_fit)
-)

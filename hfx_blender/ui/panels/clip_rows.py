@@ -90,11 +90,7 @@ class HfxClipRow(bpy.types.PropertyGroup):
     fade_out: _time("fade_out", "blend_out", min=0.0)
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HfxClipRow,))
-
-
 def register() -> None:
-    _register()
     bpy.types.WindowManager.hfx_clips = CollectionProperty(type=HfxClipRow)
     bpy.types.WindowManager.hfx_group_start = FloatProperty(
         name="Start of the Group",
@@ -109,4 +105,3 @@ def unregister() -> None:
     preview.after_looking.remove(refresh)
     del bpy.types.WindowManager.hfx_group_start
     del bpy.types.WindowManager.hfx_clips
-    _unregister()

@@ -205,11 +205,7 @@ def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     )
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HfxEffectRow, HFX_UL_effects))
-
-
 def register() -> None:
-    _register()
     bpy.types.WindowManager.hfx_rows = CollectionProperty(type=HfxEffectRow)
     bpy.types.WindowManager.hfx_row = IntProperty(
         name="Effect", description="Select the effect", get=_active_row, set=_select_row
@@ -221,4 +217,3 @@ def unregister() -> None:
     preview.after_looking.remove(refresh)
     del bpy.types.WindowManager.hfx_row
     del bpy.types.WindowManager.hfx_rows
-    _unregister()

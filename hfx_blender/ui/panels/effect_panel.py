@@ -122,8 +122,3 @@ class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
         layout.prop(context.scene.hfx, "tolerance")
         if context.scene.hfx.tolerance == "CUSTOM":
             layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_PT_effect, HFX_PT_export, HFX_PT_sampling)
-)

@@ -149,6 +149,3 @@ def _draw_clip(
         column.prop(times, "fade_in")
         column.prop(times, "fade_out")
     column.prop(strip, "repeat", text="Repeat")
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_effects, HFX_PT_clips))

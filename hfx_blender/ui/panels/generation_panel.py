@@ -83,15 +83,10 @@ def _icon(record: Any) -> int:
     return int(_previews[path].icon_id)
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_generation,))
-
-
 def register() -> None:
     global _previews
     _previews = bpy.utils.previews.new()
-    _register()
 
 
 def unregister() -> None:
-    _unregister()
     bpy.utils.previews.remove(_previews)

@@ -186,17 +186,12 @@ def _header(self: bpy.types.Header, _context: bpy.types.Context) -> None:
         row.operator("hfx.live_stop_all", icon="CANCEL")
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_live,))
-
-
 def register() -> None:
-    _register()
     bpy.types.VIEW3D_HT_header.prepend(_header)
 
 
 def unregister() -> None:
     bpy.types.VIEW3D_HT_header.remove(_header)
-    _unregister()
     forget_icons()
 
 

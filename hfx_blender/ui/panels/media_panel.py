@@ -42,6 +42,3 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
             column.prop(owner, f'["{media.START}"]', text="Start")
         if sounds:
             layout.prop(context.scene, "sync_mode", text="Playback")
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_media,))

@@ -63,6 +63,3 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
         column.operator("hfx.save_area", icon="FILE_TICK")
         column.operator("hfx.area_copy", icon="COPYDOWN")
         column.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_area, HFX_PT_area_transfer))

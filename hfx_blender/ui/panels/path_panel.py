@@ -89,6 +89,3 @@ class HFX_PT_vector(HfxPanel, bpy.types.Panel):
         for each in effect.hfx.drive:
             column.prop(each, "value", text=each.name, slider=True)
         layout.operator("hfx.key_actuators", icon="KEY_HLT")
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_path, HFX_PT_vector))

@@ -80,6 +80,3 @@ class HFX_PT_response(HfxPanel, bpy.types.Panel):
             column.prop(each, "domain")
         for name in responses.properties_of(each):
             column.prop(each, name)
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_UL_response, HFX_PT_response))

@@ -171,8 +171,3 @@ def _is_picture(path: str) -> bool:
     from ...authoring.surfaces.surface_sources import PICTURES
 
     return any(path.lower().endswith(suffix) for suffix in PICTURES)
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (HFX_PT_surface, HFX_PT_surface_felt, HFX_PT_surface_files, HFX_PT_surface_calibration)
-)

@@ -38,6 +38,3 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, note, "INFO")
         for fault in recorder.result.faults if recorder.result is not None else ():
             draw_text(context, layout, fault, "ERROR")
-
-
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_values,))
