@@ -25,7 +25,6 @@ from ..formats.hjif.semantics import is_date
 from ..formats.rasters import csv_raster, raster_rules
 from ..formats.rasters.signal_raster import RATE_HZ, raster_of
 from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
-from ..formats.signals.curves import CurveTolerance
 from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, FrequencyRange, Signal, distinct
 from ..formats.sound import wav
 from ..formats.writing import write, write_signals
@@ -42,7 +41,7 @@ def convert(
     to: str | None = None,
     device: str | None = None,
     body: str | None = None,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
     strict: bool = False,
 ) -> Written:
     """Write ``source`` in another format.
@@ -64,7 +63,7 @@ def convert(
         device plays in any format; HJIF then has its units and places on the body.
     body : str, optional
         Name or id of who wears it; tracks with several bodies need it.
-    tolerance : CurveTolerance
+    tolerance : float
     strict : bool
         Something left out is an error, and nothing is written.
 
@@ -115,7 +114,7 @@ def _of_track(
     stem: Path,
     device: str | None,
     body: str | None,
-    tolerance: CurveTolerance,
+    tolerance: float,
 ) -> Written:
     """Write what is felt in a track, or what a device plays of it."""
     with TrackReader(source) as track:
@@ -139,7 +138,7 @@ def _of_track(
 
 
 def _of_file(
-    source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: CurveTolerance
+    source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: float
 ) -> Written:
     """Write what a raster or envelopes play."""
     info = format_of(source)
@@ -176,7 +175,7 @@ def _played(
     target: FormatInfo,
     device: DeviceConfig,
     stem: Path,
-    tolerance: CurveTolerance,
+    tolerance: float,
 ) -> Written:
     """Write what a device plays of envelopes."""
     _refuse_unfolding(signals, device, target, source)
@@ -196,7 +195,7 @@ def _as_envelopes(
     frequencies: FrequencyRange,
     target: FormatInfo,
     stem: Path,
-    tolerance: CurveTolerance,
+    tolerance: float,
 ) -> Written:
     """Write envelopes as they are; a single one gets exactly the name that was asked for."""
     credits, held = signals[0].credits, target.credits

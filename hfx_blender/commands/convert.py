@@ -57,7 +57,6 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Convert, and report what was left out."""
     from ..errors import UsageError
-    from ..formats.signals.curves import CurveTolerance
     from .conversion import convert
 
     if not 0.0 < options.tolerance <= 50.0:
@@ -70,7 +69,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         to=options.to,
         device=options.device[0] if options.device else None,
         body=options.body,
-        tolerance=CurveTolerance(options.tolerance / 100.0),
+        tolerance=options.tolerance / 100.0,
         strict=options.strict,
     )
     for path in written.files:

@@ -16,7 +16,6 @@ from ..engine.track.excerpt import write_excerpt
 from ..engine.track.named_clips import named_clips
 from ..errors import InputError
 from ..formats import writing
-from ..formats.signals.curves import CurveTolerance
 from ..formats.written import Written
 from . import result_files
 
@@ -27,7 +26,7 @@ def write_clips(
     devices: Sequence[DeviceConfig],
     rendered: Rendered,
     stem: Path,
-    tolerance: CurveTolerance,
+    tolerance: float,
 ) -> tuple[Written, Rendered]:
     """Write each named clip of a track as files of its own, from time 0.
 

@@ -39,7 +39,6 @@ from ..formats import writing
 from ..formats.clip import DETAIL
 from ..formats.files import valid_only
 from ..formats.registry import FORMATS
-from ..formats.signals.curves import CurveTolerance
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
 from ..processes.start import cores
@@ -271,7 +270,7 @@ class SceneExport:
     ) -> ExportReport:
         settings = self._settings
         stem = track.with_name(track.name.removesuffix(SUFFIX))
-        tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
+        tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         with TrackReader(track) as whole:
             felt = felt_effects(whole, recorded.times)
             effects, missed = told_effects(

@@ -17,7 +17,7 @@ from ..text import name_key
 from .clip.spatial_recorder import SpatialRecorder
 from .registry import FORMATS, FormatInfo, refuse_unknown
 from .signals import losses
-from .signals.curves import CurveTolerance, clipped
+from .signals.curves import clipped
 from .signals.signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, signals_of
 from .written import Written
 
@@ -27,7 +27,7 @@ def write(
     raster: Raster,
     device: DeviceConfig,
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write a device's output in one format, and report what it could not hold.
 
@@ -39,7 +39,7 @@ def write(
     device : DeviceConfig
     stem : Path
         ``folder/stem``; the files' names begin with it.
-    tolerance : CurveTolerance
+    tolerance : float
         Of the amplitude, a share of full scale, for formats with keyframes.
 
     Raises
@@ -71,7 +71,7 @@ def write(
 
 
 def _write_as_signals(
-    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
     signals, frequencies = signals_of(raster, device)
     written = write_signals(info, signals, frequencies, stem, tolerance)
@@ -86,7 +86,7 @@ def write_signals(
     signals: list[Signal],
     frequencies: FrequencyRange,
     stem: Path,
-    tolerance: CurveTolerance,
+    tolerance: float,
 ) -> Written:
     """Write signals in a format of envelopes, cut to the frequencies that it holds.
 
@@ -181,7 +181,7 @@ def write_all(
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
     scene: SpatialRecorder | None = None,
 ) -> Written:
     """Write all formats but the track itself, and the scene's volumes.
@@ -199,7 +199,7 @@ def write_all(
     devices : sequence of DeviceConfig
     stem : Path
         ``folder/stem`` of files that are of no device.
-    tolerance : CurveTolerance
+    tolerance : float
         See :func:`write`.
     scene : SpatialRecorder, optional
         What the formats of several devices tell of the scene itself.
@@ -228,7 +228,7 @@ def write_all(
 
 
 def _write_or_tell(
-    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
     """Write a device's output, or tell why the format has no file for it."""
     why = _why_nothing(info, device)

@@ -36,7 +36,7 @@ from hfx_blender.formats.ahap import ahap_rules
 from hfx_blender.formats.pictures import png
 from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS
-from hfx_blender.formats.signals.curves import Curve, CurveTolerance
+from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, mixed
 from hfx_blender.formats.tact import tact
 from hfx_blender.formats.writing import write_signals
@@ -294,7 +294,7 @@ def test_strengths_every_20_ms_have_a_limit():
 @pytest.mark.parametrize("target", ["ahap", "haptic", "he", "openxr", "hjif"])
 def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target):
     made = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
-    hertz, tolerance = FrequencyRange(50.0, 200.0), CurveTolerance()
+    hertz, tolerance = FrequencyRange(50.0, 200.0), 0.01
     (path,) = write_signals(FORMATS["haptic"], [made], hertz, tmp_path / "x", tolerance).files
     try:
         written = convert(path, tmp_path / "y", to=target)

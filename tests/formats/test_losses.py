@@ -26,7 +26,7 @@ from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses, signals
-from hfx_blender.formats.signals.curves import Curve, CurveTolerance
+from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
 from hfx_blender.formats.signals.simplified_writer import error_note
 from hfx_blender.formats.tact import tact
@@ -38,9 +38,7 @@ LOUD = [0.0, 1.0, 0.0, 1.0, 0.0]
 
 
 def written(name, signals, folder, frequencies=RANGE):
-    return writing.write_signals(
-        FORMATS[name], list(signals), frequencies, folder / "x", CurveTolerance()
-    )
+    return writing.write_signals(FORMATS[name], list(signals), frequencies, folder / "x", 0.01)
 
 
 def left_out(*given):
@@ -227,7 +225,7 @@ def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
         [wanted],
         signals.FrequencyRange(80.0, 230.0),
         tmp_path / "x",
-        CurveTolerance(0.01),
+        0.01,
     )
     (claim,) = (each for each in written.notes if "keyframes are within" in each)
     percent, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
@@ -250,7 +248,7 @@ def test_claims_hold_of_other_formats_when_they_are_read_again(kind, tmp_path):
         [wanted],
         signals.FrequencyRange(80.0, 230.0),
         tmp_path / "x",
-        CurveTolerance(0.01),
+        0.01,
     )
     claim = next(each for each in written.notes if "keyframes are within" in each)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
@@ -297,7 +295,7 @@ def test_errors_count_what_the_other_signal_has_near_in_time():
 def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
     times = np.linspace(0.0, 2.0, len(levels))
     wanted = signals.Signal("a", Curve(times, np.array(levels)), Curve.of([0, 2], [60.0, 300.0]))
-    found = from_actuators.write_signals([wanted], RANGE, tmp_path / "x", CurveTolerance(0.01))
+    found = from_actuators.write_signals([wanted], RANGE, tmp_path / "x", 0.01)
     (claim,) = (each for each in found.notes if "keyframes are within" in each)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
     document = json.loads(found.files[0].read_bytes())
@@ -316,7 +314,7 @@ def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_
     levels = Curve.of([0, 1, 2, 4, 6], [0.0, 1.0, 0.0, 0.0, 1.0])
     wanted = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
     found = writing.write_signals(
-        FORMATS[kind], [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", CurveTolerance(0.01)
+        FORMATS[kind], [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", 0.01
     )
     (read,), _ = read_signals(found.files[0])
     assert read.frequency_hz.at([0.5, 1.0, 1.5, 5.0]) == pytest.approx(

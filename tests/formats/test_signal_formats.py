@@ -17,7 +17,6 @@ from hfx_blender.formats import files
 from hfx_blender.formats.ahap import ahap, ahap_rules
 from hfx_blender.formats.device_files import haptic, openxr
 from hfx_blender.formats.he import he, he_rules
-from hfx_blender.formats.signals.curves import CurveTolerance
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
 
 FORMATS = {
@@ -217,7 +216,7 @@ def test_he_patterns_that_a_player_refuses_are_found():
 def test_he_version_1_simplifies_more_or_refuses(tmp_path):
     times = np.arange(1000) / 100.0
     gentle = signal(0.5 + 0.5 * np.sin(times * 14), rate_hz=100.0)
-    written = he.write_v1([gentle], RANGE, tmp_path / "x", CurveTolerance(0.001))
+    written = he.write_v1([gentle], RANGE, tmp_path / "x", 0.001)
     assert any("kept within" in note for note in written.notes)
     found = json.loads(written.files[0].read_text())
     assert len(found["Pattern"]) <= 16

@@ -22,7 +22,7 @@ from ...text import counted
 from ..leniency import refuse_but
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.curves import Curve, CurveTolerance, clipped
+from ..signals.curves import Curve, clipped
 from ..signals.signals import (
     DEFAULT_TOLERANCE,
     Credits,
@@ -86,7 +86,7 @@ def write_v1(
     signals: Sequence[Signal],
     frequencies: FrequencyRange,
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write version 1: 16 events in 50 s at most, which begin and end at 0.
 
@@ -96,7 +96,7 @@ def write_v1(
         Not simplified: what does not fit is simplified more, up to a tenth of full scale.
     frequencies : FrequencyRange
     stem : Path
-    tolerance : CurveTolerance
+    tolerance : float
 
     Raises
     ------
@@ -126,7 +126,7 @@ def write_openharmony(
     signals: Sequence[Signal],
     frequencies: FrequencyRange,
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write OpenHarmony's variant: 128 events and 64 KiB a file at most; else as version 1."""
 
@@ -190,7 +190,7 @@ def _write_fitting(
     signals: Sequence[Signal],
     stem: Path,
     suffix: str,
-    tolerance: CurveTolerance,
+    tolerance: float,
     build: Callable[[Signal], Any],
     limit: str,
 ) -> Written:
@@ -201,11 +201,11 @@ def _write_fitting(
     for signal in signals:
         if signal.is_silent:
             continue  # told by _write
-        value, found = tolerance.value, None
-        while found is None and value <= max(_COARSEST, tolerance.value):
-            (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s))
+        value, found = tolerance, None
+        while found is None and value <= max(_COARSEST, tolerance):
+            (few,) = simplified_signals([signal], value)
             found = build(few)
-            if found is not None and value > tolerance.value:
+            if found is not None and value > tolerance:
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
             value *= _COARSER
         if found is None:
@@ -221,9 +221,7 @@ def _write_fitting(
         raise InputError(f"{refused[0]}.")
     kept = [each for each in signals if each.is_silent or each.name in documents]
     written = _write(kept, stem, suffix, lambda each: documents[each.name])
-    within = (
-        f"curves are within {tolerance.value:.1%} of full scale, their times whole milliseconds"
-    )
+    within = f"curves are within {tolerance:.1%} of full scale, their times whole milliseconds"
     return written + Written((), tuple(refused), (within, *notes, *losses.silenced(dense, simple)))
 
 

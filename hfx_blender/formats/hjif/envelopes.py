@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ..signals.curve_grid import on_grid
-from ..signals.curves import Curve, CurveTolerance, simplified
+from ..signals.curves import Curve, simplified
 from .document import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
 
@@ -89,7 +89,7 @@ def _wave(position: int, keyframes: tuple[Keyframe, ...], id: int | None = None)
 
 
 def wave_bursts(
-    dense: Dense, timescale: int, tolerance: CurveTolerance, pitch_hz: float
+    dense: Dense, timescale: int, tolerance: float, pitch_hz: float
 ) -> list[tuple[int, tuple[Keyframe, ...]]]:
     """A vibration as stretches between silences: position and keyframes of each.
 
@@ -124,16 +124,14 @@ def _wave_keyframes(
     levels: F64,
     hertz: F64,
     timescale: int,
-    tolerance: CurveTolerance,
+    tolerance: float,
     pitch_hz: float,
 ) -> tuple[Keyframe, ...]:
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
-    amplitude = on_grid(few, strength, tolerance.value, timescale)
+    amplitude = on_grid(few, strength, tolerance, timescale)
     left_hz = max(pitch_hz - _WHOLE_HZ, 0.0)
-    few = simplified(
-        tone, CurveTolerance(left_hz), lowest=float(hertz.min()), highest=float(hertz.max())
-    )
+    few = simplified(tone, left_hz, lowest=float(hertz.min()), highest=float(hertz.max()))
     pitch = on_grid(few, tone, left_hz, timescale)
     knots = np.union1d(amplitude[0], pitch[0])
     return tuple(
@@ -182,11 +180,11 @@ def _shifted(frames: Sequence[Keyframe], ticks: int) -> tuple[Keyframe, ...]:
     )
 
 
-def curve_effects(dense: Dense, timescale: int, tolerance: CurveTolerance) -> list[Effect]:
+def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[Effect]:
     """A pressure, temperature or wind over the whole time: one effect at position 0, if it fits."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
-    ticks, values = on_grid(few, strength, tolerance.value, timescale)
+    ticks, values = on_grid(few, strength, tolerance, timescale)
     if len(ticks) == 1:
         ticks, values = np.array([ticks[0], ticks[0] + 2]), np.repeat(values, 2)
     frames = tuple(

@@ -17,7 +17,7 @@ from ...files.atomic import atomic_file
 from ...files.strict_json import clean, read_bytes
 from ...text import counted
 from ..signals import losses
-from ..signals.curves import CurveTolerance, clipped
+from ..signals.curves import clipped
 from ..signals.signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
@@ -44,7 +44,7 @@ def write(
     raster: Raster,
     device: DeviceConfig,
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write ``stem.hjif``.
 
@@ -55,12 +55,12 @@ def write(
     """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
-    within = f"curves are within {tolerance.value:.1%} of full scale"
+    within = f"curves are within {tolerance:.1%} of full scale"
     return Written((_write(document, stem),), left_out, (within, *counted(weak, TOO_WEAK)))
 
 
 def _compose(
-    raster: Raster, device: DeviceConfig, name: str, tolerance: CurveTolerance
+    raster: Raster, device: DeviceConfig, name: str, tolerance: float
 ) -> tuple[Hjif, list[str]]:
     """A raster as a document, and actuators of which nothing is left in it.
 
@@ -99,7 +99,7 @@ def write_signals(
     signals: Sequence[Signal],
     frequencies: FrequencyRange,
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write vibration of another format as ``stem.hjif``; its full scale is not known.
 

@@ -28,7 +28,6 @@ from ...files.atomic import atomic_file
 from ...files.strict_json import clean
 from ...text import counted
 from ..glb import glb
-from ..signals.curves import CurveTolerance
 from ..signals.signals import DEFAULT_TOLERANCE, MAX_HZ
 from ..written import Written
 from . import text
@@ -53,7 +52,7 @@ def write(
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     stem: Path,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
     """Write ``stem.hjif`` and beside it each body model as ``stem.<model>.glb``.
 
@@ -77,7 +76,7 @@ def write(
     driven = [each.name for each in track.header.effects if each.kind == "actuators"]
     notes = (
         *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
-        f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
+        f"curves are within {tolerance:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
         "more where a long vibration is cut into effects)",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
     )
@@ -88,7 +87,7 @@ def compose(
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     name: str,
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Hjif, list[PerceptualModel], Written]:
     """A document, its models, and, without files, what of the track it does not hold."""
     header = track.header

@@ -14,7 +14,6 @@ from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...files.strict_json import clean
 from ..registry import FORMATS
-from ..signals.curves import CurveTolerance
 from ..signals.signals import MAX_HZ, Transient
 from .body_parts import place_mask
 from .document import (
@@ -87,7 +86,7 @@ def perception_of(
     places: Sequence[Place],
     devices: Sequence[DeviceConfig],
     timescale: int,
-    tolerance: CurveTolerance,
+    tolerance: float,
     *,
     has_units: bool = True,
 ) -> Perception:

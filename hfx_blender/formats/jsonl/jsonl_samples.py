@@ -28,7 +28,6 @@ from ...files.findings import Finding, Report, refuse_errors
 from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check
 from ...files.strict_json import Place, clean, encoded, parse, read_bytes
 from ..registry import FORMATS
-from ..signals.curves import CurveTolerance
 from ..written import Written
 from . import jsonl_compact
 
@@ -122,7 +121,7 @@ def write(track: TrackReader, path: Path) -> None:
 
 
 def export(
-    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: float
 ) -> Written:
     """Write a track as ``stem.samples.jsonl``; it is of no device, and not simplified."""
     path = stem.with_name(stem.name + SUFFIX)

@@ -21,7 +21,6 @@ from ...files.atomic import atomic_file
 from ...files.findings import Finding, decoding_findings
 from ...files.strict_json import MAX_BYTES, read_bytes
 from ..registry import FORMATS
-from ..signals.curves import CurveTolerance
 from ..written import Written
 from . import raster_rules
 
@@ -68,7 +67,7 @@ def write(raster: Raster, path: Path) -> None:
             file.write("".join(lines).encode())
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
     """Write what a device plays as ``stem.csv``; it is exact, whatever the tolerance."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, path)

@@ -30,7 +30,6 @@ from ...files.findings import Finding, Report, decoding_findings, refuse_errors
 from ...files.json_shapes import Anything, Items, Number, Record, Text, check
 from ...files.strict_json import MAX_BYTES, parse, read_bytes
 from ..registry import FORMATS
-from ..signals.curves import CurveTolerance
 from ..written import Written
 from . import raster_rules
 
@@ -111,7 +110,7 @@ def write(raster: Raster, path: Path) -> None:
         write_npz(file, arrays, is_compressed=True)
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
     """Write what a device plays as ``stem.raster.npz``; it is exact, whatever the tolerance."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, path)

@@ -75,21 +75,9 @@ class Curve:
         return cls(np.asarray(times_s, np.float64), np.asarray(values, np.float64))
 
 
-@dataclass(frozen=True)
-class CurveTolerance:
-    """Tolerance of a simplified curve against its original.
-
-    At each time the value is within ``value`` of one that the original has at most ``time_s``
-    earlier or later, and the other way round: nothing short is lost.
-    """
-
-    value: float = 0.01  # in the unit of the curve; for amplitudes a share of full scale
-    time_s: float = 0.0
-
-
 def simplified(
     curve: Curve,
-    tolerance: CurveTolerance,
+    tolerance: float,
     *,
     lowest: float = -np.inf,
     highest: float = np.inf,
@@ -99,13 +87,14 @@ def simplified(
     """The curve of the fewest keyframes within a tolerance.
 
     Keyframes may lie anywhere between those of the original, in time and in value: none of
-    its own has to be kept. With ``tolerance.time_s`` 0 the count is the least possible
-    (Imai and Iri, "An optimal algorithm for approximating a piecewise linear function", 1986).
+    its own has to be kept. The count is the least possible (Imai and Iri, "An optimal algorithm
+    for approximating a piecewise linear function", 1986).
 
     Parameters
     ----------
     curve : Curve
-    tolerance : CurveTolerance
+    tolerance : float
+        Largest distance at any time, in the unit of the values.
     lowest, highest : float
         Bounds of the values; those of the original must be within them.
     keeps_silence : bool
@@ -115,41 +104,27 @@ def simplified(
     """
     times = _strictly_ascending(curve.times_s)
     values = curve.values
-    if len(times) == 1 or tolerance.value <= 0.0:
+    if len(times) == 1 or tolerance <= 0.0:
         return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
     if (values == values[0]).all():
         return Curve(times[[0, -1]], values[[0, -1]])
-    silent = _SILENT * tolerance.value if keeps_silence else 0.0
-    reach = tolerance.value * (1.0 - _MARGIN) - silent
-    low, high = _corridor(times, values, reach, 0.0)
-    wide = _corridor(times, values, reach, tolerance.time_s)
-    lost = np.zeros(len(times), np.bool_)
-    while True:
-        low_now = np.where(lost, low, wide[0])
-        high_now = np.where(lost, high, wide[1])
-        if keeps_silence:
-            is_silent = values == 0.0
-            wall = _SILENT_WALL * tolerance.value
-            low_now = np.where(is_silent, np.maximum(low_now, -wall), low_now)
-            high_now = np.where(is_silent, np.minimum(high_now, wall), high_now)
-        low_now, high_now = _open(np.maximum(low_now, lowest), np.minimum(high_now, highest))
-        if is_free is not None:
-            low_now = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low_now)
-            high_now = np.where(is_free, min(highest, float(values.max())) + 1e-9, high_now)
-        found = Curve(*_fewest_pieces(times, low_now, high_now))
-        kept = np.clip(found.values, lowest, highest)
-        if keeps_silence:
-            kept = np.where(np.abs(kept) <= silent * (1.0 + _MARGIN), 0.0, kept)
-        found = Curve(found.times_s, kept)
-        if tolerance.time_s <= 0.0:
-            return found
-        # Values skipped by the wider corridor are held exactly in the next round.
-        newly = ~lost & _is_lost(times, values, found, tolerance)
-        if is_free is not None:
-            newly &= ~is_free
-        if not newly.any():
-            return found
-        lost |= newly
+    silent = _SILENT * tolerance if keeps_silence else 0.0
+    reach = tolerance * (1.0 - _MARGIN) - silent
+    low, high = values - reach, values + reach
+    if keeps_silence:
+        is_silent = values == 0.0
+        wall = _SILENT_WALL * tolerance
+        low = np.where(is_silent, np.maximum(low, -wall), low)
+        high = np.where(is_silent, np.minimum(high, wall), high)
+    low, high = _open(np.maximum(low, lowest), np.minimum(high, highest))
+    if is_free is not None:
+        low = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low)
+        high = np.where(is_free, min(highest, float(values.max())) + 1e-9, high)
+    found_times, found_values = _fewest_pieces(times, low, high)
+    kept = np.clip(found_values, lowest, highest)
+    if keeps_silence:
+        kept = np.where(np.abs(kept) <= silent * (1.0 + _MARGIN), 0.0, kept)
+    return Curve(found_times, kept)
 
 
 def with_zeros(curve: Curve) -> Curve:
@@ -182,37 +157,6 @@ def _strictly_ascending(times: F64) -> F64:
         return times
     steps = np.arange(len(times)) * _APART_S
     return np.asarray(np.maximum.accumulate(times - steps) + steps)
-
-
-def _corridor(times: F64, values: F64, reach: float, time_s: float) -> tuple[F64, F64]:
-    """Lowest and highest allowed value at each time, (n,) each."""
-    low, high = values, values
-    gaps = np.diff(times)
-    # Between two rows the corridor is straight and may use what is a row further away.
-    rows = int(time_s / float(gaps.max())) - 1 if time_s > 0.0 else 0
-    if rows > 0:
-        padded = np.pad(values, rows, mode="edge")
-        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * rows + 1)
-        low, high = windows.min(axis=1), windows.max(axis=1)
-    return low - reach, high + reach
-
-
-def _is_lost(
-    times: F64, values: F64, found: Curve, tolerance: CurveTolerance
-) -> npt.NDArray[np.bool_]:
-    """Mask of the original's values that the new curve has at no time near, (n,)."""
-    at = np.column_stack([times - tolerance.time_s, times, times + tolerance.time_s])
-    near = found.at(at)
-    low, high = near.min(axis=1), near.max(axis=1)
-    if len(found) > 2:  # its keyframes within reach are extremes as well
-        first = np.searchsorted(found.times_s, at[:, 0])
-        stop = np.searchsorted(found.times_s, at[:, 2])
-        for step in range(int((stop - first).max(initial=0))):
-            k = np.minimum(first + step, len(found) - 1)
-            inside = first + step < stop
-            low = np.where(inside, np.minimum(low, found.values[k]), low)
-            high = np.where(inside, np.maximum(high, found.values[k]), high)
-    return np.asarray((values < low - tolerance.value) | (values > high + tolerance.value))
 
 
 def _open(low: F64, high: F64) -> tuple[F64, F64]:

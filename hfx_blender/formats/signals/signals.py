@@ -20,9 +20,10 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits
-from .curves import Curve, CurveTolerance, clipped, simplified
+from .curves import Curve, clipped, simplified
 
-DEFAULT_TOLERANCE: Final = CurveTolerance(0.01)
+DEFAULT_TOLERANCE: Final = 0.01
+"""Largest error of an amplitude, a share of full scale."""
 
 MAX_HZ: Final = 1000.0
 """Skin feels no vibration above it."""
@@ -206,7 +207,7 @@ def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
 
 def simplified_signals(
     signals: Iterable[Signal],
-    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
     *,
     frequency_hz: float = 1.0,
 ) -> tuple[Signal, ...]:
@@ -215,7 +216,7 @@ def simplified_signals(
     Parameters
     ----------
     signals : iterable of Signal
-    tolerance : CurveTolerance
+    tolerance : float
         Of the amplitude, as a share of full scale.
     frequency_hz : float
         Of the frequency while something sounds.
@@ -228,7 +229,7 @@ def simplified_signals(
         near = _is_heard(each)
         frequency = simplified(
             each.frequency_hz,
-            replace(tolerance, value=frequency_hz),
+            frequency_hz,
             lowest=float(each.frequency_hz.values.min()),
             highest=float(each.frequency_hz.values.max()),
             is_free=~near if near.any() and not near.all() else None,

@@ -13,11 +13,10 @@ from ...errors import InputError
 from ...files.strict_json import clean, read_bytes
 from ..written import Written, beside
 from . import losses
-from .curves import CurveTolerance
 from .signals import FrequencyRange, Signal, simplified_signals
 
 Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
-SignalWriter = Callable[[list[Signal], FrequencyRange, Path, CurveTolerance], Written]
+SignalWriter = Callable[[list[Signal], FrequencyRange, Path, float], Written]
 
 WHOLE_MS: Final = 1e-3
 """Seconds that times may be off where they are whole milliseconds."""
@@ -45,7 +44,7 @@ def simplified_writer(
     """
 
     def write_signals(
-        signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
+        signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: float
     ) -> Written:
         few = simplified_signals(signals, tolerance, frequency_hz=pitch_tolerance(frequencies))
         written = write_few(few, frequencies, stem)

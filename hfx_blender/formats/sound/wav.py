@@ -36,7 +36,6 @@ from ...errors import InputError
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.curves import CurveTolerance
 from ..written import Written
 
 SUFFIX: Final = FORMATS["wav"].suffix
@@ -115,7 +114,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
             file.write(encoded(block, _BITS))
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
     """Write what a device plays as ``stem.wav``; it is sound, whatever the tolerance."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, device, path)

@@ -28,7 +28,7 @@ from ...text import counted
 from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.curves import Curve, CurveTolerance
+from ..signals.curves import Curve
 from ..signals.signals import Credits, FrequencyRange, Piece, Signal, mixed, signals_of, text_of
 from ..written import Written, beside, write_json
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
@@ -80,7 +80,7 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
     return Written(tuple(files), left_out, notes)
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance) -> Written:
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
     """Write the vibration that a device plays; strengths have steps, whatever the tolerance.
 
     Raises

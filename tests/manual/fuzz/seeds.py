@@ -36,7 +36,6 @@ from hfx_blender.formats import files, writing  # noqa: E402
 from hfx_blender.formats.glb import glb  # noqa: E402
 from hfx_blender.formats.pictures import texture_map  # noqa: E402
 from hfx_blender.formats.registry import FORMATS  # noqa: E402
-from hfx_blender.formats.signals.curves import CurveTolerance  # noqa: E402
 from hfx_blender.formats.signals.signals import Transient  # noqa: E402
 from hfx_tools.body_building import model_file  # noqa: E402
 
@@ -193,7 +192,7 @@ def _of_signals(found: dict[str, list[bytes]], folder: Path) -> None:
     ticking = signal_of([0, 1, 0.5, 0], transients=[Transient(0.01, 0.9, 100.0)])
     for name in ("ahap", "haptic", "he", "openxr"):
         stem = folder / f"b.{name}"
-        made = writing.write_signals(FORMATS[name], [ticking], RANGE, stem, CurveTolerance())
+        made = writing.write_signals(FORMATS[name], [ticking], RANGE, stem, 0.01)
         for path in made.files:
             found[name].append(path.read_bytes())
 
