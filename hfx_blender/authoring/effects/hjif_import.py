@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import bpy
@@ -19,7 +20,6 @@ from ...files.strict_json import read_bytes
 from ...formats.glb import glb_reader
 from ...formats.hjif import reader
 from ...formats.hjif.body_parts import vertex_masks
-from ...formats.hjif.document import Hjif
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
 from ...formats.signals.curves import Curve, with_zeros
@@ -55,7 +55,7 @@ def import_hjif(
     InputError
         The file cannot be read; nothing was added.
     """
-    document, tolerated = reader.decode_with_notes(read_bytes(path), str(path))
+    document, tolerated = reader.decode(read_bytes(path), str(path))
     # Everything is read before anything is made.
     found = [_with_ticks(each) for each in envelopes(document, str(path))]
     ours = _own_models(document, path.parent)
@@ -102,11 +102,11 @@ def _with_ticks(envelope: Envelope) -> Envelope:
     return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
 
 
-def _own_models(document: Hjif, folder: Path) -> set[str]:
+def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
     """Models that the file's meshes are, to the last vertex."""
     found = set()
-    for avatar in document.avatars:
-        name = unquote(avatar.mesh or "")
+    for avatar in document["avatars"]:
+        name = unquote(avatar.get("mesh", ""))
         if not name or name != Path(name).name or not (folder / name).is_file():
             continue
         try:

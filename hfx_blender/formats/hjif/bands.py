@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from ...files import limits
 from ..signals.curves import Curve, clipped, with_zeros
 from ..signals.signals import Piece, Transient
 from ..sound.waveforms import BYTES, Waveform
-from .document import Band, Effect, Keyframe
 from .interpolation import interpolated
 
 DEFAULT_HZ: Final = 100.0
@@ -22,16 +21,16 @@ _SAMPLES: Final = 64  # for each point of a slow curve, and of few of them
 _LEAST_SAMPLES: Final = 1 << 16
 _OVERSAMPLING: Final = 8.0  # of the highest frequency of a curve that is a waveform
 
-Placed = tuple[int, Effect]  # position, ticks, and effect
+Placed = tuple[int, dict[str, Any]]  # position, ticks, and effect
 _Points = list[tuple[float, float]]  # times, s, and values
 
 
-def tone(band: Band, placed: Placed, timescale: int) -> Piece:
+def tone(band: dict[str, Any], placed: Placed, timescale: int) -> Piece:
     """A vectorial wave: amplitude and frequency from its position to its last keyframe."""
     position, effect = placed
-    levels, hertz = _columns(effect.keyframes or (), position, timescale)
+    levels, hertz = _columns(effect.get("keyframes", ()), position, timescale)
     begin = position / timescale
-    low, high = float(band.lower_frequency_limit), float(band.upper_frequency_limit)
+    low, high = float(band["lower_frequency_limit"]), float(band["upper_frequency_limit"])
     pitch = _curve_of(hertz, (begin, (low + high) / 2.0 or DEFAULT_HZ))
     if low < high:
         pitch = clipped(pitch, low, high)
@@ -41,35 +40,34 @@ def tone(band: Band, placed: Placed, timescale: int) -> Piece:
     return Piece(begin, end, amplitude, pitch)
 
 
-def ticks(band: Band, placed: Placed, timescale: int) -> Iterator[Transient]:
+def ticks(band: dict[str, Any], placed: Placed, timescale: int) -> Iterator[Transient]:
     """Ticks of a transient effect."""
     position, effect = placed
-    middle = (band.lower_frequency_limit + band.upper_frequency_limit) / 2.0
-    for frame in effect.keyframes or ():
-        time = (position + (frame.relative_position or 0)) / timescale
-        level = 1.0 if frame.amplitude_modulation is None else abs(frame.amplitude_modulation)
-        hertz = frame.frequency_modulation
-        yield Transient(time, level, middle if hertz is None else float(hertz))
+    middle = (band["lower_frequency_limit"] + band["upper_frequency_limit"]) / 2.0
+    for frame in effect.get("keyframes", ()):
+        time = (position + frame.get("relative_position", 0)) / timescale
+        level = abs(frame.get("amplitude_modulation", 1.0))
+        yield Transient(time, level, float(frame.get("frequency_modulation", middle)))
 
 
-def curve(band: Band, effects: Iterable[Placed], timescale: int) -> Curve | None:
+def curve(band: dict[str, Any], effects: Iterable[Placed], timescale: int) -> Curve | None:
     """Values of a curve band, effect after effect; None without keyframes."""
     found = []
     for position, effect in effects:
-        levels, _ = _columns(effect.keyframes or (), position, timescale)
+        levels, _ = _columns(effect.get("keyframes", ()), position, timescale)
         if levels:
-            found.append(interpolated(_curve_of(levels), band.curve_type))
+            found.append(interpolated(_curve_of(levels), band.get("curve_type")))
     return one_after_another(found) if found else None
 
 
-def curve_as_waveform(band: Band, values: Curve, name: str) -> Waveform:
+def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Waveform:
     """A curve band of a vibration: the samples themselves, of its low frequencies.
 
     Raises
     ------
     TooLargeError
     """
-    rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band.upper_frequency_limit, 1000.0))
+    rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band["upper_frequency_limit"], 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
     limits.SECONDS.check(end, name, "its curves last")
     rate = min(rate, max(_SAMPLES * len(values), _LEAST_SAMPLES) / max(end - begin, 1e-6))
@@ -79,16 +77,16 @@ def curve_as_waveform(band: Band, values: Curve, name: str) -> Waveform:
 
 
 def _columns(
-    frames: tuple[Keyframe, ...], position: int, timescale: int
+    frames: Iterable[dict[str, Any]], position: int, timescale: int
 ) -> tuple[_Points, _Points]:
     """Amplitudes and frequencies with their times; a keyframe need not have both."""
     levels, hertz = [], []
     for frame in frames:
-        time = (position + (frame.relative_position or 0)) / timescale
-        if frame.amplitude_modulation is not None:
-            levels.append((time, float(frame.amplitude_modulation)))
-        if frame.frequency_modulation is not None:
-            hertz.append((time, float(frame.frequency_modulation)))
+        time = (position + frame.get("relative_position", 0)) / timescale
+        if "amplitude_modulation" in frame:
+            levels.append((time, float(frame["amplitude_modulation"])))
+        if "frequency_modulation" in frame:
+            hertz.append((time, float(frame["frequency_modulation"])))
     return sorted(levels, key=_time), sorted(hertz, key=_time)
 
 

@@ -3,25 +3,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from math import gcd
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ...engine.arrays import F64
 from ..signals.curve_grid import on_grid
 from ..signals.curves import Curve, simplified
-from .document import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000
 _WHOLE_HZ: Final = 0.5  # that rounding to whole hertz may take
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
 _FINE_TICKS: Final = 8000  # a second, where that divides well
+
+PITCH_HZ: Final = 1.0
+"""Largest error of the frequency of a vibration."""
 
 MAX_POSITION: Final = 2**16 - 1
 """Ticks from the beginning of an effect to its last keyframe: the binary form has 16 bits."""
@@ -53,44 +56,54 @@ class Dense:
     frequency_hz: F64 | None = None  # (T,)
 
 
-class Library:
-    """Effects of one perception; repeated ones are stored once."""
+class Keyframe(NamedTuple):
+    """Point of an envelope."""
 
-    def __init__(self) -> None:
-        self._bands: list[tuple[list[Effect], list[tuple[int, tuple[Keyframe, ...]]]]] = []
-
-    def band(self, bursts: Sequence[tuple[int, tuple[Keyframe, ...]]]) -> list[Effect]:
-        """Effects of a band, filled in by :meth:`settle`."""
-        effects: list[Effect] = []
-        self._bands.append((effects, list(bursts)))
-        return effects
-
-    def settle(self) -> tuple[Effect, ...]:
-        """Fill in the bands; the effects of the library."""
-        counts: dict[tuple[Keyframe, ...], int] = {}
-        for _, bursts in self._bands:
-            for _, keyframes in bursts:
-                counts[keyframes] = counts.get(keyframes, 0) + 1
-        repeated = [keyframes for keyframes, count in counts.items() if count > 1]
-        ids = {keyframes: k + 1 for k, keyframes in enumerate(repeated)}
-        for effects, bursts in self._bands:
-            for position, keyframes in bursts:
-                if keyframes in ids:
-                    effects.append(Effect("Reference", id=ids[keyframes], position=position))
-                else:
-                    effects.append(_wave(position, keyframes))
-        return tuple(_wave(0, keyframes, ids[keyframes]) for keyframes in repeated)
+    ticks: int  # since the effect's position
+    level: float  # -1..1
+    hertz: int | None = None
 
 
-def _wave(position: int, keyframes: tuple[Keyframe, ...], id: int | None = None) -> Effect:
-    return Effect(
-        "Basis", id=id, position=position, phase=0.0, base_signal="Sine", keyframes=keyframes
-    )
+Burst = tuple[int, tuple[Keyframe, ...]]
+"""Position in ticks, and keyframes."""
 
 
-def wave_bursts(
-    dense: Dense, timescale: int, tolerance: float, pitch_hz: float
-) -> list[tuple[int, tuple[Keyframe, ...]]]:
+def shared_waves(
+    bands: Sequence[Sequence[Burst]],
+) -> tuple[list[dict[str, Any]], list[list[dict[str, Any]]]]:
+    """The effects of each band of a perception, after its library, which has repeated ones once."""
+    counts = Counter(keyframes for bursts in bands for _, keyframes in bursts)
+    repeated = [keyframes for keyframes, count in counts.items() if count > 1]
+    ids = {keyframes: k + 1 for k, keyframes in enumerate(repeated)}
+    library = [_wave(0, keyframes, id=ids[keyframes]) for keyframes in repeated]
+    effects = [
+        [
+            {"effect_type": "Reference", "id": ids[keyframes], "position": position}
+            if keyframes in ids
+            else _wave(position, keyframes)
+            for position, keyframes in bursts
+        ]
+        for bursts in bands
+    ]
+    return library, effects
+
+
+def _wave(position: int, keyframes: Iterable[Keyframe], **id: int) -> dict[str, Any]:
+    wave = {"position": position, "phase": 0.0, "base_signal": "Sine"}
+    return {"effect_type": "Basis", **id, **wave, "keyframes": keyframes_of(keyframes)}
+
+
+def keyframes_of(frames: Iterable[Keyframe]) -> list[dict[str, Any]]:
+    """Keyframes as members of an effect."""
+    found: list[dict[str, Any]] = []
+    for ticks, level, hertz in frames:
+        found.append({"relative_position": ticks, "amplitude_modulation": level})
+        if hertz is not None:
+            found[-1]["frequency_modulation"] = hertz
+    return found
+
+
+def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
     """A vibration as stretches between silences: position and keyframes of each.
 
     Equal stretches get equal keyframes, so that a library can hold them once.
@@ -113,7 +126,7 @@ def wave_bursts(
         times = dense.times_s[start:stop] - dense.times_s[start]
         key = np.round(np.concatenate([times, levels, hertz]), 9).tobytes()
         if key not in known:
-            known[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance, pitch_hz)
+            known[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance)
         begin = round(float(dense.times_s[start]) * timescale)
         found += [(begin + tick, part) for tick, part in _split(known[key])]
     return found
@@ -125,12 +138,11 @@ def _wave_keyframes(
     hertz: F64,
     timescale: int,
     tolerance: float,
-    pitch_hz: float,
 ) -> tuple[Keyframe, ...]:
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
     amplitude = on_grid(few, strength, tolerance, timescale)
-    left_hz = max(pitch_hz - _WHOLE_HZ, 0.0)
+    left_hz = PITCH_HZ - _WHOLE_HZ
     few = simplified(tone, left_hz, lowest=float(hertz.min()), highest=float(hertz.max()))
     pitch = on_grid(few, tone, left_hz, timescale)
     knots = np.union1d(amplitude[0], pitch[0])
@@ -145,42 +157,35 @@ def _wave_keyframes(
     )
 
 
-def _split(frames: tuple[Keyframe, ...]) -> list[tuple[int, tuple[Keyframe, ...]]]:
+def _split(frames: tuple[Keyframe, ...]) -> list[Burst]:
     """Cut keyframes so that each part fits into an effect: its first tick, and its keyframes.
 
     A part begins with the last keyframe of the one before.
     """
-    ticks = [each.relative_position or 0 for each in frames]
-    if ticks[-1] <= MAX_POSITION:
+    if frames[-1].ticks <= MAX_POSITION:
         return [(0, frames)]
-    firsts = [*range(ticks[0], ticks[-1], MAX_POSITION), ticks[-1]]
+    firsts = [*range(frames[0].ticks, frames[-1].ticks, MAX_POSITION), frames[-1].ticks]
     return [
-        (first, _shifted(_between(frames, first, stop), first)) for first, stop in pairwise(firsts)
+        (first, tuple(each._replace(ticks=each.ticks - first) for each in part))
+        for first, stop in pairwise(firsts)
+        for part in [_between(frames, first, stop)]
     ]
 
 
 def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe]:
     """Keyframes from one tick to another, both with one of their own, on the straight lines."""
-    ticks = np.array([each.relative_position for each in frames])
-    inside = np.flatnonzero((ticks > first) & (ticks < stop)).tolist()
+    ticks, levels, hertz = zip(*frames, strict=True)
 
     def at(tick: int) -> Keyframe:
-        level = np.interp(tick, ticks, [each.amplitude_modulation or 0.0 for each in frames])
-        if frames[0].frequency_modulation is None:
-            return Keyframe(tick, round(float(level), 6))
-        hertz = np.interp(tick, ticks, [each.frequency_modulation or 0.0 for each in frames])
-        return Keyframe(tick, round(float(level), 6), round(float(hertz)))
+        level = round(float(np.interp(tick, ticks, levels)), 6)
+        if hertz[0] is None:
+            return Keyframe(tick, level)
+        return Keyframe(tick, level, round(float(np.interp(tick, ticks, hertz))))
 
-    return [at(first), *(frames[k] for k in inside), at(stop)]
-
-
-def _shifted(frames: Sequence[Keyframe], ticks: int) -> tuple[Keyframe, ...]:
-    return tuple(
-        replace(each, relative_position=(each.relative_position or 0) - ticks) for each in frames
-    )
+    return [at(first), *(each for each in frames if first < each.ticks < stop), at(stop)]
 
 
-def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[Effect]:
+def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[str, Any]]:
     """A pressure, temperature or wind over the whole time: one effect at position 0, if it fits."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
@@ -192,25 +197,30 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[Effect
         for tick, value in zip(ticks.tolist(), values.tolist(), strict=True)
     )
     return [
-        Effect("Basis", position=first, keyframes=_with_enough_keyframes(part))
+        {
+            "effect_type": "Basis",
+            "position": first,
+            "keyframes": keyframes_of(_with_enough_keyframes(part)),
+        }
         for first, part in _split(frames)
     ]
 
 
 def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
     """Three keyframes at least, without changing the curve."""
-    first, stop = frames[0].relative_position or 0, frames[-1].relative_position or 0
+    first, stop = frames[0].ticks, frames[-1].ticks
     if len(frames) >= _SHORTEST or stop - first < 2:
         return frames
     middle = (first + stop) // 2
     return (*_between(frames, first, middle), frames[-1])
 
 
-def wave_band(effects: Sequence[Effect]) -> Band:
-    """A band for a vibration."""
-    return Band("VectorialWave", 0, MAX_HZ, tuple(effects))
-
-
-def curve_band(effects: Sequence[Effect]) -> Band:
-    """A band for anything else."""
-    return Band("Curve", 0, MAX_HZ, tuple(effects), curve_type="Linear")
+def band(kind: str, effects: Sequence[dict[str, Any]], **members: str) -> dict[str, Any]:
+    """A band of all frequencies that skin feels."""
+    return {
+        "band_type": kind,
+        "lower_frequency_limit": 0,
+        "upper_frequency_limit": MAX_HZ,
+        "effects": effects,
+        **members,
+    }

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
-from ...files.atomic import atomic_file
 from ...files.strict_json import clean, read_bytes
 from ...text import counted
 from ..signals import losses
@@ -28,12 +27,11 @@ from ..signals.signals import (
     joined_times,
 )
 from ..signals.simplified_writer import error_note
-from ..written import Written
-from . import text, to_signals
+from ..written import Written, write_json
+from . import to_signals
 from .body_parts import place_mask
-from .document import Hjif, Perception
 from .envelopes import Dense, timescale_of
-from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
+from .perceptions import DATE, SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
 from .semantics import is_date
 
 _TICK_S: Final = 1e-4
@@ -61,7 +59,7 @@ def write(
 
 def _compose(
     raster: Raster, device: DeviceConfig, name: str, tolerance: float
-) -> tuple[Hjif, list[str]]:
+) -> tuple[dict[str, Any], list[str]]:
     """A raster as a document, and actuators of which nothing is left in it.
 
     Strengths are relative to each actuator's neutral value.
@@ -70,7 +68,7 @@ def _compose(
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     timescale = timescale_of(raster.rate_hz, seconds=float(times[-1]))
-    perceptions: list[Perception] = []
+    perceptions: list[dict[str, Any]] = []
     weak: list[str] = []
     for modality in device.modalities:
         places = []
@@ -87,7 +85,7 @@ def _compose(
                 pitch = np.append(pitch, pitch[-1])
             mask = place_mask(actuator.place, is_mirrored=device.is_mirrored)
             dense = Dense(times, np.append(strength, strength[-1]), pitch)
-            places.append(Place(actuator.id, 1.0, mask, dense=dense))
+            places.append(Place(actuator.id, 1.0, mask, dense))
         perceptions.append(
             perception_of(len(perceptions), modality, places, (device,), timescale, tolerance)
         )
@@ -110,14 +108,17 @@ def write_signals(
     """
     timescale = timescale_of(Fraction(1000))
     places = [
-        Place(each.name, 1.0, 0, dense=_dense(each), transients=each.transients) for each in signals
+        Place(each.name, 1.0, 0, _dense(each), transients=each.transients) for each in signals
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
-    perception = _lasting(perception, max((each.duration_s for each in signals), default=0.0))
+    duration_s = max((each.duration_s for each in signals), default=0.0)
+    for channel in perception["channels"]:  # as long as the original, silence at the end included
+        channel["frequency_sampling"] = _SAMPLING_HZ
+        channel["sample_count"] = round(duration_s * _SAMPLING_HZ)
     credits = signals[0].credits if signals else Credits()
-    document = document_of(clean(credits.description or stem.name), [perception], timescale)
-    if is_date(credits.created):
-        document = replace(document, date=credits.created)
+    date = credits.created if is_date(credits.created) else DATE
+    title = clean(credits.description or stem.name)
+    document = document_of(title, [perception], timescale, date=date)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
     path = _write(document, stem)
@@ -125,16 +126,6 @@ def write_signals(
     cut = (replace(each, frequency_hz=clipped(each.frequency_hz, 0.0, MAX_HZ)) for each in signals)
     pairs = [(each, read[clean(each.name)]) for each in cut if clean(each.name) in read]
     return Written((path,), left_out, (error_note(pairs, 2.0 / timescale), *notes))
-
-
-def _lasting(perception: Perception, duration_s: float) -> Perception:
-    """The same, its channels as long as the original, silence at the end included."""
-    count = round(duration_s * _SAMPLING_HZ)
-    channels = (
-        replace(each, frequency_sampling=_SAMPLING_HZ, sample_count=count)
-        for each in perception.channels
-    )
-    return replace(perception, channels=tuple(channels))
 
 
 def _dense(signal: Signal) -> Dense:
@@ -152,8 +143,7 @@ def _dense(signal: Signal) -> Dense:
     return Dense(times, levels, frequency.at(times))
 
 
-def _write(document: Hjif, stem: Path) -> Path:
+def _write(document: dict[str, Any], stem: Path) -> Path:
     path = stem.with_name(stem.name + SUFFIX)
-    with atomic_file(path) as file:
-        text.write(document, file)
+    write_json(document, path)
     return path

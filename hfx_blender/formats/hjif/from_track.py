@@ -9,9 +9,8 @@ touched, with the strongest contact there and all vertices that it touched there
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 import numpy as np
@@ -24,19 +23,15 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...errors import InputError, NothingFeltError
-from ...files.atomic import atomic_file
 from ...files.strict_json import clean
 from ...text import counted
 from ..glb import glb
 from ..signals.signals import DEFAULT_TOLERANCE, MAX_HZ
-from ..written import Written
-from . import text
+from ..written import Written, write_json
 from .body_parts import described, vertex_masks
 from .collected import Collected
-from .document import Avatar, Hjif, Vector
-from .envelopes import Dense, timescale_of
+from .envelopes import PITCH_HZ, Dense, timescale_of
 from .perceptions import (
-    PITCH_HZ,
     SUFFIX,
     TOO_WEAK,
     Place,
@@ -71,8 +66,7 @@ def write(
     for model in meshes:
         files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
         glb.write_model(model, files[-1], quote(path.name))
-    with atomic_file(path) as file:
-        text.write(document, file)
+    write_json(document, path)
     driven = [each.name for each in track.header.effects if each.kind == "actuators"]
     notes = (
         *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
@@ -88,7 +82,7 @@ def compose(
     devices: Sequence[DeviceConfig],
     name: str,
     tolerance: float = DEFAULT_TOLERANCE,
-) -> tuple[Hjif, list[PerceptualModel], Written]:
+) -> tuple[dict[str, Any], list[PerceptualModel], Written]:
     """A document, its models, and, without files, what of the track it does not hold."""
     header = track.header
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
@@ -106,7 +100,7 @@ def compose(
     if not groups:
         raise NothingFeltError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
     avatars = {
-        id: Avatar(k + 1, 0, "Custom", quote(f"{name}.{id}{glb.SUFFIX}"))
+        id: {"id": k + 1, "lod": 0, "type": "Custom", "mesh": quote(f"{name}.{id}{glb.SUFFIX}")}
         for k, id in enumerate(dict.fromkeys(model_id for _, model_id, _ in groups))
     }
     bodies = {body.id: body.name for body in header.bodies}
@@ -123,11 +117,11 @@ def compose(
         weak += too_weak_places(perception, places)
         if modality == "wind":
             turning += [each.title for each in places if each.direction is None]
-        description = clean(f"{bodies[body_id]}: {perception.description}")
-        avatar_id = avatars[model_id].id
-        perceptions.append(replace(perception, avatar_id=avatar_id, description=description))
+        perception["avatar_id"] = avatars[model_id]["id"]
+        perception["description"] = clean(f"{bodies[body_id]}: {modality}")
+        perceptions.append(perception)
     title = clean(str(header.source.get("name", "")) or name)
-    document = document_of(title, perceptions, timescale, tuple(avatars.values()))
+    document = document_of(title, perceptions, timescale, list(avatars.values()))
     loss = _loss(header, found, turning) + Written(notes=tuple(map(clean, counted(weak, TOO_WEAK))))
     return document, [loaded[id] for id in avatars], loss
 
@@ -200,12 +194,12 @@ def _places(
             mask = int(np.bitwise_or.reduce(masks[vertices], initial=0))
             share = "" if len(classes) == 1 else f", weight {weight:.3g}"
             title = f"{effect.name}{share}"
-            yield Place(title, weight, mask, set(vertices.tolist()), dense(strengths), direction)
+            yield Place(title, weight, mask, dense(strengths), set(vertices.tolist()), direction)
         return
     for mask, weights, touched in found.touched():
         title = f"{effect.name}, {described(mask)}"
         ids = set(touched.tolist())
-        yield Place(title, 1.0, mask, ids, dense(strengths * weights), direction)
+        yield Place(title, 1.0, mask, dense(strengths * weights), ids, direction)
 
 
 def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
@@ -219,12 +213,11 @@ def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
     ]
 
 
-def _direction(parameters: F64) -> Vector | None:
+def _direction(parameters: F64) -> dict[str, int] | None:
     """Direction of a wind, if it is constant within about a degree."""
     vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
     mean = vectors.mean(axis=0)
     length = float(np.linalg.norm(mean))
     if length < 0.9998:
         return None
-    x, y, z = (int(each) for each in np.rint(127.0 * mean / length))
-    return Vector(x, y, z)
+    return dict(zip("XYZ", np.rint(127.0 * mean / length).astype(int).tolist(), strict=True))

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from ...errors import InputError
 from ...files import limits
@@ -14,9 +15,8 @@ from ..signals.curves import Curve, clipped
 from ..signals.signals import Credits, FrequencyRange, Piece, Signal, Transient, mixed
 from ..sound.waveforms import Waveform, added, piece_of
 from . import bands, wavelets
-from .document import Band, Channel, Effect, Hjif, Perception
 from .perceptions import DATE
-from .reader import decode_with_notes
+from .reader import decode as read
 
 VIBRATIONS: Final = ("Vibrotactile", "Other")
 """Modalities that are vibration; the reference encoder says Other for every sound and AHAP."""
@@ -49,11 +49,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read, or unfolds to more effects than is sane.
     """
-    document, notes = decode_with_notes(content, name)
+    document, notes = read(content, name)
     signals = []
     credits = Credits(
-        description=document.description,
-        created="" if document.date == DATE else document.date,
+        description=document["description"],
+        created="" if document["date"] == DATE else document["date"],
     )
     lost: Counter[str] = Counter()  # channels that are no signal, by the reason
     for each in envelopes(document, name):
@@ -76,12 +76,12 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         )
     if signals:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
-        if any(each.perception_modality == "Other" for each in document.perceptions):
+        if any(each["perception_modality"] == "Other" for each in document["perceptions"]):
             notes += ("modality Other is taken as vibration",)
-        channels = [one for each in document.perceptions for one in each.channels]
+        channels = [one for each in document["perceptions"] for one in each["channels"]]
         if any(map(_is_placed, channels)):
             notes += ("where on the body its channels are is not kept",)
-        if any(abs(each.mixing_coefficient - 1.0) > 1e-3 for each in channels):
+        if any(abs(each["mixing_coefficient"] - 1.0) > 1e-3 for each in channels):
             notes += ("mixing coefficients of its channels are not kept",)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
@@ -96,12 +96,12 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     )
 
 
-def _is_placed(channel: Channel) -> bool:
-    places = (channel.body_part_mask, channel.vertices, channel.body_part_target)
-    return any(places) or bool(channel.actuator_target) or channel.direction is not None
+def _is_placed(channel: dict[str, Any]) -> bool:
+    places = ("body_part_mask", "vertices", "body_part_target", "actuator_target", "direction")
+    return any(map(channel.get, places))
 
 
-def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
+def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope]:
     """Envelopes of all channels: all bands, references resolved, compositions unfolded.
 
     ``name`` is the file's, for messages.
@@ -112,12 +112,12 @@ def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
         References unfold to more effects, or envelopes last longer, than a file may ask for.
     """
     unfolding = Unfolding(name)
-    timescale = document.timescale or 1000
-    for perception in document.perceptions:
-        devices = {each.id: each for each in perception.reference_devices or ()}
-        for channel in perception.channels:
-            device = devices.get(channel.reference_device_id or 0)
-            full_scale = device.maximum_amplitude if device else None
+    timescale = document.get("timescale", 1000)
+    for perception in document["perceptions"]:
+        devices = {each["id"]: each for each in perception.get("reference_devices", ())}
+        for channel in perception["channels"]:
+            device = devices.get(channel.get("reference_device_id", 0), {})
+            full_scale = device.get("maximum_amplitude")
             found = _envelope(perception, channel, timescale, full_scale, unfolding)
             ends = [float(found.strength.times_s[-1]), *(t.time_s for t in found.transients)]
             where = f"{name}: channel '{found.channel[:60]}'"
@@ -136,23 +136,23 @@ class _Parts:
         self.lost: Counter[str] = Counter()
         self._is_vibration, self._gain = is_vibration, gain
 
-    def add(self, band: Band, timescale: int, unfolding: Unfolding) -> None:
+    def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
         """Take a band's effects."""
-        placed = list(unfolding.effects(band.effects, 0, 0))
+        placed = list(unfolding.effects(band["effects"], 0, 0))
         self.lost.update(unfolding.take_unknown())
-        if band.band_type == "Transient":
+        if band["band_type"] == "Transient":
             for tick in (tick for each in placed for tick in bands.ticks(band, each, timescale)):
                 level = self._gain * tick.amplitude
                 if level > 1.0:
                     self.lost["are ticks louder than full scale: cut to it"] += 1
                 self.transients.append(replace(tick, amplitude=min(level, 1.0)))
-        elif band.band_type == "VectorialWave":
+        elif band["band_type"] == "VectorialWave":
             for each in placed:
-                if each[1].keyframes:
+                if each[1].get("keyframes"):
                     self._add_tone(bands.tone(band, each, timescale))
-                    if each[1].base_signal not in (None, "Sine"):
-                        self.lost[f"are waves of the shape {each[1].base_signal}: as Sine"] += 1
-        elif band.band_type == "WaveletWave":
+                    if (shape := each[1].get("base_signal", "Sine")) != "Sine":
+                        self.lost[f"are waves of the shape {shape}: as Sine"] += 1
+        elif band["band_type"] == "WaveletWave":
             found, lost = wavelets.waveform(band, placed, timescale, unfolding.name)
             self.lost.update(lost)
             self.waveforms += [found] if found else []
@@ -169,25 +169,23 @@ class _Parts:
 
 
 def _envelope(
-    perception: Perception,
-    channel: Channel,
+    perception: dict[str, Any],
+    channel: dict[str, Any],
     timescale: int,
     full_scale: float | None,
     unfolding: Unfolding,
 ) -> Envelope:
-    unfolding.library = {effect.id: effect for effect in perception.effect_library}
-    is_vibration = perception.perception_modality in VIBRATIONS
-    gain = min(channel.gain, _LARGEST_GAIN)
+    unfolding.library = {each.get("id"): each for each in perception["effect_library"]}
+    is_vibration = perception["perception_modality"] in VIBRATIONS
+    gain = min(channel["gain"], _LARGEST_GAIN)
     if is_vibration:  # others tell their unit by it
-        gain *= 10.0 ** min(max(perception.perception_unit_exponent or 0, -30), 6)
+        gain *= 10.0 ** min(max(perception.get("perception_unit_exponent", 0), -30), 6)
     parts = _Parts(is_vibration, gain)
-    for band in channel.bands:
+    for band in channel["bands"]:
         parts.add(band, timescale, unfolding)
-    name = channel.description or f"channel {channel.id}"
-    lasts_s = 0.0
-    if channel.frequency_sampling and channel.sample_count:
-        lasts_s = channel.sample_count / channel.frequency_sampling
-        limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
+    name = channel["description"] or f"channel {channel['id']}"
+    lasts_s = channel.get("sample_count", 0) / (channel.get("frequency_sampling") or math.inf)
+    limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
     if parts.waveforms:
         whole = added(parts.waveforms, unfolding.name).until(lasts_s)
         parts.pieces.append(piece_of(whole, gain))
@@ -195,11 +193,11 @@ def _envelope(
         parts.lost["are curves beside waves or ticks"] += len(parts.curves)
     left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())
     shared = (
-        perception.description,
-        perception.perception_modality,
+        perception["description"],
+        perception["perception_modality"],
         name,
-        channel.body_part_mask or 0,
-        channel.vertices or (),
+        channel.get("body_part_mask", 0),
+        tuple(channel.get("vertices", ())),
     )
     if parts.curves and not parts.pieces and not parts.transients:
         strength = bands.one_after_another(parts.curves)
@@ -219,7 +217,7 @@ class Unfolding:
     """Expansion of a file's effects with all references, counted."""
 
     def __init__(self, name: str) -> None:
-        self.library: dict[int | None, Effect] = {}
+        self.library: dict[int | None, dict[str, Any]] = {}
         self.name = name
         self._count = self._unknown = 0
 
@@ -229,24 +227,24 @@ class Unfolding:
         return {"are references to none of the library": count} if count else {}
 
     def effects(
-        self, effects: tuple[Effect, ...], start: int, depth: int
-    ) -> Iterator[tuple[int, Effect]]:
+        self, effects: Iterable[dict[str, Any]], start: int, depth: int
+    ) -> Iterator[bands.Placed]:
         """Basis effects and their positions, ticks."""
         if depth > _DEEPEST:
             raise InputError(
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."
             )
         for effect in effects:
-            self._count += 1 + len(effect.keyframes or ())
+            self._count += 1 + len(effect.get("keyframes", ()))
             limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
-            position = start + (effect.position or 0)
-            if effect.effect_type == "Reference":
-                target = self.library.get(effect.id)
+            position = start + effect.get("position", 0)
+            if effect["effect_type"] == "Reference":
+                target = self.library.get(effect.get("id"))
                 if target is None:
                     self._unknown += 1
                 else:
                     yield from self.effects((target,), position, depth + 1)
-            elif effect.effect_type == "Composite":
-                yield from self.effects(effect.composition or (), position, depth + 1)
+            elif effect["effect_type"] == "Composite":
+                yield from self.effects(effect.get("composition", ()), position, depth + 1)
             else:
                 yield position, effect

@@ -7,8 +7,9 @@ supported wavelets", 1992 (9/7, as in JPEG 2000), with gain sqrt(2).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ...engine.arrays import F64
 from ...files import limits
 from ..sound.waveforms import BYTES, Waveform
 from . import spiht
-from .document import Band, Effect
+from .bands import Placed
 
 _LOW: Final = np.array([0.037828455507, -0.023849465019, -0.110624404418, 0.377402855613])
 _LOW_MIDDLE: Final = 0.852698679009
@@ -53,8 +54,8 @@ def _filtered(samples: F64, taps: F64) -> F64:
 
 
 def waveform(
-    band: Band, effects: Sequence[tuple[int, Effect]], timescale: int, name: str
-) -> tuple[Waveform | None, dict[str, int]]:
+    band: dict[str, Any], effects: Sequence[Placed], timescale: int, name: str
+) -> tuple[Waveform | None, Counter[str]]:
     """Waveform of a wavelet band.
 
     Blocks that would overlap follow each other instead: the standard's reference software
@@ -62,9 +63,9 @@ def waveform(
 
     Parameters
     ----------
-    band : Band
+    band : dict
         Its upper limit is the sampling rate.
-    effects : sequence of (int, Effect)
+    effects : sequence of (int, dict)
         Positions and blocks, ticks.
     timescale : int
     name : str
@@ -74,29 +75,27 @@ def waveform(
     -------
     waveform : Waveform or None
         None if nothing can be decoded.
-    lost : dict
+    lost : Counter
         Counts of effects that cannot be decoded, by reason.
 
     Raises
     ------
     TooLargeError
     """
-    rate_hz = float(band.upper_frequency_limit)
-    lost: dict[str, int] = {}
+    rate_hz = float(band["upper_frequency_limit"])
+    lost: Counter[str] = Counter()
     blocks: list[tuple[int, F64]] = []
     total = 0
     for position, effect in effects:
         count = _count(band, effect, timescale)
         if rate_hz <= 0.0 or count is None:
-            reason = "have no block length that is a power of two samples"
-            lost[reason] = lost.get(reason, 0) + 1
+            lost["have no block length that is a power of two samples"] += 1
             continue
         total += count
         limits.UNFOLDED.check(total, name, "its wavelet bands have")
         coefficients = _coefficients(effect, count)
         if coefficients is None:
-            reason = "have no readable wavelet stream and are silent"
-            lost[reason] = lost.get(reason, 0) + 1
+            lost["have no readable wavelet stream and are silent"] += 1
             coefficients = np.zeros(count)  # the blocks after it keep their time
         first = round(position * rate_hz / timescale)
         blocks.append((first, synthesized(coefficients)))
@@ -115,16 +114,17 @@ def waveform(
     return Waveform(begin / rate_hz, rate_hz, values), lost
 
 
-def _count(band: Band, effect: Effect, timescale: int) -> int | None:
+def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int | None:
     """Samples of a block; None if it is no power of two within reason.
 
     Files from before the standard hold the coefficients as keyframes, with two more for their
     scale, and tell the length of a block in milliseconds.
     """
-    if effect.keyframes and not effect.wavelet_stream:
-        lengths = [float(len(effect.keyframes) - 2), float(len(effect.keyframes) - 1)]
+    frames = effect.get("keyframes", ())
+    if frames and not effect.get("wavelet_stream"):
+        lengths = [float(len(frames) - 2), float(len(frames) - 1)]
     else:
-        ticks = (band.block_length or 0) * float(band.upper_frequency_limit)
+        ticks = band.get("block_length", 0) * float(band["upper_frequency_limit"])
         lengths = [ticks / timescale, ticks / 1000.0]
     for length in lengths:
         count = round(length)
@@ -134,13 +134,14 @@ def _count(band: Band, effect: Effect, timescale: int) -> int | None:
     return None
 
 
-def _coefficients(effect: Effect, count: int) -> F64 | None:
-    if effect.wavelet_stream or (effect.wavelet_stream == "" and not effect.keyframes):
+def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
+    stream, frames = effect.get("wavelet_stream"), effect.get("keyframes", ())
+    if stream or (stream == "" and not frames):
         try:
-            return spiht.decode(effect.wavelet_stream, count)
+            return spiht.decode(stream, count)
         except ValueError:
             return None
-    levels = [frame.amplitude_modulation or 0.0 for frame in effect.keyframes or ()]
+    levels = [frame.get("amplitude_modulation", 0.0) for frame in frames]
     if len(levels) <= count:
         return None
     return np.array(levels[:count]) * levels[count]
