@@ -3,11 +3,22 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
+import time
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Final
 
+from hfx_blender.processes.process_end import check
 from hfx_blender.processes.start import python_command, start
+
+_CHECK_S: Final = 0.1
+"""Interval at which a waiting process looks for signals to end it, seconds."""
+
+_END_LIMIT_S: Final = 2.0
+"""Time for a process to remove its temporary files, seconds; then it is killed."""
 
 
 def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.CompletedProcess[str]:
@@ -19,15 +30,34 @@ def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.Comp
         It cannot be started.
     subprocess.TimeoutExpired
         It took longer than ``limit_s``; it has been ended.
+    TerminatedError
+        A signal to end this process came meanwhile; the other has been ended, too.
     """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with start(command, text=True, **pipes) as process:
         try:
-            out, err = process.communicate(timeout=limit_s)
+            out, err = _communicate(process, math.inf if limit_s is None else limit_s)
         except BaseException:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_END_LIMIT_S)
             process.kill()
             raise
     return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+def _communicate(process: subprocess.Popen[Any], limit_s: float) -> tuple[str, str]:
+    until_s = time.monotonic() + limit_s
+    while True:
+        try:
+            output = process.communicate(timeout=min(_CHECK_S, until_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            if time.monotonic() >= until_s:
+                raise
+            check()
+            continue
+        check()  # both processes may have been sent the signal
+        return output
 
 
 def program(source: str, *arguments: str | os.PathLike[str]) -> list[str]:

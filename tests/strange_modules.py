@@ -15,7 +15,7 @@ NOT_OURS = {"encodings"}
 
 CHILDREN = (
     "export.batch.export_worker",
-    "hfx_tools.demo.avatar_pictures",
+    "hfx_tools.demo.picture_process",
     "devices.host.host",
     "devices.workers.render_worker",
     "devices.workers.script_worker",

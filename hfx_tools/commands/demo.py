@@ -118,7 +118,7 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in a separate process, which may crash; returns the error."""
-    command = start.command("hfx_tools.demo.avatar_pictures", scene_file, track_file, folder)
+    command = start.command("hfx_tools.demo.picture_process", scene_file, track_file, folder)
     try:
         done = processes.run(command, _PICTURE_LIMIT_S)
     except subprocess.TimeoutExpired:

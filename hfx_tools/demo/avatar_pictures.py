@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of the avatar with haptic colours, at the key moments of the demo.
 
-Rendered by Cycles on the processor, which needs neither display nor GPU. Run as a program of
-its own (``python -m hfx_tools.demo.avatar_pictures SCENE TRACK FOLDER``), so that a
-machine on which Blender cannot draw loses the pictures only.
+Rendered by Cycles on the processor, which needs neither display nor GPU.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 from math import atan2, cos, pi, radians, sin
 from pathlib import Path
 
@@ -193,13 +189,3 @@ def _side_by_side(files: list[Path], path: Path) -> None:
     together.filepath_raw = str(path)
     together.file_format = "PNG"
     together.save()
-
-
-if __name__ == "__main__":
-    try:
-        draw(*(Path(argument) for argument in sys.argv[1:4]))
-    except Exception as error:
-        sys.stderr.write(f"{type(error).__name__}: {error}\n")
-        sys.stderr.flush()
-        os._exit(1)
-    blender_session.leave(0)

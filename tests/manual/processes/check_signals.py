@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Signals at random moments of many commands: each ends soon, with its code, and leaves nothing.
 
-``python tests/manual/processes/check_signals.py --signals 1000 --folder F`` says how many did not;
+``python tests/manual/processes/check_signals.py --signals 1000`` says how many did not;
 a part of them is in the test run. Linux: what a process has left running is found by its
 environment.
 """

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Process that draws the demo's pictures: ``picture_process SCENE TRACK FOLDER``.
+
+A machine on which Blender cannot draw, and crashes, loses the pictures only.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from hfx_blender.processes import blender_session
+
+
+def main() -> None:
+    """Draw the pictures of a scene and its track into a folder; exit code 1 after a fault."""
+    code = 0
+    try:
+        blender_session.start()  # before anything imports bpy: its temporary files are removed
+        from .avatar_pictures import draw
+
+        draw(*map(Path, sys.argv[1:4]))
+    except Exception as error:
+        sys.stderr.write(f"{type(error).__name__}: {error}\n")
+        code = 1
+    blender_session.leave(code)
+
+
+if __name__ == "__main__":
+    main()
