@@ -36,7 +36,6 @@ from . import raster_rules
 SUFFIX: Final = FORMATS["npz"].suffix
 FORMAT: Final = "hfx-raster"
 _MOST_ENTRIES: Final = 10_000
-_BLOCK_BYTES: Final = 1 << 20
 _META: Final = 64 << 20
 _HEAD_BYTES: Final = 1 << 12  # of an array, in which its shape is
 
@@ -161,12 +160,12 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
     heads = {key: _head(archive, each) for key, each in entries.items()}
     if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
         raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
-    meta = parse(_array(archive, entries["meta"], heads["meta"]).tobytes(), name)
+    meta = parse(_array(archive, entries["meta"]).tobytes(), name)
     report = Report("NPZ")
     check(_DOCUMENT, meta, report)
     refuse_errors(report.findings, name)
     _refuse_shapes(heads, meta, name)
-    arrays = {key: _array(archive, each, heads[key]) for key, each in entries.items()}
+    arrays = {key: _array(archive, each) for key, each in entries.items()}
     raster = Raster(
         device_id=meta["device"],
         body_id=meta["body"],
@@ -215,12 +214,10 @@ def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: st
 
 @dataclass(frozen=True)
 class _Head:
-    """Shape, kind and place of an array, without its numbers."""
+    """Shape and kind of an array, without its numbers."""
 
     shape: tuple[int, ...]
     kind: np.dtype[Any]
-    begin: int  # bytes before its first number
-    is_fortran: bool  # its numbers come column after column
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
@@ -231,31 +228,19 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
     if version != (1, 0):
         raise ValueError("an array of an unknown version")
     header = np.lib.format.read_array_header_1_0(file)  # type: ignore[no-untyped-call]
-    shape, is_fortran, kind = header
+    shape, _, kind = header
     if kind.hasobject or kind.itemsize == 0 or kind.fields or kind.subdtype:
         raise ValueError("an array of an unknown kind")
     if any(type(each) is not int or each < 0 for each in shape):
         raise ValueError("an array of an unknown shape")
     if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
         raise ValueError("an array of the wrong size")
-    return _Head(shape, kind, file.tell(), is_fortran)
+    return _Head(shape, kind)
 
 
-def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, head: _Head) -> npt.NDArray[Any]:
-    """An array, unpacked straight into its place: its numbers are in memory once."""
-    found = np.zeros(head.shape, head.kind)
-    place: Any = found.reshape(-1).view(np.uint8)
+def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """An array whose head is known to be sound; numpy unpacks it piece by piece into its place."""
     with archive.open(entry) as packed:
-        packed.read(head.begin)
-        at = 0
-        while at < len(place):
-            part = packed.read(min(_BLOCK_BYTES, len(place) - at))
-            if not part:
-                raise EOFError("an array ends early")
-            place[at : at + len(part)] = np.frombuffer(part, np.uint8)
-            at += len(part)
-        if packed.read(1):  # the end is read, where the sum is checked
-            raise ValueError("an array of the wrong size")
-    if head.is_fortran:
-        return np.ascontiguousarray(found.reshape(head.shape[::-1]).T)
-    return found
+        found = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
+        packed.read(1)  # the end, where the sum is checked
+    return np.ascontiguousarray(found)
