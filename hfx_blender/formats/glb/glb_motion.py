@@ -4,26 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ...engine.arrays import F64, Bool
 from .glb import TO_GLTF, Document
 
+_TURN: Final = np.eye(4)
+_TURN[:3, :3] = TO_GLTF
+
 
 def to_gltf(matrices: F64) -> F64:
     """Placing matrices from their own space to our world, (T, 4, 4), to glTF's world."""
-    turn = np.eye(4)
-    turn[:3, :3] = TO_GLTF
-    return np.asarray(turn @ matrices)
+    return np.asarray(_TURN @ matrices)
 
 
 def turned(matrices: F64) -> F64:
     """Transforms (T, 4, 4) of our space as those of glTF's space."""
-    turn = np.eye(4)
-    turn[:3, :3] = TO_GLTF
-    return np.asarray(turn @ matrices @ turn.T)
+    return np.asarray(_TURN @ matrices @ _TURN.T)
 
 
 def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) -> Bool:
@@ -72,43 +71,16 @@ def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
 def _quaternions(rotations: F64) -> F64:
     """Quaternions x, y, z, w of rotation matrices (T, 3, 3), by the eigenvector."""
     m = rotations
-    k = np.empty((len(m), 4, 4))
-    k[:, 0] = np.stack(
-        [
-            m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2],
-            m[:, 1, 0] + m[:, 0, 1],
-            m[:, 2, 0] + m[:, 0, 2],
-            m[:, 2, 1] - m[:, 1, 2],
-        ],
-        axis=1,
-    )
-    k[:, 1] = np.stack(
-        [
-            m[:, 1, 0] + m[:, 0, 1],
-            m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2],
-            m[:, 2, 1] + m[:, 1, 2],
-            m[:, 0, 2] - m[:, 2, 0],
-        ],
-        axis=1,
-    )
-    k[:, 2] = np.stack(
-        [
-            m[:, 2, 0] + m[:, 0, 2],
-            m[:, 2, 1] + m[:, 1, 2],
-            m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1],
-            m[:, 1, 0] - m[:, 0, 1],
-        ],
-        axis=1,
-    )
-    k[:, 3] = np.stack(
-        [
-            m[:, 2, 1] - m[:, 1, 2],
-            m[:, 0, 2] - m[:, 2, 0],
-            m[:, 1, 0] - m[:, 0, 1],
-            m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2],
-        ],
-        axis=1,
-    )
+    xx, yy, zz = (m[:, k, k] for k in range(3))
+    k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads what is not above the diagonal
+    k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
+    k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
+    k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
+    k[:, 3, 0] = m[:, 2, 1] - m[:, 1, 2]
+    k[:, 3, 1] = m[:, 0, 2] - m[:, 2, 0]
+    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
+    diagonal = (xx - yy - zz, yy - xx - zz, zz - xx - yy, xx + yy + zz)
+    k[:, range(4), range(4)] = np.stack(diagonal, axis=1)
     _, vectors = np.linalg.eigh(k)
     found: F64 = vectors[:, :, -1]
     return found * np.where(found[:, 3:] < 0.0, -1.0, 1.0)
