@@ -32,7 +32,14 @@ from .glb_extras import volume_extras
 from .glb_motion import move, to_gltf
 
 _COLLISION, _ACTION_HAPTIC = 0, 7
-_CUBOID, _CYLINDER, _CAPSULE, _SPHEROID = 0, 2, 3, 4
+_CAPSULE: Final = 3
+_PRIMITIVES: Final[dict[type, tuple[int, dict[str, float]]]] = {
+    Cuboid: (0, {"width": 2.0, "height": 2.0, "length": 2.0}),
+    Cylinder: (2, {"radius": 1.0, "length": 2.0}),
+    Sphere: (4, {"radius": 1.0}),
+}
+"""Number and size of the draft's primitives; a capsule has ends instead of a centroid."""
+
 _ACTIVATE_ON, _PARALLEL, _PLAY = 2, 1, 0
 _ALL_OF_THE_BODY: Final = 2**32 - 1
 
@@ -50,12 +57,7 @@ class _Volume:
 
 
 class VolumeRecorder:
-    """Recorder of the motion of a scene's volumes and bodies, block by block.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-    """
+    """Recorder of the motion of a scene's volumes and bodies, block by block."""
 
     def __init__(self, scene: SceneDescription) -> None:
         self._scene = scene
@@ -132,7 +134,6 @@ class VolumeRecorder:
         ----------
         models : sequence of PerceptualModel
             Of the canonical body; each body gets all of them, fitted to it.
-        stem : Path
         hjif_name : str, optional
             File beside it whose perceptions the triggers play.
 
@@ -200,21 +201,16 @@ class VolumeRecorder:
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
     """A shape as a draft primitive; its axes are width x, height y, length z. None: a mesh."""
     placed = {"transformationMatrix": matrix.T.ravel().tolist()}
-    centre = [0.0, 0.0, 0.0]
-    if isinstance(shape, Cuboid):
-        size = {"width": 2.0, "height": 2.0, "length": 2.0}
-        return {"type": _CUBOID, **size, "centroid": centre, **placed}
-    if isinstance(shape, Sphere):
-        return {"type": _SPHEROID, "radius": 1.0, "centroid": centre, **placed}
-    if isinstance(shape, Cylinder):
-        return {"type": _CYLINDER, "radius": 1.0, "length": 2.0, "centroid": centre, **placed}
     if isinstance(shape, Capsule):
         ends = {
             "baseCentroid": [0.0, 0.0, -shape.half_segment],
             "topCentroid": [0.0, 0.0, shape.half_segment],
         }
         return {"type": _CAPSULE, "radius": 1.0, **ends, **placed}
-    return None
+    if type(shape) not in _PRIMITIVES:
+        return None
+    kind, size = _PRIMITIVES[type(shape)]
+    return {"type": kind, **size, "centroid": [0.0, 0.0, 0.0], **placed}
 
 
 def _add_mesh(document: Document, shape: Any) -> int:
