@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import io
-import wave
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +18,7 @@ from ...files.strict_json import read_bytes
 from ..ahap import ahap
 from ..device_files import haptic
 from ..he import he
+from ..sound import wav
 from ..written import Written, write_json
 from .curves import Curve, clipped
 from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, simplified_signals
@@ -91,15 +90,10 @@ def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
 def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     peak = float(np.abs(felt.waveform_m_s2).max(initial=0.0)) / full
-    codes = np.rint(np.clip(felt.waveform_m_s2 / full, -1.0, 1.0) * 32767.0).astype("<i2")
-    content = io.BytesIO()
-    with wave.open(content, "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(round(felt.waveform_rate_hz))
-        file.writeframes(codes.tobytes())
-    with atomic_file(path) as file_:
-        file_.write(content.getvalue())
+    samples = np.clip(felt.waveform_m_s2 / full, -1.0, 1.0)
+    with atomic_file(path) as file:
+        file.write(wav.head(16, 1, round(felt.waveform_rate_hz), len(samples)))
+        file.write(wav.encoded(samples, 16))
     return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the loudest is {peak:.0%}",))
 
 
