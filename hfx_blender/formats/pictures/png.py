@@ -75,18 +75,22 @@ def read(path: Path) -> tuple[Grey, bool]:
     InputError
         The file cannot be read, or is no picture of 8 or 16 bits a channel.
     """
-    refuse_no_file(path)
-    try:
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}).") from error
+    content = _content(path)
     try:
         return decode(content, str(path))
     except InputError:
         raise
     except (ValueError, struct.error, zlib.error) as error:
         raise InputError(f"{path}: is not a PNG picture that can be read ({error}).") from error
+
+
+def _content(path: Path) -> bytes:
+    refuse_no_file(path)
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason}).") from error
 
 
 def decode(content: bytes, name: str) -> tuple[Grey, bool]:
@@ -135,12 +139,7 @@ def texts(path: Path) -> dict[str, str]:
     InputError
         The file cannot be read.
     """
-    refuse_no_file(path)
-    try:
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}).") from error
+    content = _content(path)
     found: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):
         return found
