@@ -32,7 +32,7 @@ def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
     return int(-(-rows * rate_hz // raster_hz))
 
 
-def refuse_large(layout: Layout, path: Path, *, count: int, rate_hz: int = RATE_HZ) -> int:
+def refuse_large(layout: Layout, path: Path, *, count: int) -> int:
     """Reject sound that no WAV file holds; returns its bytes.
 
     Raises
@@ -43,7 +43,7 @@ def refuse_large(layout: Layout, path: Path, *, count: int, rate_hz: int = RATE_
     data_bytes = count * len(layout) * _BITS // 8
     if data_bytes > _MAX_BYTES:
         raise InputError(
-            f"{path}: {len(layout)} channels of {count / rate_hz:.0f} s are "
+            f"{path}: {len(layout)} channels of {count / RATE_HZ:.0f} s are "
             f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
         )
     return data_bytes
@@ -56,7 +56,6 @@ def write(
     *,
     count: int,
     start_s: float,
-    rate_hz: int = RATE_HZ,
 ) -> float:
     """Write sound, 24 bits; reduces the level of the whole if it is too loud.
 
@@ -64,10 +63,8 @@ def write(
     ----------
     blocks : callable
         Begins the sound anew; yields samples (n, C), ``count`` altogether.
-    layout : Layout
     path : Path
         Beside it ``path.channels.json`` names the loudspeakers.
-    count : int
     start_s : float
         Time of the first sample, in the scene.
 
@@ -83,7 +80,7 @@ def write(
     OutputError
         It cannot be written; nothing is left of it then.
     """
-    data_bytes = refuse_large(layout, path, count=count, rate_hz=rate_hz)
+    data_bytes = refuse_large(layout, path, count=count)
     kept: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _KEPT else None
     peak = 0.0
     for block in blocks():
@@ -94,7 +91,7 @@ def write(
     sidecar = {
         "format": "hfx-sound-channels",
         "version": 1,
-        "rate_hz": rate_hz,
+        "rate_hz": RATE_HZ,
         "start_s": start_s,
         "layout": layout.name,
         "gain": gain,
@@ -108,7 +105,7 @@ def write(
     with atomic_file(path.with_name(path.name + SIDECAR_SUFFIX)) as file:
         file.write(json.dumps(sidecar, indent=2).encode() + b"\n")
     with atomic_file(path) as file:
-        file.write(head(_BITS, len(layout), rate_hz, count))
+        file.write(head(_BITS, len(layout), RATE_HZ, count))
         again = blocks() if kept is None else (part.astype(np.float64) for part in kept)
         for block in again:
             file.write(encoded(block * gain, _BITS))

@@ -36,6 +36,7 @@ from ...errors import InputError
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
 from ..signals import losses
+from ..signals.signals import MAX_HZ
 from ..written import Written
 
 SUFFIX: Final = FORMATS["wav"].suffix
@@ -47,8 +48,6 @@ _PCM, _EXTENSIBLE = 1, 0xFFFE
 # The tail of KSDATAFORMAT_SUBTYPE_PCM, after the format's own number.
 _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
-MAX_FREQUENCY_HZ: Final = 1000.0
-"""Skin feels no vibration above it; well below half of any audio rate."""
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
 BLOCK_SAMPLES = 1 << 18  # over all channels
 
@@ -77,8 +76,6 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
     ----------
     raster : Raster
         Rendered for ``device``.
-    device : DeviceConfig
-    path : Path
     rate_hz : int
         Audio rate.
 
@@ -204,7 +201,7 @@ def _drive(
     first_row: int,
 ) -> _Drive:
     """Waves of amplitudes and frequencies (T, C, 2)."""
-    safe = limited(pairs, 0.0, [full_scale, MAX_FREQUENCY_HZ], 0.0)
+    safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
     frequencies = np.vstack([safe[..., 1], safe[-1:, :, 1]])
