@@ -275,7 +275,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
     """Rename files so that the only signal's name is left out."""
-    long = beside(stem, signal).name
+    long = beside(stem, signal, "").name
     files = tuple(
         path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
         if path.name.startswith(f"{long}.")

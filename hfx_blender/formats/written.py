@@ -48,9 +48,9 @@ def write_json(document: Any, path: Path) -> None:
         file.write(encoded(document))
 
 
-def beside(stem: Path, part: str) -> Path:
-    """``folder/stem.part``; the part may be any text, of any length."""
-    return stem.with_name(f"{stem.name}.{name_part(part)}")
+def beside(stem: Path, part: str, suffix: str) -> Path:
+    """``folder/stem.part<suffix>``; the part may be any text, of any length."""
+    return stem.with_name(f"{stem.name}.{name_part(part)}{suffix}")
 
 
 def name_part(part: str) -> str:

@@ -80,8 +80,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
             (TICKS_SUFFIX, ticks(each, frequencies)),
         ):
             if content["Pattern"]:
-                path = beside(stem, each.name)
-                files.append(path.with_name(path.name + suffix))
+                files.append(beside(stem, each.name, suffix))
                 content["Metadata"][_LAW_KEY] = _LINEAR
                 write_json(content, files[-1])
     return Written(

@@ -64,8 +64,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     files = []
     for each in signals:
         if not each.is_silent:
-            path = beside(stem, each.name)
-            files.append(path.with_name(path.name + SUFFIX))
+            files.append(beside(stem, each.name, SUFFIX))
             write_json(document(each, frequencies), files[-1])
     left_out: list[str] = []
     for each in signals:

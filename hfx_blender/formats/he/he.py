@@ -94,9 +94,6 @@ def write_v1(
     ----------
     signals : sequence of Signal
         Not simplified: what does not fit is simplified more, up to a tenth of full scale.
-    frequencies : FrequencyRange
-    stem : Path
-    tolerance : float
 
     Raises
     ------
@@ -174,8 +171,7 @@ def _write(
     files = []
     for each in signals:
         if not each.is_silent:
-            path = beside(stem, each.name)
-            files.append(path.with_name(path.name + suffix))
+            files.append(beside(stem, each.name, suffix))
             write_json(build(each), files[-1])
     notes = []
     for each in signals:

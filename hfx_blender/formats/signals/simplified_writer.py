@@ -79,8 +79,7 @@ def _read_back(
     if together in written.files:
         found = {each.name: each for each in decode(read_bytes(together), together.name)[0]}
     for each in signals:
-        path = beside(stem, each.name)
-        path = path.with_name(path.name + suffix)
+        path = beside(stem, each.name, suffix)
         if path in written.files:
             yield each, decode(read_bytes(path), path.name)[0][0]
         elif clean(each.name) in found:

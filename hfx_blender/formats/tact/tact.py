@@ -52,13 +52,14 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
     motors : mapping
         The motor that plays each signal, by the signal's name; of several for one motor the
         strongest counts.
-    stem : Path
     """
     files = []
     kinds = dict.fromkeys(motors[each.name].kind for each in signals if each.name in motors)
     for kind in kinds:
-        path = stem if len(kinds) == 1 else beside(stem, kind.lower())
-        files.append(path.with_name(path.name + SUFFIX))
+        is_only = len(kinds) == 1
+        files.append(
+            stem.with_name(stem.name + SUFFIX) if is_only else beside(stem, kind.lower(), SUFFIX)
+        )
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
     played = [each for each in signals if each.name in motors and not each.is_silent]
     share = Counter(motors[each.name] for each in played)
