@@ -19,7 +19,7 @@ from ...engine.track.excerpt import sample_range
 from ...engine.track.header import TrackHeader
 from ...engine.track.named_clips import named_clips
 from ..written import Written
-from .common_rigs import human_bone
+from .common_rigs import rig_names
 from .container import Records, Sections, Texts, records
 
 FULL_SCALE: Final = 65535
@@ -38,7 +38,6 @@ def sections_of(
 
     Parameters
     ----------
-    header : TrackHeader
     played : sequence of (DeviceConfig, Raster)
         Rasters on the sample clock of the track.
     texts : Texts
@@ -152,7 +151,7 @@ class _Baked:
                 self._number_count,
                 *_place(device, actuator, text),
                 text(bone),
-                text(human_bone(bone)),
+                text(rig_names(bone).human),
                 *_patch(device, actuator),
                 kind.latency_ms,
                 kind.update_interval_ms,
@@ -209,7 +208,7 @@ def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | Non
         np.add.at(shares, weights.bones[part], skin_m2)
     if not shares.any():
         return ""
-    joints = np.array([human_bone(each) for each in model.bone_names])
+    joints = np.array([rig_names(each).human for each in model.bone_names])
     joint = max(dict.fromkeys(joints.tolist()), key=lambda each: shares[joints == each].sum())
     return model.bone_names[int(np.argmax(np.where(joints == joint, shares, 0.0)))]
 

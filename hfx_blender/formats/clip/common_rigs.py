@@ -79,8 +79,3 @@ def rig_names(bone: str) -> RigNames:
             mixamo = f"{long.capitalize()}{names.mixamo}"
             return RigNames(f"{long}{names.human}", mixamo, f"{names.unreal}_{short}")
     return RigNames()
-
-
-def human_bone(bone: str) -> str:
-    """VRM's human bone of a canonical bone; empty where there is none."""
-    return rig_names(bone).human

@@ -46,7 +46,6 @@ class SpatialRecorder:
 
     Parameters
     ----------
-    scene : SceneDescription
     detail : int
         Level of detail of the models in the clip, of those that have several; 0 is all vertices.
     """
