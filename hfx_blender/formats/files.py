@@ -109,7 +109,6 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
 
     Parameters
     ----------
-    path : Path
     reads : bool
         Read its envelopes as well, to see that they can be read: most of the work.
 
@@ -199,7 +198,6 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
 
     Parameters
     ----------
-    path : Path
     reads : bool
         See :func:`validate`.
 

@@ -27,9 +27,6 @@ def refuse_but(
 
     Parameters
     ----------
-    findings : list of Finding
-    name : str
-    tolerated : callable
     found : optional
         The document, where its ranges are tolerated: numbers beyond all sense are not.
 

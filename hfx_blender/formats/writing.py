@@ -35,8 +35,6 @@ def write(
     ----------
     id : str
         Key of ``FORMATS``; one with ``write_raster`` or ``write_signals``.
-    raster : Raster
-    device : DeviceConfig
     stem : Path
         ``folder/stem``; the files' names begin with it.
     tolerance : float
@@ -195,8 +193,6 @@ def write_all(
         Keys of ``FORMATS``.
     played : sequence of (Path, DeviceConfig, Raster)
         ``folder/stem`` of a device's files, and what it plays.
-    track : TrackReader
-    devices : sequence of DeviceConfig
     stem : Path
         ``folder/stem`` of files that are of no device.
     tolerance : float

@@ -28,13 +28,10 @@ def volume_extras(
 
     Parameters
     ----------
-    effect : EffectDescription
-    shape : Shape
     matrices : (T, 4, 4) float64
         Shape space to world while it is active.
     values : (T, 1 + P) float64
         Level and parameters at these times.
-    time : TimeBase
     """
     assert isinstance(effect.area, HapticVolume)
     falloff = effect.area.falloff

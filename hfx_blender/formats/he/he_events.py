@@ -57,7 +57,6 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
     ----------
     signal : Signal
         Simplified; no two keyframes at the same time.
-    frequencies : FrequencyRange
     falls_to_zero : bool
         Each event begins and ends silent, as version 1 wants it.
     """

@@ -20,7 +20,6 @@ def interpolated(keyframes: Curve, kind: str | None) -> Curve:
 
     Parameters
     ----------
-    keyframes : Curve
     kind : str or None
         ``curve_type`` of the band. Without it, and for ``Unknown``, curves are cubic; two
         keyframes are always joined by a line, and so are steps.

@@ -67,7 +67,6 @@ def waveform(
         Its upper limit is the sampling rate.
     effects : sequence of (int, dict)
         Positions and blocks, ticks.
-    timescale : int
     name : str
         Of the file, for messages.
 

@@ -34,8 +34,6 @@ def raster_of(
 
     Parameters
     ----------
-    signals : sequence of Signal
-    device : DeviceConfig
     name : str
         Of the file, for messages.
 

@@ -92,7 +92,6 @@ def simplified(
 
     Parameters
     ----------
-    curve : Curve
     tolerance : float
         Largest distance at any time, in the unit of the values.
     lowest, highest : float

@@ -72,7 +72,6 @@ def errors_of(wanted: Signal, written: Signal, grid_s: float) -> tuple[float, fl
 
     Parameters
     ----------
-    wanted, written : Signal
     grid_s : float
         What times may be off, seconds: a value counts if the other signal has it that near.
 

@@ -215,7 +215,6 @@ def simplified_signals(
 
     Parameters
     ----------
-    signals : iterable of Signal
     tolerance : float
         Of the amplitude, as a share of full scale.
     frequency_hz : float
