@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import UsageError
+from ..errors import InputError, UsageError, refuse_no_file
+from ..files.atomic import inputs_kept
 from ..version import __version__
-from . import left_out, texture_folder, texture_source
+from . import left_out, texture_source
 from .console import Console
 
 if TYPE_CHECKING:
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 BACK_ENDS: Final = ("library", "folder", "diffusers")
 _MOST_VARIATIONS: Final = 64
 _DIFFUSERS: Final = "texture_diffusers"
+_LOOK_S: Final = 0.5
+"""Interval of looks into the folder: a picture that grew meanwhile is still being written."""
 
 _DESCRIPTION: Final = """\
 Make a colour picture, a relief, a haptic map in two layers, a .blend with the material and its
@@ -94,7 +98,7 @@ def _run(options: argparse.Namespace, console: Console) -> int:
     if (options.back_end == "folder") != has_pictures:
         raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
     if has_pictures:
-        return texture_folder.run(options, console, keep)
+        return _of_pictures(options, console)
     diffusers = left_out.module(_DIFFUSERS) if options.back_end == "diffusers" else None
     if diffusers is not None:
         return _make_all(diffusers.maker(options, console), options, console)
@@ -113,7 +117,7 @@ def _library(options: argparse.Namespace, console: Console) -> int:
             negative=options.negative,
             seed=seed,
             texels=options.resolution,
-            steps=texture_folder.steps_of(options),
+            steps=steps_of(options),
         )
 
     return _make_all(make, options, console)
@@ -128,12 +132,72 @@ def _make_all(
     for number in range(options.variations):
         progress(number / options.variations)
         surface = make(options.seed + number)
-        made.append(keep(surface, options, console))
+        made.append(_keep(surface, options, console))
     console.result({"made": made})
     return 0
 
 
-def keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
+def _of_pictures(options: argparse.Namespace, console: Console) -> int:
+    """Convert one picture, or those of a folder; 5 if some of several could not be read."""
+    if options.watch is not None and options.picture is not None:
+        raise UsageError("give --watch or --picture, not both")
+    if options.picture is not None:
+        refuse_no_file(options.picture)
+        console.result({"made": [_keep(_of_picture(options.picture, options), options, console)]})
+        return 0
+    return _watch(options, console)
+
+
+def _watch(options: argparse.Namespace, console: Console) -> int:
+    from ..generation.picture_folder import WatchedFolder, is_made
+
+    watched = WatchedFolder(options.watch)
+    made: list[dict[str, Any]] = []
+    faults: list[str] = []
+    watched.settled()
+    if not options.once:
+        console.say(f"watching {options.watch}; Ctrl-C ends it")
+    while watched.is_waiting or not options.once:
+        time.sleep(_LOOK_S)
+        for picture in watched.settled():
+            try:
+                if not is_made(picture, options.output):
+                    with inputs_kept([picture]):
+                        made.append(_keep(_of_picture(picture, options), options, console))
+            except InputError as error:
+                faults.append(str(error))
+                console.warn(f"left out: {error}")
+    for picture in watched.passed_over:
+        faults.append(f"{picture}: it is empty, or no plain file.")
+        console.warn(f"left out: {faults[-1]}")
+    console.say(f"{len(made)} made, {len(faults)} left out")
+    console.result({"made": made, "left_out": faults})
+    return 5 if faults else 0
+
+
+def _of_picture(picture: Path, options: argparse.Namespace) -> Generated:
+    from ..generation import picture_folder
+
+    size = options.size
+    return picture_folder.generate(
+        picture,
+        lambda path: texture_source.picture(path, "colours"),
+        size_m=None if size is None else (size[0] / 1000.0, size[1] / 1000.0),
+        depth_m=options.height / 1000.0,
+        tiles=options.tiles,
+        way=options.way,
+        steps=steps_of(options),
+    )
+
+
+def steps_of(options: argparse.Namespace) -> Any:
+    """Just-noticeable steps, if they are asked for."""
+    from ..engine.texture.device_range import NoticeableSteps
+
+    return NoticeableSteps() if options.steps else None
+
+
+def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
     """Write a surface into the folder of the options; returns plain data on it."""
     from ..generation import generated
 
