@@ -16,7 +16,7 @@ from mathutils import Vector
 from hfx_blender.authoring.paths import paths, spot_placing
 from hfx_blender.engine.areas.spot import lengths_along, places_on
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.operators.paths import held_spot, path_overlay
+from hfx_blender.operators.paths import path_overlay
 from hfx_blender.operators.paths.spot_handles import HFX_OT_resize_spot, HFX_OT_slide_spot
 from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.ui.gizmos import spot_gizmo
@@ -321,7 +321,6 @@ def mouse(spot: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     )
     from hfx_blender.operators.paths import spot_handles
 
-    monkeypatch.setattr(held_spot, "view3d_utils", look)
     monkeypatch.setattr(spot_handles, "view3d_utils", look)
     region = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100, data=None)
     context = SimpleNamespace(
