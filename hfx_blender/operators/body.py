@@ -25,15 +25,14 @@ from .shared import (
     active_armature,
     active_body,
     active_effect,
+    kept_items,
     select_only,
 )
 from .stepwise_operator import StepwiseOperator
 
-_shown_people: EnumItems = []  # Blender does not keep the strings itself
-_shown_bodies: EnumItems = []
 
-
-def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
+@kept_items
+def _people() -> EnumItems:
     from ..engine.body.model import AVATAR_ID
     from ..engine.retargeting import variants
 
@@ -41,8 +40,7 @@ def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str
         (each.id, each.folder.name, f"{each.facts.get('height_m', '?')} m tall, {each.id}")
         for each in variants.people()
     ]
-    _shown_people[:] = [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
-    return _shown_people
+    return [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
 
 
 class HFX_OT_add_avatar(HfxOperator):
@@ -172,10 +170,10 @@ def _quoted(meshes: list[bpy.types.Object]) -> str:
     return " and ".join(f"'{mesh.name}'" for mesh in meshes)
 
 
-def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
-    found = effects.bodies_of(context.scene) if context is not None else []
-    _shown_bodies[:] = [(obj.name, obj.name, f"Felt on {obj.name}") for obj in found]
-    return _shown_bodies
+@kept_items
+def _bodies() -> EnumItems:
+    found = effects.bodies_of(bpy.context.scene)
+    return [(obj.name, obj.name, f"Felt on {obj.name}") for obj in found]
 
 
 class HFX_OT_move_to_body(OnBodyOperator):

@@ -19,9 +19,15 @@ from ..playback.preview.preview import preview
 from ..text import printable
 from . import framing
 
-_PACKAGES = (
-    *("numpy", "scipy", "trimesh", "fast_simplification", "serial", "sounddevice", "websockets"),
-)
+_PACKAGES = {
+    "numpy",
+    "scipy",
+    "trimesh",
+    "fast_simplification",
+    "serial",
+    "sounddevice",
+    "websockets",
+}
 """Packages that the extension brings as wheels; its small zip brings the pure ones."""
 
 
@@ -64,35 +70,34 @@ class HfxOperator(bpy.types.Operator):
             to_object_mode(context)
         return self.work(context)
 
-    def reported(self, work: Callable[[], str]) -> set[str]:
-        """Call a function and report its result, or the reason of its failure."""
+    def reported(self, work: Callable[[], str | None]) -> set[str]:
+        """Call a function and report its result, if any, or the reason of its failure."""
         source = bpy.data.filepath
         try:
             with inputs_kept([Path(source)] if source else []):
                 message = work()
         except HfxError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            fault = str(error)
         except OSError as error:
             if error.filename is None:
                 raise
-            self.report({"ERROR"}, str(fault_of_file(error)))
-            return {"CANCELLED"}
+            fault = str(fault_of_file(error))
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _PACKAGES:
                 raise
-            self.report(
-                {"ERROR"},
+            fault = (
                 f"This needs the Python package {package}, which this Blender lacks: install the "
                 "extension's zip for your platform, which brings it, or run "
-                f"'{sys.executable} -m pip install {package}'.",
+                f"'{sys.executable} -m pip install {package}'."
             )
-            return {"CANCELLED"}
-        preview.check_soon()
-        if message:
-            self.report({"INFO"}, printable(message))
-        return {"FINISHED"}
+        else:
+            preview.check_soon()
+            if message:
+                self.report({"INFO"}, printable(message))
+            return {"FINISHED"}
+        self.report({"ERROR"}, fault)
+        return {"CANCELLED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -179,16 +184,12 @@ class KeyBindings:
 EnumItems = list[tuple[str, str, str]]
 
 
-def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
-    """Items of a constant enum, made on first use.
-
-    They are kept, as Blender does not keep the strings of a dynamic enum alive by itself.
-    """
+def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
+    """Items of a dynamic enum, whose strings Blender does not keep alive by itself."""
     kept: EnumItems = []
 
     def items(_self: object, _context: object) -> EnumItems:
-        if not kept:
-            kept.extend(entries())
+        kept[:] = entries()
         return kept
 
     return items

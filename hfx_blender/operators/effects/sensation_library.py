@@ -16,7 +16,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ...errors import HfxError, InputError
 from ...files import resources, suffixes
 from .. import framing
-from ..shared import EnumItems, HfxOperator, select_only, target_body, to_object_mode
+from ..shared import EnumItems, HfxOperator, kept_items, select_only, target_body, to_object_mode
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -75,7 +75,9 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
     return [*shipped, *([("", "Your Own", ""), *own] if own else [])]
 
 
-def _sensation_items(_self: object, _context: bpy.types.Context | None) -> EnumItems:
+@kept_items
+def sensation_items() -> EnumItems:
+    """Ready sensations, and those in the user's own folder, which may change at any time."""
     from ...authoring.effects import effect_exchange
 
     found = {**effect_exchange.library(), **effect_exchange.own_library()}
@@ -91,7 +93,7 @@ class HFX_OT_add_from_library(HfxOperator):
     name: EnumProperty(
         name="Sensation",
         description="A shipped sensation, or one from your own effects folder",
-        items=_sensation_items,
+        items=sensation_items,
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

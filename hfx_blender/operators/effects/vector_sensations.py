@@ -10,16 +10,22 @@ from ...authoring.paths import vector_sensations
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
-from ..shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    active_effect,
+    kept_items,
+    select_only,
+    target_body,
+)
 
-_names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
 
-
-def _devices(_self: object, _context: object) -> list[tuple[str, str, str]]:
+@kept_items
+def _devices() -> EnumItems:
     from ...devices.configuration import list_devices
 
-    _names[:] = [(name, name, "") for name in list_devices(resources.user_devices())]
-    return _names
+    return [(name, name, "") for name in list_devices(resources.user_devices())]
 
 
 _MODALITIES = (

@@ -11,10 +11,10 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...devices.live import live_settings
-from ...errors import HfxError, InputError
+from ...errors import InputError
 from ...files import resources
 from ...playback.live.live import live
-from ..shared import HfxOperator, KeyBindings
+from ..shared import EnumItems, HfxOperator, KeyBindings, kept_items
 
 if TYPE_CHECKING:
     from ...devices.live.approval import DeviceScript
@@ -50,22 +50,19 @@ def title_of(name: str) -> str:
     return facts_of(name).title
 
 
-_names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
-
-
-def _known(_self: object, _context: object) -> list[tuple[str, str, str]]:
+@kept_items
+def _known() -> EnumItems:
     from ...devices.configuration import list_devices
     from ...devices.configurations.device_facts import ROOM, facts_of
     from ...engine.body.region_names import GROUPS
 
     found = [facts_of(name) for name in list_devices(resources.user_devices())]
-    items: list[tuple[str, str, str]] = []
+    items: EnumItems = []
     for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
         part = [each for each in found if each.group == group]
         items += [("", group or "Other", "")] if part else []
         items += [(each.id, each.label, each.fault or each.summary) for each in part]
-    _names[:] = items
-    return _names
+    return items
 
 
 class HFX_OT_live_add(HfxOperator):
@@ -257,12 +254,9 @@ class HFX_OT_live_approve(_OfDevice):
     script: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        try:
-            found = self._found()
-        except HfxError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.fingerprint, self.script = found.fingerprint, str(found.path)
+        shown = self.reported(self._show)
+        if shown != {"FINISHED"}:
+            return shown
         return context.window_manager.invoke_props_dialog(self, width=520)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -270,6 +264,10 @@ class HFX_OT_live_approve(_OfDevice):
         column.label(text=self.script, icon="FILE_SCRIPT")
         column.label(text="It runs with all of your rights: files, network, everything.")
         column.label(text="Read it first. If a byte of it changes, it must be approved again.")
+
+    def _show(self) -> None:
+        found = self._found()
+        self.fingerprint, self.script = found.fingerprint, str(found.path)
 
     def _found(self) -> DeviceScript:
         from ...devices.live import approval

@@ -14,7 +14,7 @@ from ...blender import compat
 from ...engine.body.region_names import REGIONS
 from ...errors import InputError
 from .. import framing
-from ..shared import HfxOperator, painted_effect, select_only
+from ..shared import EnumItems, HfxOperator, kept_items, painted_effect, select_only
 from . import paint_view
 
 
@@ -68,10 +68,10 @@ class HFX_OT_paint_end(HfxOperator):
 
 
 _SAVED = "saved:"  # begins an item of the list of parts
-_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
 
 
-def _parts(_self: object, _context: object) -> list[tuple[str, str, str]]:
+@kept_items
+def _parts() -> EnumItems:
     """Body parts in columns by groups, and the user's own areas."""
     found = [("all", "Whole Body", "All of the skin")]
     for group in dict.fromkeys(region.group for region in REGIONS):
@@ -85,8 +85,7 @@ def _parts(_self: object, _context: object) -> list[tuple[str, str, str]]:
     if names:
         found.append(("", "My Areas", ""))
         found += [(_SAVED + name, name, "Saved by you") for name in names]
-    _items[:] = found
-    return _items
+    return found
 
 
 class HFX_OT_fill_part(_PaintedOperator):

@@ -18,7 +18,7 @@ from bpy.props import (
 from bpy_extras import view3d_utils
 
 from ...authoring.paths import paths, skin_picking
-from ...errors import HfxError, InputError
+from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator
 from . import path_overlay
@@ -119,13 +119,9 @@ class HFX_OT_draw_path(HfxOperator):
             self.report({"ERROR"}, "Draw in a 3D viewport.")
             return {"CANCELLED"}
         body = active_spot(context).hfx.body
-        try:
-            if body is None:
-                raise InputError("The point has no body; choose one first.")
-            self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
-        except HfxError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        begun = self.reported(lambda: self._begin(context, body))
+        if begun != {"FINISHED"}:
+            return begun
         self.stroke.clear()
         self.frame = context.scene.frame_current
         self._is_held = False
@@ -138,6 +134,11 @@ class HFX_OT_draw_path(HfxOperator):
         context.window_manager.modal_handler_add(self)
         path_overlay.show_pending(body, np.zeros((0, 3)))
         return {"RUNNING_MODAL"}
+
+    def _begin(self, context: bpy.types.Context, body: bpy.types.Object | None) -> None:
+        if body is None:
+            raise InputError("The point has no body; choose one first.")
+        self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC" or (event.type == "RIGHTMOUSE" and not len(self.stroke)):

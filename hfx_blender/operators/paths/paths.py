@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +15,13 @@ from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
 from ...blender.scene_units import fps_of, metres_of
 from ...engine.modality import MODALITY_ITEMS
-from ...errors import InputError
 from ...files import suffixes
 from ..shared import (
     EnumItems,
     HfxOperator,
     OnBodyOperator,
     active_effect,
-    made_once,
+    kept_items,
     select_only,
     target_body,
 )
@@ -95,16 +95,17 @@ class HFX_OT_add_spot(OnBodyOperator):
             not self.properties.is_property_set("place")
             and len(effects.bodies_of(context.scene)) == 1
         ):
-            body = effects.bodies_of(context.scene)[0]
-            try:
-                picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
-            except InputError as error:
-                self.report({"ERROR"}, str(error))
-                return {"CANCELLED"}
-            metres = metres_of(context.scene)
-            found = picker.nearest(context.scene.cursor.location, _ON_SKIN_M / metres)
-            self.place = _MIDDLE_OF_BACK if found is None else found.tolist()
+            placed = self.reported(lambda: self._place_at_cursor(context))
+            if placed != {"FINISHED"}:
+                return placed
         return self.execute(context)
+
+    def _place_at_cursor(self, context: bpy.types.Context) -> None:
+        (body,) = effects.bodies_of(context.scene)
+        picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+        reach = _ON_SKIN_M / metres_of(context.scene)
+        found = picker.nearest(context.scene.cursor.location, reach)
+        self.place = _MIDDLE_OF_BACK if found is None else found.tolist()
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -191,6 +192,8 @@ class HFX_OT_move_along_path(PathOperator):
         return f"{paths.length_m(effect):.2f} m in {self.seconds:g} s"
 
 
+@kept_items
+@cache
 def _ready_paths() -> EnumItems:
     from ...authoring.paths import path_file
 
@@ -214,7 +217,7 @@ class HFX_OT_path_from_library(_OfSpot):
     bl_idname = "hfx.path_from_library"
     bl_label = "Path from Library"
 
-    name: EnumProperty(name="Path", items=made_once(_ready_paths))
+    name: EnumProperty(name="Path", items=_ready_paths)
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.paths import path_file

@@ -61,8 +61,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
-        place = PadPlace(self._region.width, self._region.height)
-        self._place, self._pad_draw = place, draw
+        self._place = place = PadPlace(self._region.width, self._region.height)
         self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
         self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)

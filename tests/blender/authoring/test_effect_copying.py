@@ -103,12 +103,12 @@ def test_own_sensations_are_listed_and_spoilt_ones_left_out(body: Any) -> None:
     folder = resources.user_effects()
     folder.mkdir()
     (folder / "spoilt.hfxeffect").write_text("{")
-    shipped = sensation_library._sensation_items(None, None)
+    shipped = list(sensation_library.sensation_items(None, None))
     assert len(shipped) >= 20 and all(item[0] for item in shipped)
     _, ball = touch_and_ball()
     only(ball)
     bpy.ops.hfx.save_effects(filepath=str(folder / "my_wind.hfxeffect"))
-    listed = sensation_library._sensation_items(None, None)
+    listed = sensation_library.sensation_items(None, None)
     assert listed[len(shipped) :] == [
         ("", "Your Own", ""),
         ("own/my_wind", "My Wind", "A sensation of your own"),
