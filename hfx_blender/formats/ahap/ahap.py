@@ -302,12 +302,8 @@ def _credits_of(metadata: Any) -> Credits:
     )
 
 
+held: Final = DEFAULT_RANGE.held
 write_signals: Final = simplified_writer(write, SUFFIX, decode)
-
-
-def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """Range of frequencies of the files of a device."""
-    return frequencies.or_default(DEFAULT_RANGE)
 
 
 def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:

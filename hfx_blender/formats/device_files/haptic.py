@@ -239,12 +239,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return [signal], frequencies
 
 
+held: Final = DEFAULT_RANGE.held
 write_signals: Final = simplified_writer(write, SUFFIX, decode)
-
-
-def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """Range of frequencies of the files of a device."""
-    return frequencies.or_default(DEFAULT_RANGE)
 
 
 def _credits_of(metadata: Any) -> Credits:

@@ -321,12 +321,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return signals, frequencies
 
 
+held: Final = DEFAULT_RANGE.held
 write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
-
-
-def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """Range of frequencies of the files of a device, in all variants."""
-    return frequencies.or_default(DEFAULT_RANGE)
 
 
 def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:

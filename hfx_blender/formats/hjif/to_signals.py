@@ -29,7 +29,6 @@ _DEEPEST: Final = 8
 class Envelope:
     """Envelope of one channel, its gain included."""
 
-    perception: str
     modality: str  # of the standard, such as "Vibrotactile"
     channel: str
     body_part_mask: int
@@ -193,7 +192,6 @@ def _envelope(
         parts.lost["are curves beside waves or ticks"] += len(parts.curves)
     left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())
     shared = (
-        perception["description"],
         perception["perception_modality"],
         name,
         channel.get("body_part_mask", 0),

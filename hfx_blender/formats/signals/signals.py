@@ -131,18 +131,18 @@ class FrequencyRange:
         if not 0.0 <= self.lowest_hz <= self.highest_hz < np.inf:
             raise ValueError(f"not a range of frequencies: {self}")
 
-    def or_default(self, documented: FrequencyRange) -> FrequencyRange:
-        """Range for a format with one of its own.
+    def held(self, asked: FrequencyRange) -> FrequencyRange:
+        """Range of a file for what is asked for, in a format that has this range of its own.
 
         A device's range stays. A device of a single frequency and what is of no device take the
         format's, for a device so wide that it holds its frequency.
         """
-        if not self.is_stated:
-            return documented
-        if self.highest_hz > self.lowest_hz:
+        if not asked.is_stated:
             return self
+        if asked.highest_hz > asked.lowest_hz:
+            return asked
         return FrequencyRange(
-            min(documented.lowest_hz, self.lowest_hz), max(documented.highest_hz, self.highest_hz)
+            min(self.lowest_hz, asked.lowest_hz), max(self.highest_hz, asked.highest_hz)
         )
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:

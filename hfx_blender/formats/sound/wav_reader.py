@@ -27,13 +27,7 @@ class WavForm:
     rate_hz: int
     bits: int
     is_float: bool
-    is_extensible: bool
-    channel_mask: int
     frames: int
-
-    @property
-    def duration_s(self) -> float:
-        return self.frames / self.rate_hz if self.rate_hz else 0.0
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
@@ -49,7 +43,7 @@ def facts(path: Path) -> dict[str, Any]:
         "channels": form.channels,
         "rate_hz": form.rate_hz,
         "samples": f"{form.bits} bit {'float' if form.is_float else 'integer'}",
-        "seconds": round(form.duration_s, 6),
+        "seconds": round(form.frames / form.rate_hz, 6),
     }
 
 
@@ -106,7 +100,7 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
     if tag == _FLOAT and bits in _BITS[_FLOAT] and not _is_finite(content, begin, data, bits // 8):
         report.error("DATA", None, "it has samples that are not finite numbers")
     frames = data // frame if frame else 0
-    return WavForm(channels, rate, bits, tag == _FLOAT, is_extensible, mask, frames)
+    return WavForm(channels, rate, bits, tag == _FLOAT, frames)
 
 
 def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:
