@@ -14,7 +14,13 @@ from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.rendering.device import Actuator, DeviceConfig, RoomPlace
 from ...engine.rendering.schemes import cells_of
 from ...engine.response_filters.controls import About, FilterKind, Operation
-from ...engine.scene import BodyDescription, HapticVolume, PaintedArea, SkinBinding
+from ...engine.scene import (
+    BodyDescription,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    SkinBinding,
+)
 from ...engine.skin.bound_weights import BoundWeights
 from ...engine.volume.shape import FalloffKind
 from ...text import counted
@@ -22,7 +28,7 @@ from ..written import Written
 from .baked import Played
 from .common_rigs import RigNames, rig_names
 from .container import NONE, Records, Texts, records
-from .spatial_recorder import SpatialEffect, SpatialRecorder
+from .spatial_recorder import Seen, SpatialRecorder
 
 _MODALITIES: Final = tuple(MODALITIES)
 _FALLOFFS: Final = tuple(FalloffKind)
@@ -50,7 +56,7 @@ def sections_of(
     lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
     if not effects:
         return {}, Written(notes=lost)
-    models = tuple(dict.fromkeys(each.effect.model_id for each in effects))
+    models = tuple(dict.fromkeys(effect.model_id for effect, _ in effects))
     bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
     others = [b.name for b in recorder.scene.bodies if b not in skinned]
@@ -59,7 +65,7 @@ def sections_of(
         bodies.add(body)
     found = bodies.sections()
     found |= _effects(effects, bodies, texts)
-    found |= _reactions(played, bodies, {each.effect.modality for each in effects})
+    found |= _reactions(played, bodies, {effect.modality for effect, _ in effects})
     standing = [
         f"{x.name}: {each.id}" for x, _ in played for each in x.actuators if _has_fixed_place(each)
     ]
@@ -231,18 +237,20 @@ def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights])
     return [joints[int(np.argmax(table[:, k]))] for k in used]
 
 
-def _effects(effects: list[SpatialEffect], bodies: _Bodies, texts: Texts) -> dict[str, Records]:
+def _effects(
+    effects: list[tuple[EffectDescription, Seen]], bodies: _Bodies, texts: Texts
+) -> dict[str, Records]:
     """Records of volumes and painted areas, with their filters and vertices."""
     rows: list[tuple[Any, ...]] = []
     filters: list[tuple[Any, ...]] = []
     painted: list[Records] = []
-    for each in effects:
-        effect, area = each.effect, each.effect.area
+    for effect, seen in effects:
+        area = effect.area
         body, kind, falloff, share = NONE, 0, 0, 0.0
         first_filter, first_painted = len(filters), sum(map(len, painted))
         if isinstance(area, HapticVolume):
             falloff, share = _FALLOFFS.index(area.falloff.kind), area.falloff.share
-            for stage, controls in zip(area.response, each.controls, strict=True):
+            for stage, controls in zip(area.response, seen["controls"], strict=True):
                 filters.append(
                     (
                         _KINDS.index(stage.kind),
@@ -258,7 +266,7 @@ def _effects(effects: list[SpatialEffect], bodies: _Bodies, texts: Texts) -> dic
             _, rank, _ = bodies.kept[area.body_id, effect.model_id]
             painted.append(_strongest("PNTD", rank[area.vertices], area.weights))
         parameters = np.zeros(4)
-        parameters[: len(each.parameters)] = each.parameters
+        parameters[: len(seen["parameters"])] = seen["parameters"]
         is_warm = effect.modality == "temperature"
         rows.append(
             (
@@ -267,18 +275,18 @@ def _effects(effects: list[SpatialEffect], bodies: _Bodies, texts: Texts) -> dic
                 _MODALITIES.index(effect.modality),
                 body,
                 texts.add(effect.model_id),
-                each.shape,
-                each.half_segment,
+                seen["shape"],
+                seen["half_segment"],
                 falloff,
                 min(max(share, 0.0), 1.0),
-                each.level,
+                seen["level"],
                 parameters,
                 neutral_temperature_c(effect.is_contact) if is_warm else 0.0,
                 first_filter,
                 len(filters) - first_filter,
                 first_painted,
                 sum(map(len, painted)) - first_painted,
-                each.matrix[:3].ravel(),
+                seen["matrix"][:3].ravel(),
                 0,
             )
         )

@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ...engine.active_rows import FARTHEST
-from ...engine.arrays import F64
 from ...engine.response_filters.controls import WIDTH
 from ...engine.response_filters.filters import within_limits
 from ...engine.scene import (
@@ -28,17 +26,13 @@ from . import DETAIL
 SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
 
 
-@dataclass(frozen=True, eq=False)
-class SpatialEffect:
-    """A volume or painted area of a scene, as a game begins with it."""
+Seen = dict[str, npt.NDArray[Any]]
+"""An effect as a game begins with it.
 
-    effect: EffectDescription
-    level: float  # the highest
-    parameters: F64  # (P,) at that moment
-    shape: int  # index into SHAPES; painted: 0
-    half_segment: float
-    matrix: F64  # (4, 4) where it is first on
-    controls: F64  # (filters, WIDTH) of its response, there
+``level``, the highest, and ``parameters`` (P,) at that moment; ``shape``, an index into
+:data:`SHAPES`, and ``half_segment``; ``matrix`` (4, 4) where it is first on, and ``controls``
+(filters, WIDTH) of its response there. Painted: shape 0, half segment 0.
+"""
 
 
 class SpatialRecorder:
@@ -52,7 +46,7 @@ class SpatialRecorder:
 
     def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
         self.scene, self.detail = scene, detail
-        self._found: dict[int, dict[str, npt.NDArray[Any]]] = {}
+        self._found: dict[int, Seen] = {}
         self._others: set[int] = set()
 
     def add(self, block: AnimationBlock) -> None:
@@ -71,7 +65,7 @@ class SpatialRecorder:
             else:
                 self._others.add(k)
 
-    def _keep(self, k: int, seen: dict[str, npt.NDArray[Any]]) -> None:
+    def _keep(self, k: int, seen: Seen) -> None:
         """Keep the first moment of an effect, and its strongest."""
         known = self._found.setdefault(k, seen)
         if float(seen["level"]) > float(known["level"]):
@@ -89,23 +83,12 @@ class SpatialRecorder:
             self._others |= set(part["others"].tolist())
             for k in range(len(self.scene.effects)):
                 if f"{k}.level" in part:
-                    names = ("level", "parameters", "shape", "half", "matrix", "controls")
+                    names = ("level", "parameters", "shape", "half_segment", "matrix", "controls")
                     self._keep(k, {name: part[f"{k}.{name}"] for name in names})
 
-    def effects(self) -> list[SpatialEffect]:
+    def effects(self) -> list[tuple[EffectDescription, Seen]]:
         """Volumes and painted areas that are ever on, in the order of the scene."""
-        return [
-            SpatialEffect(
-                self.scene.effects[k],
-                float(of["level"]),
-                of["parameters"],
-                int(of["shape"]),
-                float(of["half"]),
-                of["matrix"],
-                of["controls"],
-            )
-            for k, of in sorted(self._found.items())
-        ]
+        return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
     def left_out(self) -> list[str]:
         """Names of effects that a player cannot evaluate."""
@@ -119,9 +102,7 @@ def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
     return is_volume and bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
 
 
-def _seen(
-    effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]
-) -> dict[str, npt.NDArray[Any]]:
+def _seen(effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]) -> Seen:
     """An effect in some rows of a block."""
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)
@@ -137,7 +118,7 @@ def _seen(
         "level": np.array(min(float(animated.levels[best]), 1.0)),
         "parameters": animated.parameters[best],
         "shape": np.array(shape),
-        "half": np.array(half),
+        "half_segment": np.array(half),
         "matrix": matrix,
         "controls": controls,
     }
