@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from ...files.findings import Finding, Report, json_validator
-from ...files.json_shapes import Items, Number, Record, Text, check
+from ...files.json_shapes import Items, Number, Record, Text, check, loose
 from ...files.strict_json import clean, parse
 from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
@@ -38,13 +38,12 @@ _AMPLITUDE = Record(
 )
 _FREQUENCY = Record({"time": _TIME, "frequency": _SHARE})
 _ENVELOPES = Record({"amplitude": Items(_AMPLITUDE, least=1)}, {"frequency": Items(_FREQUENCY)})
-_METADATA = Record(
+_METADATA = loose(
     {},
     {
         **dict.fromkeys(("author", "editor", "source", "project", "description"), Text()),
         "tags": Items(Text()),
     },
-    unknown="ignore",
 )
 _TOLERATED: Final = ("HAPTIC-EMPHASIS",)
 _DOCUMENT = Record(

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 from ...files.findings import Finding, Report, json_validator
-from ...files.json_shapes import Anything, Items, Number, Record, Shape, Text, check
+from ...files.json_shapes import Anything, Items, Number, Record, Shape, Text, check, loose
 from ...files.strict_json import Place, encoded
 
 MAX_PATTERN_EVENTS: Final = 16
@@ -48,11 +48,7 @@ def _pattern(event: Shape) -> Items:
     return Items(Record({"Event": event}))
 
 
-_METADATA = Record(
-    {"Version": Number(1, 2)},
-    dict.fromkeys(("Created", "Description"), Anything()),
-    unknown="ignore",
-)
+_METADATA = loose({"Version": Number(1, 2)}, dict.fromkeys(("Created", "Description"), Anything()))
 _V1 = Record(
     {"Metadata": _METADATA, "Pattern": _pattern(_event("RelativeTime", MAX_RELATIVE_MS, False))}
 )

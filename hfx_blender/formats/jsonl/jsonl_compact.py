@@ -17,7 +17,7 @@ from typing import Any, Final
 from ...engine.modality import MODALITIES
 from ...files import limits
 from ...files.findings import Report
-from ...files.json_shapes import Items, Number, Record, Text, check
+from ...files.json_shapes import Items, Number, Text, check, loose, strict
 from ...files.strict_json import Place
 
 ENCODING: Final = "compact"
@@ -25,7 +25,7 @@ ENCODING: Final = "compact"
 _STEPS: Final = 255
 _ENTRY_BYTES: Final = 64.0  # about, of a vertex of an unpacked set
 _ID = Number(0, 2**31 - 1, is_whole=True)
-_SET = Record(
+_SET = strict(
     {
         "type": Text(("set",)),
         "set": _ID,
@@ -33,12 +33,10 @@ _SET = Record(
         "weights": Items(Number(0, _STEPS, is_whole=True)),
     },
     {"from": _ID},
-    unknown="error",
 )
-_SAMPLE = Record(
+_SAMPLE = loose(
     {"type": Text(("sample",)), "t": Number(), "effect": _ID, "body": _ID, "set": _ID},
     {"parameters": Items(Number())},
-    unknown="ignore",
 )
 
 

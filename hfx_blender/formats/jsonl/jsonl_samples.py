@@ -25,7 +25,7 @@ from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, refuse_errors
-from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check
+from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check, strict
 from ...files.strict_json import Place, clean, encoded, parse, read_bytes
 from ..registry import FORMATS
 from ..written import Written
@@ -41,7 +41,7 @@ _LARGEST_TABLE: Final = 2**20
 _TEXT = Text()
 _SHARE = Number(0.0, 1.0)
 _LINES: Final[dict[str, Shape]] = {
-    "header": Record(
+    "header": strict(
         {
             "type": _TEXT,
             "format": Text((FORMAT,)),
@@ -49,19 +49,18 @@ _LINES: Final[dict[str, Shape]] = {
             "rate_hz": Number(1e-9),
             "duration_s": Number(0.0),
             "models": Items(
-                Record(
+                strict(
                     {
                         "id": _TEXT,
                         "modality": _TEXT,
                         "hash": _TEXT,
                         "vertex_count": Number(1, is_whole=True),
-                    },
-                    unknown="error",
+                    }
                 )
             ),
-            "bodies": Items(Record({"id": _TEXT, "name": _TEXT}, unknown="error")),
+            "bodies": Items(strict({"id": _TEXT, "name": _TEXT})),
             "effects": Items(
-                Record(
+                strict(
                     {
                         "id": _TEXT,
                         "name": _TEXT,
@@ -71,22 +70,19 @@ _LINES: Final[dict[str, Shape]] = {
                         "is_contact": Flag(),
                     },
                     {"device": _TEXT, "actuators": Items(_TEXT)},
-                    unknown="error",
                 )
             ),
-        },
-        unknown="error",
+        }
     ),
-    "set": Record(
+    "set": strict(
         {
             "type": _TEXT,
             "set": Number(0, is_whole=True),
             "vertices": Items(Number(0, 2**31 - 1, is_whole=True)),
             "weights": Items(_SHARE),
-        },
-        unknown="error",
+        }
     ),
-    "sample": Record(
+    "sample": strict(
         {
             "type": _TEXT,
             "t": Number(),
@@ -100,7 +96,6 @@ _LINES: Final[dict[str, Shape]] = {
             "spot": Record({"centre_m": Items(Number(), least=3, most=3), "radius_m": Number(0.0)}),
             "actuators": Items(_SHARE),
         },
-        unknown="error",
     ),
 }
 

@@ -27,7 +27,7 @@ from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, decoding_findings, refuse_errors
-from ...files.json_shapes import Anything, Items, Number, Record, Text, check
+from ...files.json_shapes import Anything, Items, Number, Record, Text, check, strict
 from ...files.strict_json import MAX_BYTES, parse, read_bytes
 from ..registry import FORMATS
 from ..written import Written
@@ -40,7 +40,7 @@ _META: Final = 64 << 20
 _HEAD_BYTES: Final = 1 << 12  # of an array, in which its shape is
 
 _TEXT = Text()
-_DOCUMENT = Record(
+_DOCUMENT = strict(
     {
         "format": Text((FORMAT,)),
         "version": Number(1, 1, is_whole=True),
@@ -67,7 +67,6 @@ _DOCUMENT = Record(
         "felt": Items(Items(_TEXT, least=4, most=4)),
     },
     {"tools": Anything()},
-    unknown="error",
 )
 _FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.bool_}
 
