@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bands of HJIF as curves, tones, ticks and waveforms; levels are without the channel's gain."""
+"""Bands of HJIF as curves, tones, ticks and waveforms; only tones have the channel's gain."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ Placed = tuple[int, dict[str, Any]]  # position, ticks, and effect
 _Points = list[tuple[float, float]]  # times, s, and values
 
 
-def tone(band: dict[str, Any], placed: Placed, timescale: int) -> Piece:
-    """A vectorial wave: amplitude and frequency from its position to its last keyframe."""
+def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> Piece:
+    """A vectorial wave, times ``gain``: amplitude and frequency to its last keyframe."""
     position, effect = placed
     levels, hertz = _columns(effect.get("keyframes", ()), position, timescale)
     begin = position / timescale
@@ -35,7 +35,7 @@ def tone(band: dict[str, Any], placed: Placed, timescale: int) -> Piece:
     if low < high:
         pitch = clipped(pitch, low, high)
     amplitude = with_zeros(_curve_of(levels, (begin, 1.0)))
-    amplitude = Curve(amplitude.times_s, np.abs(amplitude.values))
+    amplitude = Curve(amplitude.times_s, gain * np.abs(amplitude.values))
     end = max(float(amplitude.times_s[-1]), float(pitch.times_s[-1]))
     return Piece(begin, end, amplitude, pitch)
 

@@ -137,8 +137,7 @@ class _Parts:
 
     def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
         """Take a band's effects."""
-        placed = list(unfolding.effects(band["effects"], 0, 0))
-        self.lost.update(unfolding.take_unknown())
+        placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
             for tick in (tick for each in placed for tick in bands.ticks(band, each, timescale)):
                 level = self._gain * tick.amplitude
@@ -148,7 +147,7 @@ class _Parts:
         elif band["band_type"] == "VectorialWave":
             for each in placed:
                 if each[1].get("keyframes"):
-                    self._add_tone(bands.tone(band, each, timescale))
+                    self.pieces.append(bands.tone(band, each, timescale, self._gain))
                     if (shape := each[1].get("base_signal", "Sine")) != "Sine":
                         self.lost[f"are waves of the shape {shape}: as Sine"] += 1
         elif band["band_type"] == "WaveletWave":
@@ -161,10 +160,6 @@ class _Parts:
                 self.waveforms.append(bands.curve_as_waveform(band, values, unfolding.name))
             elif values is not None:
                 self.curves.append(Curve(values.times_s, self._gain * values.values))
-
-    def _add_tone(self, found: Piece) -> None:
-        amplitude = Curve(found.amplitude.times_s, self._gain * found.amplitude.values)
-        self.pieces.append(replace(found, amplitude=amplitude))
 
 
 def _envelope(
@@ -217,17 +212,16 @@ class Unfolding:
     def __init__(self, name: str) -> None:
         self.library: dict[int | None, dict[str, Any]] = {}
         self.name = name
-        self._count = self._unknown = 0
-
-    def take_unknown(self) -> dict[str, int]:
-        """Count of references to no effect since the last call, by the reason."""
-        count, self._unknown = self._unknown, 0
-        return {"are references to none of the library": count} if count else {}
+        self._count = 0
 
     def effects(
-        self, effects: Iterable[dict[str, Any]], start: int, depth: int
+        self,
+        effects: Iterable[dict[str, Any]],
+        lost: Counter[str],
+        start: int = 0,
+        depth: int = 0,
     ) -> Iterator[bands.Placed]:
-        """Basis effects and their positions, ticks."""
+        """Basis effects and their positions, ticks; counts in ``lost`` what cannot be found."""
         if depth > _DEEPEST:
             raise InputError(
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."
@@ -239,10 +233,10 @@ class Unfolding:
             if effect["effect_type"] == "Reference":
                 target = self.library.get(effect.get("id"))
                 if target is None:
-                    self._unknown += 1
+                    lost["are references to none of the library"] += 1
                 else:
-                    yield from self.effects((target,), position, depth + 1)
+                    yield from self.effects((target,), lost, position, depth + 1)
             elif effect["effect_type"] == "Composite":
-                yield from self.effects(effect.get("composition", ()), position, depth + 1)
+                yield from self.effects(effect.get("composition", ()), lost, position, depth + 1)
             else:
                 yield position, effect
