@@ -14,13 +14,12 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import numpy as np
-import numpy.typing as npt
 
-from ...engine.arrays import F64, I64
+from ...engine.arrays import F32, F64, I64, U32
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
-from ...engine.samples import Stream
+from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...errors import InputError, NothingFeltError
 from ...files.strict_json import clean
@@ -29,7 +28,6 @@ from ..glb import glb
 from ..signals.signals import DEFAULT_TOLERANCE, MAX_HZ
 from ..written import Written, write_json
 from .body_parts import described, vertex_masks
-from .collected import Collected
 from .envelopes import PITCH_HZ, Dense, timescale_of
 from .perceptions import (
     SUFFIX,
@@ -91,7 +89,7 @@ def compose(
     loaded = {id: _checked(load_model(id), id, track) for id in used}
     masks = {id: vertex_masks(model) for id, model in loaded.items()}
     found = {
-        stream: Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
+        stream: _Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
         for stream in header.streams
     }
     for run in track.runs():
@@ -126,8 +124,92 @@ def compose(
     return document, [loaded[id] for id in avatars], loss
 
 
+class _Collected:
+    """Samples of one stream, collected run by run.
+
+    A few numbers a sample and body part are kept, not the contacts: a long track needs little
+    memory.
+
+    Parameters
+    ----------
+    masks : (V,) uint32
+        The body part of each vertex of its model.
+    by_part : bool
+        Keep the strongest weight of each body part; if not, only the first vertex set is kept.
+    """
+
+    def __init__(self, masks: U32, *, by_part: bool) -> None:
+        self._masks, part_of = np.unique(masks, return_inverse=True)
+        self._part_of: I64 = part_of.reshape(-1)
+        self._is_touched = np.zeros(len(masks), np.bool_)
+        self._by_part = by_part
+        self._rows: list[I64] = []
+        self._levels: list[F64] = []
+        self._parameters: list[F64] = []
+        self._strongest: list[F32] = []  # (n, parts)
+        self.first_set: tuple[I64, F64] | None = None
+        """Vertices and weights of the first sample."""
+        self.changes = False
+        """Test for a sample with other vertices; only told if not by part."""
+
+    def add(self, run: SampleRun) -> None:
+        """Take the next samples."""
+        self._rows.append(run.indices)
+        self._levels.append(run.levels)
+        self._parameters.append(run.parameters)
+        if self.first_set is None:
+            part = slice(0, int(run.offsets[1]))
+            self.first_set = (
+                run.vertices[part].astype(np.int64),
+                run.weights[part].astype(np.float64),
+            )
+        if not self._by_part:
+            first = self.first_set[0]
+            self.changes |= bool((np.diff(run.offsets) != len(first)).any()) or not np.array_equal(
+                run.vertices, np.tile(first, len(run.offsets) - 1)
+            )
+        else:
+            sizes, parts = np.diff(run.offsets), len(self._masks)
+            table = np.zeros(len(sizes) * parts, np.float32)
+            base = np.repeat(np.arange(len(sizes)) * parts, sizes)
+            np.maximum.at(table, base + self._part_of[run.vertices], run.weights)
+            self._strongest.append(table.reshape(-1, parts)[run.set_of])
+            self._is_touched[run.vertices] = True
+
+    def __len__(self) -> int:
+        return sum(len(rows) for rows in self._rows)
+
+    @property
+    def rows(self) -> I64:
+        """Sample indices, (n,)."""
+        return np.concatenate(self._rows)
+
+    @property
+    def levels(self) -> F64:
+        """(n,)"""
+        return np.concatenate(self._levels)
+
+    @property
+    def parameters(self) -> F64:
+        """(n, P)"""
+        return np.concatenate(self._parameters)
+
+    def touched(self) -> list[tuple[int, F64, I64]]:
+        """Touched body parts: mask, strongest weight of each sample, vertices."""
+        touched = np.flatnonzero(self._is_touched)
+        strongest = np.concatenate(self._strongest)
+        return [
+            (
+                int(self._masks[part]),
+                strongest[:, part].astype(np.float64),
+                touched[self._part_of[touched] == part],
+            )
+            for part in np.unique(self._part_of[touched]).tolist()
+        ]
+
+
 def _groups(
-    header: TrackHeader, found: Mapping[Stream, Collected]
+    header: TrackHeader, found: Mapping[Stream, _Collected]
 ) -> dict[tuple[str, str, str], list[Stream]]:
     """Streams with a place on a body that are felt, by body, model and modality."""
     groups: dict[tuple[str, str, str], list[Stream]] = {}
@@ -139,7 +221,7 @@ def _groups(
 
 
 def _loss(
-    header: TrackHeader, found: Mapping[Stream, Collected], turning: Sequence[str]
+    header: TrackHeader, found: Mapping[Stream, _Collected], turning: Sequence[str]
 ) -> Written:
     """Contents of the streams that a document does not hold."""
     high = [
@@ -164,9 +246,7 @@ def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualM
     return model
 
 
-def _places(
-    stream: Stream, found: Collected, track: TrackReader, masks: npt.NDArray[np.uint32]
-) -> Iterator[Place]:
+def _places(stream: Stream, found: _Collected, track: TrackReader, masks: U32) -> Iterator[Place]:
     """The channels of one effect on one body, their strength in physical units."""
     effect = track.header.effect(stream)
     count = track.header.time.sample_count
