@@ -91,12 +91,12 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     except OSError as error:
         found = fault_of_file(error) if error.filename is not None else _lost_folder()
         if found is None:
-            return _defect(console)
+            return defect(console)
         console.warn(f"hfx: {found}")
         console.result({"error": str(found)})
         return found.exit_code
     except Exception:
-        return _defect(console)
+        return defect(console)
 
 
 def _named_files(options: argparse.Namespace) -> Iterator[Path]:
@@ -137,7 +137,7 @@ def _lost_folder() -> InputError | None:
     return None
 
 
-def _defect(console: Console) -> int:
+def defect(console: Console) -> int:
     text = "hfx: a defect of hfx, please report it:\n" + traceback.format_exc()
     console.warn(text, several_lines=True)
     return 1

@@ -232,7 +232,7 @@ def fetch(name: str, digest: str, folder: Path) -> Path:
         distribution, version, python_tag, _, platform_tag = name[: -len(".whl")].split("-")
         requirement = f"{distribution}=={version} --hash=sha256:{digest}"
         python = f"3.{python_tag[3:]}" if python_tag.startswith("cp3") else OFFICIAL[0]
-        _download(requirement, platform_tag.split("."), python, folder)
+        download(requirement, platform_tag.split("."), python, folder)
     if not path.exists() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
         raise WheelError(
             f"{path}: not the file that {LOCK.name} pins; delete it to fetch it again."
@@ -284,13 +284,13 @@ def _newest(distribution: str, platform: Platform, python: str, folder: Path) ->
     for version in VERSIONS[distribution][python]:
         for tag in tags:  # one by one: the wheel for the oldest system wins
             try:
-                return _download(f"{distribution}=={version}", [tag], python, folder)
+                return download(f"{distribution}=={version}", [tag], python, folder)
             except WheelError:
                 continue
     return None
 
 
-def _download(requirement: str, tags: Iterable[str], python: str, folder: Path) -> Path:
+def download(requirement: str, tags: Iterable[str], python: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
         requirements = Path(temporary, "requirements.txt")

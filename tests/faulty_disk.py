@@ -58,8 +58,8 @@ def faulty_disk(failing: int | None = None) -> Iterator[Disk]:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("fsync", "replace"):
             patch.setattr(atomic.os, name, counted(getattr(os, name)))
-        atomic._WatchedFile.__bases__ = (Raw,)
+        atomic.WatchedFile.__bases__ = (Raw,)
         try:
             yield disk
         finally:
-            atomic._WatchedFile.__bases__ = (io.FileIO,)
+            atomic.WatchedFile.__bases__ = (io.FileIO,)

@@ -105,9 +105,9 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
         "formats/hjif.md",
         r"averaged over (\d+) ms, its frequency .* over (\d+) ms, (\d+) values a second",
         lambda: (
-            1000 * waveforms._AMPLITUDE_S,
-            1000 * waveforms._FREQUENCY_S,
-            waveforms._ROWS_HZ,
+            1000 * waveforms.AMPLITUDE_S,
+            1000 * waveforms.FREQUENCY_S,
+            waveforms.ROWS_HZ,
         ),
     ),
     # 600 is the least number of ticks a second with whole ones for 24 frames and 100 samples.
@@ -131,7 +131,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     (
         "belt-demo.md",
         r"distances of ([0-9.]+) to (\d+) m\.",
-        lambda: (1.0 / distance._FARTHEST_M, distance._FARTHEST_M),
+        lambda: (1.0 / distance.FARTHEST_M, distance.FARTHEST_M),
     ),
     ("belt-demo.md", r"air takes ([0-9.]+) dB from 880 Hz", _air_db),
     (

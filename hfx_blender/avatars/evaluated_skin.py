@@ -129,7 +129,7 @@ def measured(
     """
     found = known(body, mesh, suspects)
     if found is None:
-        found = _measure(body, mesh, suspects, shape)
+        found = measure(body, mesh, suspects, shape)
         _known[body.name_full, mesh.name_full] = _state(body, mesh, suspects), found
     return found
 
@@ -153,7 +153,7 @@ def _state(body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str
     return hash(places.tobytes()), dict(suspects), settings, values, bends, moving, body.hfx.follow
 
 
-def _measure(
+def measure(
     body: bpy.types.Object,
     mesh: bpy.types.Object,
     suspects: Mapping[str, str],

@@ -18,7 +18,7 @@ from typing import Final
 
 from ..errors import UsageError
 
-_PACKAGE: Final = "hfx_tools"
+PACKAGE: Final = "hfx_tools"
 _COMMANDS: Final = (
     ("demo",),
     ("body",),
@@ -31,7 +31,7 @@ _COMMANDS: Final = (
 
 def module(name: str) -> ModuleType | None:
     """Import a module of ``hfx_tools.commands``; None in an installed extension."""
-    return importlib.import_module(f"{_PACKAGE}.commands.{name}") if _load_tools() else None
+    return importlib.import_module(f"{PACKAGE}.commands.{name}") if _load_tools() else None
 
 
 def refuse(arguments: Sequence[str]) -> None:
@@ -54,14 +54,14 @@ def refuse(arguments: Sequence[str]) -> None:
 
 def _load_tools() -> bool:
     """Import the package of tools; False where it is not installed."""
-    if _PACKAGE in sys.modules:
+    if PACKAGE in sys.modules:
         return True
     # Beside this package only: elsewhere a package of that name is a stranger's. Beside an
     # extension, whose name is longer, it is one, too.
     beside = [str(Path(__file__).resolve().parents[2])]
-    spec = PathFinder.find_spec(_PACKAGE, beside)
+    spec = PathFinder.find_spec(PACKAGE, beside)
     if __package__.count(".") > 1 or spec is None or spec.loader is None:
         return False
-    sys.modules[_PACKAGE] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(sys.modules[_PACKAGE])
+    sys.modules[PACKAGE] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules[PACKAGE])
     return True

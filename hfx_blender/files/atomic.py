@@ -149,7 +149,7 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path}: cannot be written ({error.strerror or error}).")
 
 
-class _WatchedFile(io.FileIO):
+class WatchedFile(io.FileIO):
     """Unbuffered file that remembers why it could not be written, and fails only once.
 
     Whoever writes into it can close what it has begun then, such as an archive, without a second
@@ -189,14 +189,14 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         raise OutputError(f"'{path}' is no name of a file.")
     stays = not _is_passing(path.parent)
     temporary = path.with_name(temporary_name(path.name) if stays else f"{path.name}.tmp")
-    raw: _WatchedFile | None = None
+    raw: WatchedFile | None = None
     try:
         refuse_taken(path)
         if stays:
             _remove_abandoned(path)
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
-        raw = _WatchedFile(temporary, "xb+")
+        raw = WatchedFile(temporary, "xb+")
         remove_at_end(temporary, Path.unlink)
         if stays:
             with suppress(OSError):  # no locks: then it is never removed

@@ -211,7 +211,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         )
         last_written[:] = [written]
         if self._is_invoked and not bpy.app.background:
-            context.window_manager.popup_menu(_draw_written, title="Haptic Export", icon="EXPORT")
+            context.window_manager.popup_menu(draw_written, title="Haptic Export", icon="EXPORT")
         return f"{text} to {folder}{written.warned}"
 
 
@@ -225,7 +225,7 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
     column.operator_menu_enum("hfx.live_add", "name", icon="ADD")
 
 
-def _draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """Draw the warnings of the last export, when each effect is felt, what was written, and
     buttons that extend the scene and open the folder.
     """

@@ -59,32 +59,32 @@ whether to save the present file"""
     requires = ((_has_window, "There is no window"),)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        call_soon(_ask_and_load_empty_file)
+        call_soon(ask_and_load_empty_file)
         return {"FINISHED"}
 
     def work(self, context: bpy.types.Context) -> str:
         # Loading a file ends the operator that asks for it: it is done afterwards.
-        call_soon(_load_empty_file)
+        call_soon(load_empty_file)
         return ""
 
 
-def _ask_and_load_empty_file() -> None:
+def ask_and_load_empty_file() -> None:
     """Load Blender's start-up file as *File > New > General* does: it asks what becomes of changes.
 
     Blender does not tell of the answer *Cancel*. Whoever begins another file after it does so from
     a menu: drawing that menu ends the wait for this one.
     """
-    _load_empty_file("INVOKE_DEFAULT")
+    load_empty_file("INVOKE_DEFAULT")
 
 
-def _load_empty_file(how: str = "EXEC_DEFAULT") -> None:
+def load_empty_file(how: str = "EXEC_DEFAULT") -> None:
     add_handlers(_AWAITED)
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.wm.read_homefile(how, app_template="", use_empty=False)
 
 
 @bpy.app.handlers.persistent
-def _replace_cube_by_avatar(_file: str) -> None:
+def replace_cube_by_avatar(_file: str) -> None:
     """Put the avatar in place of the cube of the file that Blender starts with.
 
     Blender takes the first undo step after this handler: undo cannot lead back to the cube.
@@ -100,7 +100,7 @@ def _replace_cube_by_avatar(_file: str) -> None:
     call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
 
 
-_AWAITED: Handlers = {"load_post": _replace_cube_by_avatar}
+_AWAITED: Handlers = {"load_post": replace_cube_by_avatar}
 
 
 def _go_to_workspace() -> None:
@@ -190,14 +190,14 @@ def _show_tab(viewport: bpy.types.Area) -> None:
     call_soon(show_when_drawn, _AGAIN_S)
 
 
-def _new_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    _end_wait(self, context)
+def draw_new_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    end_wait(self, context)
     # Blender's own entries leave EXEC_DEFAULT behind, with which nothing is asked.
     self.layout.operator_context = "INVOKE_DEFAULT"
     self.layout.operator(HFX_OT_new_file.bl_idname, icon="VIEW_PAN")  # a hand
 
 
-def _end_wait(_self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def end_wait(_self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     remove_handlers(_AWAITED)
 
 
@@ -206,20 +206,20 @@ def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
 
 
-_ENTRIES = {
+ENTRIES = {
     "TOPBAR_MT_window": _window_menu,
-    "TOPBAR_MT_file_new": _new_menu,  # also of Ctrl+N
-    "TOPBAR_MT_file": _end_wait,  # Defaults > Load Factory Settings begins a file, too
-    "WM_MT_splash": _end_wait,
+    "TOPBAR_MT_file_new": draw_new_menu,  # also of Ctrl+N
+    "TOPBAR_MT_file": end_wait,  # Defaults > Load Factory Settings begins a file, too
+    "WM_MT_splash": end_wait,
 }
 
 
 def register() -> None:
-    for name, entry in _ENTRIES.items():
+    for name, entry in ENTRIES.items():
         getattr(bpy.types, name).append(entry)
 
 
 def unregister() -> None:
-    for name, entry in _ENTRIES.items():
+    for name, entry in ENTRIES.items():
         getattr(bpy.types, name).remove(entry)
     remove_handlers(_AWAITED)

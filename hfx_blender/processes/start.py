@@ -19,7 +19,7 @@ from .startup import absolute
 _START: Final = Path(__file__).resolve().with_name("child.py")
 _started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
 _LOOK_S: Final = 0.01
-_ended: list[bool] = []  # not empty: this process ends, and starts no other
+ended: list[bool] = []  # not empty: this process ends, and starts no other
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
@@ -62,7 +62,7 @@ def start(
     OSError
         It cannot be started, or this process is ending.
     """
-    if _ended:
+    if ended:
         raise OSError("this process is ending")
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
     process = subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
@@ -75,7 +75,7 @@ def end_all(limit_s: float) -> None:
 
     No other is started afterwards: this process ends.
     """
-    _ended.append(True)
+    ended.append(True)
     known = [reference() for reference in list(_started.values())]
     running = [process for process in known if process is not None and process.poll() is None]
     if os.name == "nt":  # there it would be a kill; they end with their input

@@ -28,13 +28,13 @@ NEAR: Final = 0.02  # of the extent: "near the surface"
 _UNIT: Final = 64  # matrices are whole numbers over this
 _GRID: Final = 4096  # points are
 
-_MATRICES: Final[dict[str, tuple[tuple[int, int, int], ...]]] = {
+MATRICES: Final[dict[str, tuple[tuple[int, int, int], ...]]] = {
     "turned": ((10, 15, 30), (15, -30, 10), (30, 10, -15)),
     "mirrored": ((-30, 0, 0), (0, 20, 0), (0, 0, 25)),
     "sheared": ((30, 20, -10), (0, 30, 25), (0, 0, 30)),
     "40 to 1": ((1, 0, 0), (0, 40, 0), (0, 0, 1)),
 }
-_SHAPES: Final[dict[str, Shape]] = {
+SHAPES: Final[dict[str, Shape]] = {
     "cuboid": Cuboid(),
     "sphere": Sphere(),
     "cylinder": Cylinder(),
@@ -52,14 +52,14 @@ def measure(
     count = 50_000 if short else 1_000_000
     rng = np.random.default_rng(1)
     meshes = bench_meshes()
-    steps = len(meshes) + len(_SHAPES) * len(_MATRICES)
+    steps = len(meshes) + len(SHAPES) * len(MATRICES)
     found: list[dict[str, Any]] = []
     for name, (vertices, triangles) in meshes.items():
         found.append({"shape": name, **measure_mesh(name, vertices, triangles, count, rounds, rng)})
         progress(len(found) / steps)
     exact: list[dict[str, Any]] = []
-    for shape in _SHAPES:
-        for matrix in _MATRICES:
+    for shape in SHAPES:
+        for matrix in MATRICES:
             judged = compare_formula(shape, matrix, count, rng)
             exact.append({"shape": shape, "matrix": matrix, **judged})
             progress((len(found) + len(exact)) / steps)
@@ -251,11 +251,11 @@ def _against_winding(
 
 def compare_formula(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
     """Judge points whose places in shape space are fractions of whole numbers."""
-    whole = np.array(_MATRICES[kind], np.int64)
+    whole = np.array(MATRICES[kind], np.int64)
     offset = np.array([17, -5, 40], np.int64)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = whole / _UNIT, offset / _UNIT
-    shape = _SHAPES[name]
+    shape = SHAPES[name]
     points = _lattice_points(shape, matrix, count, rng)
 
     adjugate = np.rint(np.linalg.inv(whole.astype(float)) * np.linalg.det(whole)).astype(np.int64)

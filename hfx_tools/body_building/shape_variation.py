@@ -76,13 +76,13 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
     """
     rng = np.random.default_rng(_SEED)
     try:
-        base = source_data._read_obj(folder / source_data.BASE_MESH)[0]
+        base = source_data.read_obj(folder / source_data.BASE_MESH)[0]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read as MakeHuman data ({error}).") from error
 
     @cache
     def offsets(name: str) -> tuple[I32, F64]:
-        return source_data._read_target(folder / name)
+        return source_data.read_target(folder / name)
 
     ids = source_vertices(avatar)
     mirror = _mirror(avatar.vertices.astype(np.float64))

@@ -78,8 +78,8 @@ def make(source: Source, scale: float, ground_m: float) -> Skeleton:
     lengths = np.zeros(len(names))
     for number, name in enumerate(names):
         bone = source.rig[name]
-        head = scale * _joint(source, bone["head"]) - (0.0, 0.0, ground_m)
-        tail = scale * _joint(source, bone["tail"]) - (0.0, 0.0, ground_m)
+        head = scale * joint(source, bone["head"]) - (0.0, 0.0, ground_m)
+        tail = scale * joint(source, bone["tail"]) - (0.0, 0.0, ground_m)
         rest[number] = rest_matrix(head, tail, bone["roll"])
         lengths[number] = np.linalg.norm(tail - head)
     parents = [index.get(source.rig[name]["parent"], -1) for name in names]
@@ -91,7 +91,7 @@ def make(source: Source, scale: float, ground_m: float) -> Skeleton:
     )
 
 
-def _joint(source: Source, end: dict[str, Any]) -> F64:
+def joint(source: Source, end: dict[str, Any]) -> F64:
     strategy = end["strategy"]
     if strategy == "CUBE":
         place = source.vertices[source.joints[end["cube_name"]]].mean(axis=0)

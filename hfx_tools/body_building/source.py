@@ -107,12 +107,12 @@ def read(folder: Path, shares: Mapping[str, float] = AVERAGE_ADULT) -> Source:
         A file is missing or cannot be understood.
     """
     try:
-        base, faces, uv_corners, uv, joints = _read_obj(folder / BASE_MESH)
+        base, faces, uv_corners, uv, joints = read_obj(folder / BASE_MESH)
         rig = json.loads((folder / "rigs/standard/rig.default.json").read_bytes())
         weights = json.loads((folder / "rigs/standard/weights.default.json").read_bytes())
         vertices = base.copy()
         for name, share in shares.items():
-            moved, offsets = _read_target(folder / name)
+            moved, offsets = read_target(folder / name)
             vertices[moved] += share * offsets
     except (OSError, ValueError, KeyError, IndexError) as error:
         raise InputError(f"{folder}: cannot be read as MakeHuman data ({error}).") from error
@@ -130,7 +130,7 @@ def read(folder: Path, shares: Mapping[str, float] = AVERAGE_ADULT) -> Source:
     )
 
 
-def _read_obj(path: Path) -> tuple[F64, I32, I32, F64, dict[str, I32]]:
+def read_obj(path: Path) -> tuple[F64, I32, I32, F64, dict[str, I32]]:
     vertices: list[list[float]] = []
     uv: list[list[float]] = []
     faces: list[list[list[int]]] = []
@@ -160,7 +160,7 @@ def _read_obj(path: Path) -> tuple[F64, I32, I32, F64, dict[str, I32]]:
     )
 
 
-def _read_target(path: Path) -> tuple[I32, F64]:
+def read_target(path: Path) -> tuple[I32, F64]:
     with gzip.open(path, "rt", encoding="utf-8") as lines:
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     moved = np.array([int(row[0]) for row in rows], np.int32)

@@ -40,17 +40,17 @@ def draw(scene_file: Path, track_file: Path, folder: Path) -> list[Path]:
     """Draw one picture for each task, and all of them side by side."""
     blender_session.open_blend(scene_file)
     scene = bpy.context.scene
-    _set_up_rendering(scene)
+    set_up_rendering(scene)
     body = effects.bodies_of(scene)[0]
-    _show_felt_colours(body.hfx.avatar)
+    show_felt_colours(body.hfx.avatar)
     with TrackReader(track_file) as track:
         for task in TASKS:
             frame = task.telling_s * FPS
             scene.frame_set(int(frame), subframe=frame % 1.0)
             samples = track.samples_at(task.telling_s)
-            _colour(body.hfx.avatar, samples, track.header)
+            colour_by_samples(body.hfx.avatar, samples, track.header)
             tubes = [_tube(effects_by_id(scene)[s.stream.effect_id]) for s in samples]
-            _aim(scene, body, task)
+            aim(scene, body, task)
             scene.render.filepath = str(folder / f"{task.name}.png")
             _render(scene)
             for tube in filter(None, tubes):
@@ -67,7 +67,7 @@ def effects_by_id(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     return {ids[obj.name_full]: obj for obj in objects}
 
 
-def _set_up_rendering(scene: bpy.types.Scene) -> None:
+def set_up_rendering(scene: bpy.types.Scene) -> None:
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
     scene.cycles.samples = 8
@@ -91,7 +91,7 @@ def _render(scene: bpy.types.Scene) -> None:
         bpy.ops.render.render(write_still=True)
 
 
-def _show_felt_colours(avatar: bpy.types.Object) -> None:
+def show_felt_colours(avatar: bpy.types.Object) -> None:
     avatar.data.attributes.new(FELT, "FLOAT_COLOR", "POINT")
     material = bpy.data.materials.new(FELT)
     if not material.node_tree:
@@ -108,7 +108,7 @@ def _show_felt_colours(avatar: bpy.types.Object) -> None:
     avatar.data.materials.append(material)
 
 
-def _colour(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader) -> None:
+def colour_by_samples(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader) -> None:
     rest = load_avatar().vertices
     models = {s.stream.model_id: load_model(s.stream.model_id) for s in samples}
     colours = avatar_colours(
@@ -162,7 +162,7 @@ def _tube(effect: bpy.types.Object) -> bpy.types.Object | None:
     return tube
 
 
-def _aim(scene: bpy.types.Scene, body: bpy.types.Object, task: Task) -> None:
+def aim(scene: bpy.types.Scene, body: bpy.types.Object, task: Task) -> None:
     angle, distance, height = _VIEWS[task.name]
     front = body.matrix_world.to_3x3() @ Vector((0.0, -1.0, 0.0))
     heading = atan2(front.y, front.x) + radians(angle)

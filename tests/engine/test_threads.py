@@ -147,8 +147,8 @@ def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> 
 
 def test_without_the_library_there_are_no_threads() -> None:
     with by_reference():
-        assert Engine(_scene(), threads=2)._threads is None
-    assert Engine(_scene())._threads is None
+        assert not Engine(_scene(), threads=2).has_threads
+    assert not Engine(_scene()).has_threads
 
 
 @needs_library
@@ -191,6 +191,6 @@ def test_an_error_in_a_thread_is_raised_where_its_block_ends(
     def fails(*_arguments: Any) -> int:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(narrow_phase._NarrowPhaseCall, "run", fails)
+    monkeypatch.setattr(narrow_phase.NarrowPhaseCall, "run", fails)
     with pytest.raises(ZeroDivisionError):
         list(Engine(_scene(), tolerance=PAPER, threads=2).evaluated(_blocks()))

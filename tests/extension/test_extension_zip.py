@@ -102,7 +102,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     def no_download(*_: object) -> None:
         raise AssertionError("a test must not fetch anything")
 
-    monkeypatch.setattr(addon_wheels, "_download", no_download)
+    monkeypatch.setattr(addon_wheels, "download", no_download)
     monkeypatch.setattr(addon_wheels, "imported", IMPORTED)
     monkeypatch.setattr(build_addon, "DATA", ())  # quicker
     yield folder
@@ -147,7 +147,7 @@ def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
 def test_left_out_commands_say_where_they_are(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(left_out, "_PACKAGE", "hfx_blender.nowhere")
+    monkeypatch.setattr(left_out, "PACKAGE", "hfx_blender.nowhere")
     for command in ("demo", "body", "bench", "texture board"):
         assert cli.run([*command.split(), "--json"]) == 2
         assert f"'{command}' is not part of the extension" in capsys.readouterr().err

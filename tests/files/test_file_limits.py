@@ -428,7 +428,7 @@ def test_a_body_model_of_other_arrays_is_refused(tmp_path):
         np.savez(path, meta=np.frombuffer(json.dumps(meta).encode(), np.uint8), **arrays)
         with pytest.raises(InputError, match=r"x.npz: not a readable body model"):
             load(PerceptualModel, path)
-    names = model._ARRAYS
+    names = model.ARRAYS
     with zipfile.ZipFile(path, "w") as archive:  # numpy gives what is no array as it is
         for name in names:
             archive.writestr(f"{name}.npy", b"no array")

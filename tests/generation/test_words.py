@@ -76,7 +76,7 @@ def test_degrees_and_denials_steer_by_their_sign() -> None:
 @pytest.mark.parametrize("row", [0, 6, 11, 16])
 def test_comparatives_move_their_measure(row: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "COMPARATIVES", bench.COMPARATIVES[row : row + 1])
-    monkeypatch.setattr(bench, "_TEXELS", 192)
+    monkeypatch.setattr(bench, "TEXELS", 192)
     (found,) = bench.comparatives()
     assert found["is_right"], found
 

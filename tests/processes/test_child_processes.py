@@ -76,7 +76,7 @@ def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
 
 
 def test_no_process_is_started_by_one_that_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(start, "_ended", [])
+    monkeypatch.setattr(start, "ended", [])
     command = processes.program("import time; time.sleep(100)")
     with start.start(command) as running:
         start.end_all(30.0)

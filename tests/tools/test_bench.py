@@ -171,13 +171,13 @@ def test_a_measurement_describes_itself() -> None:
 
 def test_whole_numbers_judge_the_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
-    for name in volumes._SHAPES:
-        for kind in volumes._MATRICES:
+    for name in volumes.SHAPES:
+        for kind in volumes.MATRICES:
             judged = volumes.compare_formula(name, kind, 4000, rng)
             assert judged["wrong"] == 0 and judged["judged"] > 2000
     broken = type("Ball", (), {"contains": lambda self, p: (p**2).sum(axis=0) <= 1.0005})()
-    broken.bounds = volumes._SHAPES["sphere"].bounds
-    monkeypatch.setitem(volumes._SHAPES, "sphere", broken)
+    broken.bounds = volumes.SHAPES["sphere"].bounds
+    monkeypatch.setitem(volumes.SHAPES, "sphere", broken)
     assert volumes.compare_formula("sphere", "turned", 4000, rng)["wrong"] > 10
 
 

@@ -27,9 +27,9 @@ _PAINTED = "painted"  # the state of no material
 
 _log = logging.getLogger(__name__)
 _waiting: set[str] = set()  # objects
-_shown: dict[str, float] = {}  # when an object's maps were drawn last
-_painted: set[str] = set()  # images whose pixels may be others
-_last_edit: list[float] = [0.0]
+shown_s: dict[str, float] = {}  # when an object's maps were drawn last
+painted_images: set[str] = set()  # images whose pixels may be others
+last_edit_s: list[float] = [0.0]
 
 
 def request(obj: bpy.types.Object) -> None:
@@ -39,21 +39,21 @@ def request(obj: bpy.types.Object) -> None:
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
         return  # nothing was made yet: the first bake needs a request
     _waiting.add(obj.name)
-    _schedule(_make, DELAY_S)
+    _schedule(make_waiting, DELAY_S)
 
 
 def shown(obj: bpy.types.Object) -> None:
     """Note that an object's maps are being drawn."""
-    _shown[obj.name] = time.monotonic()
+    shown_s[obj.name] = time.monotonic()
     if obj.hfx.surface.is_outdated and may_bake(obj):
-        call_soon(_check, BAKE_DELAY_S)
+        call_soon(bake_outdated, BAKE_DELAY_S)
 
 
 def may_bake(obj: bpy.types.Object) -> bool:
     """Test that an object's material may be baked without a request."""
     from . import material_state
 
-    is_shown = time.monotonic() - _shown.get(obj.name, -_SHOWN_S) < _SHOWN_S
+    is_shown = time.monotonic() - shown_s.get(obj.name, -_SHOWN_S) < _SHOWN_S
     return is_shown and material_state.bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
 
 
@@ -63,8 +63,8 @@ def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
     if bpy.app.background or not is_of_matter(graph):
         return
     note(graph)
-    _last_edit[0] = time.monotonic()
-    call_soon(_check, BAKE_DELAY_S)
+    last_edit_s[0] = time.monotonic()
+    call_soon(bake_outdated, BAKE_DELAY_S)
 
 
 def is_of_matter(graph: bpy.types.Depsgraph) -> bool:
@@ -75,7 +75,7 @@ def is_of_matter(graph: bpy.types.Depsgraph) -> bool:
 def note(graph: bpy.types.Depsgraph) -> None:
     """Remember which images were painted on."""
     if graph.id_type_updated("IMAGE"):
-        _painted.update(
+        painted_images.update(
             update.id.name_full
             for update in graph.updates
             if isinstance(update.id, bpy.types.Image)
@@ -86,8 +86,8 @@ def check() -> list[bpy.types.Object]:
     """Find the surfaces that are older than their material or image; marks and returns them."""
     from . import material_state, surfaces
 
-    painted = {image for image in bpy.data.images if image.name_full in _painted}
-    _painted.clear()
+    painted = {image for image in bpy.data.images if image.name_full in painted_images}
+    painted_images.clear()
     found = []
     for obj in surfaces.surfaces_of(bpy.context.scene):
         settings = obj.hfx.surface
@@ -107,8 +107,8 @@ def check() -> list[bpy.types.Object]:
     return found
 
 
-def _check() -> float | None:
-    since = time.monotonic() - _last_edit[0]
+def bake_outdated() -> float | None:
+    since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited
         return BAKE_DELAY_S - since
     if any(window.screen.is_animation_playing for window in _windows()):
@@ -120,7 +120,7 @@ def _check() -> float | None:
     return None
 
 
-def _make() -> None:
+def make_waiting() -> None:
     from . import surfaces
 
     waiting = sorted(_waiting)
@@ -171,5 +171,5 @@ def unregister() -> None:
     from . import material_state
 
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
-    for known in (_waiting, material_state.bake_s, _shown, _painted):
+    for known in (_waiting, material_state.bake_s, shown_s, painted_images):
         known.clear()

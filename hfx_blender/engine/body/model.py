@@ -164,7 +164,7 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
     return kind(**meta, **arrays)
 
 
-_ARRAYS: Final[dict[str, tuple[type[np.generic], int]]] = {
+ARRAYS: Final[dict[str, tuple[type[np.generic], int]]] = {
     "vertices": (np.float32, 2),
     "triangles": (np.int32, 2),
     "normals": (np.float32, 2),
@@ -181,7 +181,7 @@ _ARRAYS: Final[dict[str, tuple[type[np.generic], int]]] = {
 }
 """Kind and dimensions of a perceptual model's arrays."""
 
-_OF_VERTICES: Final = tuple(_ARRAYS)[:1] + tuple(_ARRAYS)[2:-3]
+_OF_VERTICES: Final = tuple(ARRAYS)[:1] + tuple(ARRAYS)[2:-3]
 _FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": dict}
 
 
@@ -193,14 +193,14 @@ def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
     InputError
         It names the first member that is not as it must be.
     """
-    if set(meta) != set(_FACTS) or set(arrays) != set(_ARRAYS):
+    if set(meta) != set(_FACTS) or set(arrays) != set(ARRAYS):
         raise InputError(f"{path}: not a readable body model (it has not a model's members).")
     for name, fact in _FACTS.items():
         if type(meta[name]) is not fact:
             raise InputError(f"{path}: '{name}' is not a {fact.__name__}.")
     if not all(isinstance(each, str) for each in meta["bone_names"]):
         raise InputError(f"{path}: 'bone_names' holds something that is not text.")
-    for name, (kind, dimensions) in _ARRAYS.items():
+    for name, (kind, dimensions) in ARRAYS.items():
         found = arrays[name]
         if not isinstance(found, np.ndarray):
             raise InputError(f"{path}: '{name}' is not an array.")
@@ -268,7 +268,7 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
     return meta, arrays
 
 
-_WORTH_THREADS = 1 << 18
+WORTH_THREADS = 1 << 18
 """Bytes of a file from which on two threads unpack it: they need not wait for each other."""
 
 
@@ -279,7 +279,7 @@ def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
         unpacked_bytes = sum(each.file_size for each in stored.zip.infolist())
         limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
         names = [name for name in stored.files if name == "meta" or name.startswith(part)]
-        if part or path.stat().st_size < _WORTH_THREADS:
+        if part or path.stat().st_size < WORTH_THREADS:
             return {name: stored[name] for name in names}
         sizes = {name: stored.zip.getinfo(f"{name}.npy").compress_size for name in names}
         halves: tuple[list[str], list[str]] = ([], [])

@@ -21,7 +21,7 @@ from ..skin.bound_skins import BoundSkins
 from ..skin.surface_posing import PointwiseModel
 from .reachable_bounds import ReachableBounds, bounds_of, box_of
 
-_FEWEST: Final = 32
+FEWEST_PAIRS: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""
 
 _ROUNDING: Final = 1e-12
@@ -87,7 +87,7 @@ class BlockBroadPhase:
         if boxes is None:
             boxes = self._boxes = _VolumeBoxes(self._block)
         number = boxes.number.get(animated)
-        if number is None or boxes.size < _FEWEST:
+        if number is None or boxes.size < FEWEST_PAIRS:
             return False
         key = (body.id, model_id, is_bent)
         if key not in self._near:
@@ -128,7 +128,7 @@ class _VolumeBoxes:
         volumes = [each for each in block.effects if each.matrices is not None and each.shapes]
         self.number = {each: k for k, each in enumerate(volumes)}
         self.size = len(volumes) * len(block.indices)
-        if self.size < _FEWEST:
+        if self.size < FEWEST_PAIRS:
             return
         matrices = np.concatenate([each.matrices for each in volumes if each.matrices is not None])
         levels = np.concatenate([each.levels for each in volumes])

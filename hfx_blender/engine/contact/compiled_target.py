@@ -97,14 +97,14 @@ class PlacedTarget:
     ) -> None:
         self.count = count = len(rows)
         self.rows = rows = i64(rows)
-        self._room, self.is_usable = np.empty(count * _ENDS[-1]), np.zeros(count, np.bool_)
-        first = self._room.ctypes.data
-        places = [first + count * end * self._room.itemsize for end in _ENDS[:-1]]
+        self.room, self.is_usable = np.empty(count * _ENDS[-1]), np.zeros(count, np.bool_)
+        first = self.room.ctypes.data
+        places = [first + count * end * self.room.itemsize for end in _ENDS[:-1]]
         rises = falloff.is_flat, falloff.kind is FalloffKind.SMOOTH, falloff.share
         self.pointers = structure("hfx_target")(
             *(count, *places[:4], *rises, amplitude, *places[4:], None, self.is_usable)
         )
-        self.pointers.kept += [self._room, shapes]  # of which it has addresses alone
+        self.pointers.kept += [self.room, shapes]  # of which it has addresses alone
         shortest = min(len(each) for each in (matrices, to_world, shape_index) if each is not None)
         if count and not 0 <= rows[0] <= rows[-1] < shortest:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")
@@ -151,5 +151,5 @@ class PlacedTarget:
         """``to_shape``, ``to_world``, ``matrices`` or ``body_to_shape`` (n, 4, 4), ``boxes``
         (n, 2, 3) or ``turns`` (2, n); see ``hfx_target``."""
         number, shape = list(_ROW).index(name), _ROW[name]
-        flat = self._room[self.count * _ENDS[number] : self.count * _ENDS[number + 1]]
+        flat = self.room[self.count * _ENDS[number] : self.count * _ENDS[number + 1]]
         return flat.reshape((*shape, -1) if name == "turns" else (-1, *shape))

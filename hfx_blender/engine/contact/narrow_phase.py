@@ -86,12 +86,12 @@ def narrow_phase(
     drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
     shared = posing, target, drift, weights, column_of
     if details is not None:
-        count = _with_details(_NarrowPhaseCall(pairs, table, *shared), weights, details, target)
+        count = _with_details(NarrowPhaseCall(pairs, table, *shared), weights, details, target)
         return lambda: count
     if threads is None:
-        count = _NarrowPhaseCall(pairs, table, *shared).run()
+        count = NarrowPhaseCall(pairs, table, *shared).run()
         return lambda: count
-    calls = [_NarrowPhaseCall(part, table, *shared) for part in _parts(pairs, table)]
+    calls = [NarrowPhaseCall(part, table, *shared) for part in _parts(pairs, table)]
     begun = [threads.submit(call.run) for call in calls]
     return lambda: sum(each.result() for each in begun)
 
@@ -101,7 +101,7 @@ _SAMPLES: Final = 1 << 18
 
 
 def _with_details(
-    call: _NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
+    call: NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
 ) -> int:
     room = _SAMPLES
     while True:
@@ -150,7 +150,7 @@ def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
     ]
 
 
-class _NarrowPhaseCall:
+class NarrowPhaseCall:
     """One call of the library for some pairs, with its arguments."""
 
     def __init__(

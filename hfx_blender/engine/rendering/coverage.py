@@ -16,7 +16,7 @@ from ..arrays import F32, F64, I32, I64
 from ..native import rendering as native
 from .device import Statistic
 
-_DENSE_ENTRIES = 1 << 18
+DENSE_ENTRIES = 1 << 18
 """Weights that are laid out densely at a time: 1 MiB, which stays in the processor's cache."""
 
 
@@ -77,7 +77,7 @@ class ActuatorCells:
         gains = np.zeros((count, len(self.rows)))
         if not len(self.reached):
             return gains
-        step = max(1, _DENSE_ENTRIES // len(self.reached))
+        step = max(1, DENSE_ENTRIES // len(self.reached))
         for first in range(0, count, step):
             stop = min(first + step, count)
             entries = slice(int(offsets[first]), int(offsets[stop]))

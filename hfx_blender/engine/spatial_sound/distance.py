@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import F64
 
 _FADE: Final = 0.1  # of the audible radius, over which a source fades in
-_FARTHEST_M: Final = 1000.0
+FARTHEST_M: Final = 1000.0
 _THICKEST: Final = 1e6  # as a multiple of air: silences all but the lowest at once
 
 
@@ -32,9 +32,9 @@ class Hearing:
 
     def __post_init__(self) -> None:
         for name in ("reference_m", "audible_m", "spread_m"):
-            if not 1.0 / _FARTHEST_M <= getattr(self, name) <= _FARTHEST_M:
+            if not 1.0 / FARTHEST_M <= getattr(self, name) <= FARTHEST_M:
                 raise ValueError(
-                    f"{name}: expected {1.0 / _FARTHEST_M:g} to {_FARTHEST_M:g}, "
+                    f"{name}: expected {1.0 / FARTHEST_M:g} to {FARTHEST_M:g}, "
                     f"got {getattr(self, name):g}"
                 )
         if not 0.0 <= self.air <= _THICKEST:

@@ -115,11 +115,6 @@ class MeshVolume:
         return corners
 
     @property
-    def core_radius(self) -> float:
-        """Radius of the largest ball that fits inside, shape space, within half a percent."""
-        return self._largest_depth
-
-    @property
     def is_fine(self) -> bool:
         """Test for so many faces that it may pay to feel fewer."""
         return len(self._triangles) >= MANY_FACES
@@ -166,13 +161,13 @@ class MeshVolume:
         return np.stack([self._vertices.min(axis=0), self._vertices.max(axis=0)])
 
     def contains(self, points: F64) -> Bool:
-        return self._grid.contains(points)
+        return self.grid.contains(points)
 
     def rise(self, points: F64) -> F64:
         """Depth in shape space over the largest depth; see :meth:`Shape.rise`. 0 outside."""
-        if self._largest_depth == 0.0:
+        if self.core_radius == 0.0:
             return np.zeros(points.shape[1])
-        return np.minimum(self._depth(points, np.eye(3)) / self._largest_depth, 1.0)
+        return np.minimum(self._depth(points, np.eye(3)) / self.core_radius, 1.0)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
@@ -191,15 +186,15 @@ class MeshVolume:
         about = points - self._middle[:, None]
         stretch = np.linalg.svd(linear, compute_uv=False)
         if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
-            return np.asarray(stretch[1] * self._tree.distances(about))
+            return np.asarray(stretch[1] * self.tree.distances(about))
         return self._placed_tree(linear).distances(linear @ about)
 
     def compiled(self, with_depth: bool = False) -> NativeMesh:
         """The mesh for the library, which must be there; with the largest depth, or without."""
         if with_depth not in self._compiled:
-            tree, grid = self._tree.compiled, self._grid.compiled
+            tree, grid = self.tree.compiled, self.grid.compiled
             assert tree is not None and grid is not None
-            depth = self._largest_depth if with_depth else 0.0
+            depth = self.core_radius if with_depth else 0.0
             self._compiled[with_depth] = NativeMesh(grid, tree, self._middle, depth)
         return self._compiled[with_depth]
 
@@ -230,7 +225,7 @@ class MeshVolume:
         tree = self._placed_trees.get(key)
         if tree is None:
             self._placed_trees.clear()
-            tree = self._placed_trees[key] = self._tree.placed(linear)
+            tree = self._placed_trees[key] = self.tree.placed(linear)
         return tree
 
     @cached_property
@@ -240,7 +235,7 @@ class MeshVolume:
     # Made when first asked for: many volumes are never reached, few have a falloff.
 
     @cached_property
-    def _grid(self) -> InsideGrid:
+    def grid(self) -> InsideGrid:
         return InsideGrid(self._vertices, self._triangles)
 
     @cached_property
@@ -249,13 +244,13 @@ class MeshVolume:
         return middle
 
     @cached_property
-    def _tree(self) -> TriangleTree:
+    def tree(self) -> TriangleTree:
         # About the middle: a mesh far from its object's origin keeps its digits.
         return TriangleTree((self._vertices - self._middle)[self._triangles])
 
     @cached_property
-    def _largest_depth(self) -> float:
-        """Radius of the largest ball that fits inside, shape space.
+    def core_radius(self) -> float:
+        """Radius of the largest ball that fits inside, shape space, within half a percent.
 
         Branch and bound: depth, negative outside, changes by at most the distance between two
         points, so that it bounds the depth in a cell around a point. Only the most promising
@@ -270,7 +265,7 @@ class MeshVolume:
         best = 0.0
         for _ in range(_CORE_ROUNDS):
             reach = float(np.sqrt(np.sum(half**2)))
-            depths = self._tree.distances_beyond(
+            depths = self.tree.distances_beyond(
                 centres - self._middle[:, None], max(best - reach, 0.0), 0.5 * _CORE_TOLERANCE
             )
             depths[~self.contains(centres)] *= -1.0

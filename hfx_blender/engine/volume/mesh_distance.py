@@ -12,7 +12,7 @@ from ..arrays import F64, I64, Bool
 from ..native import mesh as native
 from ..native.library import library
 
-_PAIRS_AT_ONCE: Final = 2**18
+PAIRS_AT_ONCE: Final = 2**18
 _FEW: Final = 4  # boxes that a first guess follows
 _MANY: Final = 16  # the same deep inside, where many triangles are as far
 
@@ -111,7 +111,7 @@ class TriangleTree:
             gaps = np.maximum(low.take(nodes, axis=1) - place, place - high.take(nodes, axis=1))
             near = _squared_norm(np.maximum(gaps, 0.0)) <= share * best[owners]
             owners, nodes = owners[near], nodes[near]
-            if len(owners) > _PAIRS_AT_ONCE and count > 1:
+            if len(owners) > PAIRS_AT_ONCE and count > 1:
                 half = count // 2
                 parts = (slice(half), slice(half, None))
                 found = [self._squared(points[:, p], best[p], share) for p in parts]

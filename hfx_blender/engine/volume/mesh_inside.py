@@ -27,10 +27,10 @@ from ..native.library import library
 from ..native.mesh import NativeGrid, bounds_in_columns
 from .mesh_columns import MARGIN, covered_columns
 
-_CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
-_CELLS_PER_AXIS: Final = (4, 256)
+CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
+CELLS_PER_AXIS: Final = (4, 256)
 _SNAP: Final = 2.0**40  # steps of a cell; vertices on this grid have slopes that stay finite
-_PAIRS_AT_ONCE: Final = 2**19
+PAIRS_AT_ONCE: Final = 2**19
 
 _OUTSIDE: Final = -1
 _INSIDE: Final = -2
@@ -157,8 +157,8 @@ class InsideGrid:
         self._axes = [(shortest + 1) % 3, (shortest + 2) % 3, shortest]
         self._low, self._high = low, vertices.max(axis=0)
         share = extent / extent.max()
-        edge = np.cbrt(np.prod(share) / _CELLS)
-        self._counts = np.clip(np.rint(share / edge), *_CELLS_PER_AXIS).astype(np.int64)
+        edge = np.cbrt(np.prod(share) / CELLS)
+        self._counts = np.clip(np.rint(share / edge), *CELLS_PER_AXIS).astype(np.int64)
         self._counts = self._counts[self._axes]
         self._scale = (self._counts / extent[self._axes])[:, None]
 
@@ -187,7 +187,7 @@ class InsideGrid:
         order = np.argsort(run_of_pair, kind="stable")
         self._listed = triangles[order]
         sizes = np.bincount(run_of_pair)
-        self._offsets = np.concatenate([[0], np.cumsum(sizes)])
+        self.run_offsets = np.concatenate([[0], np.cumsum(sizes)])
 
         middle = np.stack([columns // self._counts[1], columns % self._counts[1], first]) + 0.5
         pairs, heights, signs = self._spans.cross(triangles, middle)
@@ -200,18 +200,18 @@ class InsideGrid:
         self._columns = tops // shape[1]
 
         codes = np.where(mixed, runs, np.where(winding == 0, _OUTSIDE, _INSIDE))
-        self._codes = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
+        self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
     def _packed(self, corners: F64) -> NativeGrid:
         """Grid in the form that the compiled test reads."""
-        columns = np.repeat(self._columns, np.diff(self._offsets))
+        columns = np.repeat(self._columns, np.diff(self.run_offsets))
         return NativeGrid(
             box=np.stack([self._low, self._high]),
             axes=np.array(self._axes),
             scale=self._scale[:, 0],
             cells=self._counts,
-            codes=self._codes.astype(np.int64),
-            offsets=self._offsets,
+            codes=self.voxels.astype(np.int64),
+            offsets=self.run_offsets,
             beyond=self._beyond,
             listed=self._listed,
             bounds=bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN),
@@ -227,7 +227,7 @@ class InsideGrid:
         candidates = np.flatnonzero(near[0] & near[1] & near[2])
         placed = self._to_cells(points.take(candidates, axis=1))
         cells = np.minimum(placed.astype(np.int64), self._counts[:, None] - 1)
-        codes = self._codes[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
+        codes = self.voxels[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
         unsure = np.flatnonzero(codes >= 0)
         decided = codes == _INSIDE
         decided[unsure] = self._in_columns(placed.take(unsure, axis=1), codes[unsure])
@@ -235,11 +235,11 @@ class InsideGrid:
         return inside
 
     def _in_columns(self, placed: F64, runs: I32) -> Bool:
-        starts = self._offsets[runs]
-        counts = self._offsets[runs + 1] - starts
+        starts = self.run_offsets[runs]
+        counts = self.run_offsets[runs + 1] - starts
         winding = self._beyond[runs]
         # Never more than some pairs at once, however many triangles meet in one column.
-        parts = np.cumsum(counts) // _PAIRS_AT_ONCE
+        parts = np.cumsum(counts) // PAIRS_AT_ONCE
         for part in np.unique(parts):
             chosen = np.flatnonzero(parts == part)
             steps, owners = ramp(counts[chosen])

@@ -20,9 +20,9 @@ from ...files import limits
 from ..signals.curves import Curve
 from ..signals.signals import Piece, frequencies_through_silence
 
-_ROWS_HZ: Final = 500.0
-_AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
-_FREQUENCY_S: Final = 0.02
+ROWS_HZ: Final = 500.0
+AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
+FREQUENCY_S: Final = 0.02
 _SILENT: Final = 5e-4  # of full scale: below it a waveform is silent
 _BLOCK_ROWS: Final = 4096
 _BESIDE_S: Final = 0.5  # of samples before and after a block, which its analytic signal needs
@@ -81,7 +81,7 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
     the same power.
     """
     rate = waveform.rate_hz
-    rows = np.arange(int(len(waveform.values) * _ROWS_HZ / rate) + 1) / _ROWS_HZ
+    rows = np.arange(int(len(waveform.values) * ROWS_HZ / rate) + 1) / ROWS_HZ
     amplitude, hertz = np.zeros((2, len(rows)))
     for first in range(0, len(rows), _BLOCK_ROWS):  # a long waveform needs little memory
         block = slice(first, first + _BLOCK_ROWS)
@@ -98,7 +98,7 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
 def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F64, F64]:
     """Amplitude and frequency, Hz, of samples at some of their indices."""
     count = len(values)
-    padded = 1 << (count + int(rate_hz * _FREQUENCY_S)).bit_length()
+    padded = 1 << (count + int(rate_hz * FREQUENCY_S)).bit_length()
     spectrum = np.fft.fft(values, padded)
     spectrum[1 : padded // 2] *= 2.0
     spectrum[padded // 2 + 1 :] = 0.0
@@ -107,10 +107,10 @@ def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F
     turned = analytic[1:] * np.conj(analytic[:-1])
     # Turned by more than half a turn a sample cannot be; its power weights each turn.
     turns = np.angle(turned) * np.abs(turned)
-    amplitude = np.sqrt(np.maximum(_averaged(power, _AMPLITUDE_S * rate_hz)[at], 0.0))
+    amplitude = np.sqrt(np.maximum(_averaged(power, AMPLITUDE_S * rate_hz)[at], 0.0))
     amplitude[amplitude < _SILENT] = 0.0
-    weight = _averaged(np.abs(turned), _FREQUENCY_S * rate_hz)[at]
-    turning = np.maximum(_averaged(turns, _FREQUENCY_S * rate_hz)[at], 0.0)
+    weight = _averaged(np.abs(turned), FREQUENCY_S * rate_hz)[at]
+    turning = np.maximum(_averaged(turns, FREQUENCY_S * rate_hz)[at], 0.0)
     hertz = turning / np.where(weight > 0.0, weight, 1.0) * rate_hz / (2.0 * np.pi)
     return amplitude, np.asarray(np.minimum(hertz, rate_hz / 2.0))
 

@@ -156,7 +156,7 @@ Those in your folder of effects are in Add > Haptic > Sensation"""
         return f"Saved {len(sensation.effects)} effects to {path.name}"
 
 
-_copied = ""  # in the background there is no clipboard
+copied_sensation = ""  # in the background there is no clipboard
 
 
 class HFX_OT_copy_effects(HfxOperator):
@@ -169,11 +169,11 @@ or file"""
     requires = ((lambda context: context.selected_objects, "Select the effects to copy first"),)
 
     def work(self, context: bpy.types.Context) -> str:
-        global _copied
+        global copied_sensation
         from ...authoring.effects import effect_file
 
         sensation = _selected(context, "Copied")
-        _copied = context.window_manager.clipboard = effect_file.text_of(sensation)
+        copied_sensation = context.window_manager.clipboard = effect_file.text_of(sensation)
         return f"Copied {len(sensation.effects)} effects"
 
 
@@ -186,7 +186,7 @@ class HFX_OT_paste_effects(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.effects import effect_file
 
-        text = _copied if bpy.app.background else context.window_manager.clipboard
+        text = copied_sensation if bpy.app.background else context.window_manager.clipboard
         if not text.lstrip().startswith("{"):
             raise InputError("There are no effects to paste: copy some first.")
         made = _place(context, replace(effect_file.from_text(text), name=""))

@@ -37,7 +37,7 @@ class PathLines:
 
 
 _anchors: dict[int, skin_picking.Anchors] = {}
-_pending: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
+pending_clicks: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
 _draw_handle: object | None = None
 
 
@@ -51,8 +51,8 @@ def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = 
     path : (m, 3) float64, optional
         Through them; straight from one to the next by default.
     """
-    global _pending
-    _pending = (body, places, places if path is None else path)
+    global pending_clicks
+    pending_clicks = (body, places, places if path is None else path)
 
 
 def lines_of(
@@ -129,7 +129,7 @@ def _draw() -> None:
     if space is None or not space.overlay.show_overlays:
         return
     scene = bpy.context.scene
-    body, places, path = _pending
+    body, places, path = pending_clicks
     spots = [e for e in effects.effects_of(scene) if e.hfx.kind == "SPOT" and e.visible_get()]
     spots = [each for each in spots if not effects.needs_body(scene, each)]
     if not spots and body is None:

@@ -21,7 +21,7 @@ _Colour = tuple[float, float, float, float]
 
 SIDE_PX = 400
 _MARGIN_PX = 60
-_PLOT_PX = (260, 76)
+PLOT_PX = (260, 76)
 _SHOWN_S = 3.0
 _MOST_TILES = 64
 
@@ -37,7 +37,7 @@ class PadPlace:
     """Layout of the pad in a region, and conversion between pixels and places of the surface."""
 
     def __init__(self, width: int, height: int) -> None:
-        side = min(SIDE_PX, width - _MARGIN_PX - _PLOT_PX[0] - 30, height - 2 * _MARGIN_PX)
+        side = min(SIDE_PX, width - _MARGIN_PX - PLOT_PX[0] - 30, height - 2 * _MARGIN_PX)
         self.side = max(side, 64)
         self.left, self.bottom = _MARGIN_PX, max((height - self.side) // 2, 30)
 
@@ -66,7 +66,7 @@ def draw(
         return
     gpu.state.blend_set("ALPHA")
     left, bottom, side = place.left, place.bottom, place.side
-    width = side + _PLOT_PX[0] + 40
+    width = side + PLOT_PX[0] + 40
     _box(left - 12, bottom - 54, width, side + 110, _BACK)
     if image is not None and pad.texture.map is not None:
         _tiles(image, pad, place)
@@ -135,11 +135,11 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
         ),
     ]
     for row, (title, across, up) in enumerate(curves):
-        low = bottom + (len(curves) - 1 - row) * (_PLOT_PX[1] + 26)
-        _frame(left, low, *_PLOT_PX)
-        _text(left, low + _PLOT_PX[1] + 5, title, 11)
+        low = bottom + (len(curves) - 1 - row) * (PLOT_PX[1] + 26)
+        _frame(left, low, *PLOT_PX)
+        _text(left, low + PLOT_PX[1] + 5, title, 11)
         if len(across) > 1:
-            points = np.stack([across, np.clip(up, 0.0, 1.0)], axis=1) * _PLOT_PX + (left, low)
+            points = np.stack([across, np.clip(up, 0.0, 1.0)], axis=1) * PLOT_PX + (left, low)
             _lines(points, _LINE)
 
 

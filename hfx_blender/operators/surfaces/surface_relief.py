@@ -40,7 +40,7 @@ class HFX_OT_estimate_relief(HfxOperator):
 
     # Without annotations, which Blender would take for properties.
     _is_invoked = False
-    _estimation = None
+    estimation = None
     _timer = None
     _owner = ""
 
@@ -66,7 +66,7 @@ class HFX_OT_estimate_relief(HfxOperator):
         """Estimate while a script waits; in a window while Blender goes on."""
         if not self._is_invoked or bpy.app.background:
             return super().execute(context)
-        begun = self.reported(lambda: self._begin(context))
+        begun = self.reported(lambda: self.begin(context))
         return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
     def work(self, context: bpy.types.Context) -> str:
@@ -80,8 +80,8 @@ class HFX_OT_estimate_relief(HfxOperator):
         picture = relief_estimation.picture_of(context.object)
         return relief_estimation.ReliefEstimation(picture, tuple(self.size_mm), self.tiles)
 
-    def _begin(self, context: bpy.types.Context) -> str:
-        self._estimation = self._started(context)
+    def begin(self, context: bpy.types.Context) -> str:
+        self.estimation = self._started(context)
         self._owner = context.object.name
         window_manager = context.window_manager
         self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
@@ -91,14 +91,14 @@ class HFX_OT_estimate_relief(HfxOperator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for the result; other actions go on."""
-        assert self._estimation is not None
+        assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
             self.report({"WARNING"}, "Cancelled: the surface is as it was")
             return {"CANCELLED"}
-        if event.type != "TIMER" or self._estimation.is_running:
+        if event.type != "TIMER" or self.estimation.is_running:
             return {"PASS_THROUGH"}
-        estimation, self._estimation = self._estimation, None
+        estimation, self.estimation = self.estimation, None
         self.cancel(context)
         return self.reported(lambda: self._taken(context, estimation))
 
@@ -113,9 +113,9 @@ class HFX_OT_estimate_relief(HfxOperator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """End the waiting, with a result or without."""
-        if self._estimation is not None:
-            self._estimation.stop()
-            self._estimation = None
+        if self.estimation is not None:
+            self.estimation.stop()
+            self.estimation = None
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None

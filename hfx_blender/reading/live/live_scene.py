@@ -134,13 +134,13 @@ class LiveScene:
         self._answers = any(
             isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
         )
-        self._clock = LiveClock(scene)
+        self.clock = LiveClock(scene)
         self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
 
     @property
     def rings(self) -> bool:
         """Test for responses that still ring, though nothing may move any more."""
-        return self._answers and self.engine.responses.settling.any_rings(self._clock.ahead_s())
+        return self._answers and self.engine.responses.settling.any_rings(self.clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
         """Current samples: at most one for each effect and body."""
@@ -180,7 +180,7 @@ class LiveScene:
     ) -> AnimationBlock:
         """Block of the present moment, with the one before it where responses need it."""
         rows, posed = [[each] for each in effects], [poses]
-        now_s, step_s = self._clock.tick()
+        now_s, step_s = self.clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None
         if not has_history and step_s is None:
             self.engine.responses.settling.memories.clear()

@@ -124,7 +124,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
         has_code = foreign_handler() is not None or runs_code(scene_objects(scene))
         instanced = (o for o in bpy.data.objects if o.hfx.role == "EFFECT")
         felt = [*found.read, *(o for o in instanced if o not in found.dormant)]
-        idle = [] if has_code else [obj for obj in _idle(found) if not obj.hide_viewport]
+        idle = [] if has_code else [obj for obj in idle_objects(found) if not obj.hide_viewport]
         stepper = Stepper(
             scene,
             found.layer,
@@ -154,7 +154,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
                 raise
 
 
-def _idle(found: HapticObjects) -> list[bpy.types.Object]:
+def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
     """Objects that nothing which is read or felt depends on, where no code may.
 
     With a window only dormant effects and what makes instances of such alone, as long as no other

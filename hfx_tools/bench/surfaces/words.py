@@ -18,7 +18,7 @@ from hfx_blender.generation.wish import read_words
 from . import classify, texture
 from .word_prompts import COMPARATIVES, PROMPTS
 
-_TEXELS: Final = 384
+TEXELS: Final = 384
 _JUDGED: Final = ("gravel", "metal", "fabric", "wood")
 _DIRECTIONS: Final = (0.2, 1.0, 2.2)
 _SPEEDS_M_S: Final = (0.03, 0.06, 0.1)
@@ -76,7 +76,7 @@ def comparatives() -> list[dict[str, Any]]:
 
 def _measured(words: str, name: str) -> float:
     """RSm or Ra in metres (the mean along both axes), or the map's mean intensity."""
-    made = library_search.generate(words, texels=_TEXELS)
+    made = library_search.generate(words, texels=TEXELS)
     if name == "level":
         return float(made.map.intensity.mean())
     found = []
@@ -91,12 +91,12 @@ def _measured(words: str, name: str) -> float:
 def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, Any]:
     """Confusion of strokes over generated surfaces, by the judge of the library's own maps."""
     asked = prompts or {kind: (kind,) for kind in _JUDGED}
-    known = classify.NearestNeighbour.of(texture.library_strokes(train, _TEXELS))
+    known = classify.NearestNeighbour.of(texture.library_strokes(train, TEXELS))
     truth, signals = [], []
     for kind, wishes in asked.items():
         for number, words in enumerate(wishes):
             try:
-                made = library_search.generate(words, seed=100 + number, texels=_TEXELS)
+                made = library_search.generate(words, seed=100 + number, texels=TEXELS)
             except InputError:
                 continue  # told among the kinds
             found = _strokes(made, number)

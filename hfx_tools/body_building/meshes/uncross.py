@@ -22,7 +22,7 @@ from .remesher import Remesher
 COARSE_M: Final = 0.1
 """Spacing from which a limb is thinner than its cells."""
 
-_STEPS: Final = 3000
+STEPS: Final = 3000
 _TRIES: Final = 8
 _WARMEST: Final = 6.0  # in units of the cost
 _COLDEST: Final = 0.05
@@ -118,8 +118,8 @@ class _Patch:
     def _annealed(self, rng: np.random.Generator) -> _State | None:
         state = self._weighed(self.start)
         best: _State | None = None
-        for step in range(_STEPS):
-            warmth = _COLDEST + _WARMEST * (1.0 - step / _STEPS) ** 2
+        for step in range(STEPS):
+            warmth = _COLDEST + _WARMEST * (1.0 - step / STEPS) ** 2
             change = self._flipped if rng.random() < _FLIPS else self._moved
             new = change(state, rng)
             if new is None:

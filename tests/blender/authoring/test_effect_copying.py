@@ -80,7 +80,7 @@ def test_a_copy_of_another_file_is_pasted(body: Any, tmp_path: Path) -> None:
 
 def test_nothing_copied_is_told(body: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for text, words in (("", "no effects to paste"), ("{]", "What was copied"), ("{}", "'schema'")):
-        monkeypatch.setattr(sensation_library, "_copied", text)
+        monkeypatch.setattr(sensation_library, "copied_sensation", text)
         with pytest.raises(RuntimeError, match=words):
             bpy.ops.hfx.paste_effects()
     assert effects.effects_of(bpy.context.scene) == []

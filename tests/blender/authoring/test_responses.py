@@ -282,7 +282,7 @@ def test_a_touch_rings_on_live_while_nothing_moves(ball: Any) -> None:
     ball.hfx.response[0].decay, ball.hfx.response[0].full_speed = DECAY_S, 2.0
     scene, now = bpy.context.scene, [100.0]
     live = LiveScene(scene, bpy.context.view_layer, STANDARD)
-    live._clock = LiveClock(scene, lambda: now[0])
+    live.clock = LiveClock(scene, lambda: now[0])
     levels = []
     for frame in range(14):
         scene.frame_set(frame)

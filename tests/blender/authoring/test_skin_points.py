@@ -397,7 +397,7 @@ def test_places_are_clicked_taken_back_and_finished(
     assert _mouse(monkeypatch, drawing, "MIDDLEMOUSE", 0.0, "PRESS") == {"PASS_THROUGH"}
     assert _mouse(monkeypatch, drawing, "RET", 0.0, "PRESS") == {"FINISHED"}
     assert [each.place[0] for each in drawing.stroke] == pytest.approx([-0.05, 0.0], abs=1e-5)
-    _, clicked, path = path_overlay._pending
+    _, clicked, path = path_overlay.pending_clicks
     assert len(clicked) == 2 and len(path) > 10  # what is shown meanwhile lies on the skin
     path_overlay.show_pending(None, np.zeros((0, 3)))
     assert _mouse(monkeypatch, _Drawing("CURVE", spot.hfx.body), "ESC", 0.0) == {"CANCELLED"}

@@ -346,8 +346,8 @@ def test_a_measurement_is_kept_until_something_changes(
     body, skin = avatar
     outline = modifier("SOLIDIFY", thickness=0.002, offset=1.0)(skin)
     measured: list[object] = []
-    real = evaluated_skin._measure
-    monkeypatch.setattr(evaluated_skin, "_measure", lambda *a: measured.append(a) or real(*a))
+    real = evaluated_skin.measure
+    monkeypatch.setattr(evaluated_skin, "measure", lambda *a: measured.append(a) or real(*a))
     for _ in range(3):
         body_binding.why_surface(body)
     assert len(measured) == 1 and body_binding.is_measured(body)

@@ -45,26 +45,26 @@ def begin_by_script() -> None:
 
 
 def is_awaited() -> bool:
-    return workspace._replace_cube_by_avatar in bpy.app.handlers.load_post
+    return workspace.replace_cube_by_avatar in bpy.app.handlers.load_post
 
 
 def test_the_entry_of_the_menu_is_invoked_so_that_blender_asks(reads: list[Any]) -> None:
     layout = Layout()
-    workspace._new_menu(SimpleNamespace(layout=layout), bpy.context)
+    workspace.draw_new_menu(SimpleNamespace(layout=layout), bpy.context)
     assert layout.drawn == [("hfx.new_file", "INVOKE_DEFAULT")]
-    workspace._ask_and_load_empty_file()
+    workspace.ask_and_load_empty_file()
     assert reads == [("INVOKE_DEFAULT", {"app_template": "", "use_empty": False})]
     assert is_awaited(), "the question may be open for a while"
-    workspace._end_wait(None, bpy.context)
+    workspace.end_wait(None, bpy.context)
 
 
 @pytest.mark.parametrize("menu", ["TOPBAR_MT_file_new", "TOPBAR_MT_file", "WM_MT_splash"])
 def test_after_cancel_a_file_from_another_menu_gets_no_avatar(
     reads: list[Any], monkeypatch: pytest.MonkeyPatch, menu: str
 ) -> None:
-    workspace._ask_and_load_empty_file()
+    workspace.ask_and_load_empty_file()
     monkeypatch.undo()
-    workspace._ENTRIES[menu](SimpleNamespace(layout=Layout()), bpy.context)
+    workspace.ENTRIES[menu](SimpleNamespace(layout=Layout()), bpy.context)
     begin_by_script()
     assert "Cube" in bpy.data.objects
     assert not [obj for obj in bpy.data.objects if obj.hfx.role == "BODY"]
@@ -79,13 +79,13 @@ def test_after_cancel_another_file_that_is_opened_stays_as_it_is(
     bpy.ops.wm.save_as_mainfile(filepath=path)
     with monkeypatch.context() as patch:
         patch.setattr(workspace.bpy.ops, "wm", SimpleNamespace(read_homefile=lambda *_, **__: None))
-        workspace._ask_and_load_empty_file()
+        workspace.ask_and_load_empty_file()
     bpy.ops.wm.open_mainfile(filepath=path)
     assert "Cube" in bpy.data.objects and not is_awaited()
 
 
 def test_the_file_that_was_awaited_has_the_avatar_and_no_cube() -> None:
-    workspace._load_empty_file()
+    workspace.load_empty_file()
     assert "Cube" not in bpy.data.objects
     assert [obj.name for obj in bpy.data.objects if obj.hfx.role == "BODY"] == ["Avatar"]
     assert not is_awaited()

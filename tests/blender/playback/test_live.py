@@ -450,7 +450,7 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
     monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # for no other test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
-    monkeypatch.setattr(discovery.found_devices, "__defaults__", (lambda host, port: False,))
+    monkeypatch.setattr(discovery, "answers", lambda host, port: False)
     assert live_setup.search.look() == [port.name]
     names = [each.device for each in live_setup.search.found]
     assert board in names

@@ -547,7 +547,7 @@ def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
     _clip(touch, 3.0, 4.0, "Beat")
     bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
     layout = _Layout()
-    export._draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
+    export.draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
     lines = [line for line in layout.drawn if not line.startswith("BLANK1")]
     assert [line[:30] for line in lines] == [
         "ERROR Clip 'Beat' of 'Touch' (",

@@ -270,17 +270,17 @@ def test_what_is_felt_colours_the_picture(
     scene.collection.objects.link(lamp)
     lamp.rotation_euler = (1.2, 0.0, 0.0)
     monkeypatch.setattr(avatar_pictures, "SIZE", (32, 40))
-    avatar_pictures._set_up_rendering(scene)
+    avatar_pictures.set_up_rendering(scene)
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
     body = effects.bodies_of(scene)[0]
-    avatar_pictures._show_felt_colours(body.hfx.avatar)
-    avatar_pictures._aim(scene, body, TASKS[0])
+    avatar_pictures.show_felt_colours(body.hfx.avatar)
+    avatar_pictures.aim(scene, body, TASKS[0])
     shown = {}
     with TrackReader(tmp_path / "x.hfxtrack") as track:
         felt = track.samples_at(0.0)
         calm = [] if not felt else [_faint(felt[0])]
         for name, samples in (("calm", calm), ("felt", felt)):
-            avatar_pictures._colour(body.hfx.avatar, samples, track.header)
+            avatar_pictures.colour_by_samples(body.hfx.avatar, samples, track.header)
             shown[name] = _vertex_colours(body.hfx.avatar)
             scene.render.filepath = str(tmp_path / f"{name}.png")
             bpy.ops.render.render(write_still=True)

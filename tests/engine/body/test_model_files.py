@@ -115,7 +115,7 @@ def test_what_is_large_and_what_is_small_is_read_alike(
 ) -> None:
     item = model.load_model("hfx-temperature-1")
     model_file.save(item, tmp_path / "one.npz")
-    monkeypatch.setattr(model, "_WORTH_THREADS", 0)
+    monkeypatch.setattr(model, "WORTH_THREADS", 0)
     assert_equal(item, model.load(model.PerceptualModel, tmp_path / "one.npz"))
 
 
@@ -123,7 +123,7 @@ def test_what_is_large_and_what_is_small_is_read_alike(
 def test_damage_is_found_by_whoever_reads_it(
     where: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(model, "_WORTH_THREADS", 0)
+    monkeypatch.setattr(model, "WORTH_THREADS", 0)
     path = tmp_path / "bad.npz"
     model_file.save(model.load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())

@@ -29,7 +29,7 @@ def _rod(angle: float) -> np.ndarray:
 def _both_ways(monkeypatch: pytest.MonkeyPatch, *arguments, **options) -> tuple:
     found = []
     for fewest in (1, 10**9):
-        monkeypatch.setattr(block_broad_phase, "_FEWEST", fewest)
+        monkeypatch.setattr(block_broad_phase, "FEWEST_PAIRS", fewest)
         found.append(evaluated(sheet(), *arguments, **options))
     assert (found[0][0] == found[1][0]).all()
     return found[0]
@@ -63,7 +63,7 @@ def test_no_cluster_is_bounded_for_a_volume_that_stays_away(
     matrices = np.stack([placed(0.1, (0.0, 0.0, z)) for z in (0.5, 0.6, 0.7)])
     _, runs, engine = _both_ways(monkeypatch, Sphere(), matrices)
     assert runs == []
-    monkeypatch.setattr(block_broad_phase, "_FEWEST", 1)
+    monkeypatch.setattr(block_broad_phase, "FEWEST_PAIRS", 1)
     _, _, engine = evaluated(sheet(), Sphere(), matrices)
     assert (engine.counters.volume_tests, engine.counters.clusters_tested) == (3, 0)
 

@@ -30,10 +30,10 @@ def without_library() -> Iterator[None]:
 def twins(vertices: np.ndarray, triangles: np.ndarray) -> tuple[MeshVolume, MeshVolume]:
     """Volume with the library and without; both have all that they look up."""
     compiled = MeshVolume(vertices, triangles, "compiled")
-    assert compiled._grid.compiled is not None and compiled._tree.compiled is not None
+    assert compiled.grid.compiled is not None and compiled.tree.compiled is not None
     with without_library():
         plain = MeshVolume(vertices, triangles, "plain")
-        assert plain._grid.compiled is None and plain._tree.compiled is None
+        assert plain.grid.compiled is None and plain.tree.compiled is None
     return compiled, plain
 
 

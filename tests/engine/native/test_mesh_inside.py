@@ -72,10 +72,10 @@ def test_any_number_of_points_however_they_lie_in_memory() -> None:
 
 def test_columns_of_hundreds_of_triangles_are_told_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """One run a column: more pairs at once than the compiled test keeps."""
-    monkeypatch.setattr(mesh_inside, "_CELLS_PER_AXIS", (1, 2))
+    monkeypatch.setattr(mesh_inside, "CELLS_PER_AXIS", (1, 2))
     vertices, triangles = MESHES["overlaps"]
     compiled, plain = twins(vertices, triangles)
-    assert np.diff(compiled._grid._offsets).max() > 400
+    assert np.diff(compiled.grid.run_offsets).max() > 400
     points = probes(vertices, triangles)
     np.testing.assert_array_equal(compiled.contains(points), plain.contains(points))
 

@@ -26,15 +26,15 @@ def finite(points: np.ndarray) -> np.ndarray:
 def test_the_tree_and_the_distances_are_those_of_numpy(name: str) -> None:
     vertices, triangles = MESHES[name]
     compiled, plain = twins(vertices, triangles)
-    np.testing.assert_array_equal(compiled._tree.order, plain._tree.order)
+    np.testing.assert_array_equal(compiled.tree.order, plain.tree.order)
     points = finite(probes(vertices, triangles, 100))
     size = np.ptp(vertices, axis=0).max()
     linear = np.array([[1.0, 0.5, 0.0], [0.0, -2.0, 0.3], [0.1, 0.0, 0.7]])
     for matrix in (np.eye(3), linear):
         found, expected = (each.surface_distance_m(points, matrix) for each in (compiled, plain))
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15 * size)
-    np.testing.assert_allclose(compiled._largest_depth, plain._largest_depth, rtol=1e-9)
-    assert compiled._largest_depth > 0.0
+    np.testing.assert_allclose(compiled.core_radius, plain.core_radius, rtol=1e-9)
+    assert compiled.core_radius > 0.0
     np.testing.assert_allclose(compiled.rise(points), plain.rise(points), rtol=1e-9, atol=1e-12)
 
 
@@ -139,11 +139,11 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
 def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
     compiled, _ = twins(*MESHES["a torus"])
     points = np.array([[np.nan, np.inf, 0.0], [0.0, 0.0, -np.inf], [0.0, 0.0, 0.0]])
-    assert np.isnan(compiled._tree.distances(points)).all()
+    assert np.isnan(compiled.tree.distances(points)).all()
     first, last = compiled.passage(points, np.zeros((3, 3)))
     assert np.isinf(first).all() and np.isinf(last).all()
     nothing = np.zeros((3, 0))
-    for found in (compiled._tree.distances(nothing), *compiled.passage(nothing, nothing)):
+    for found in (compiled.tree.distances(nothing), *compiled.passage(nothing, nothing)):
         assert found.shape == (0,)
 
 

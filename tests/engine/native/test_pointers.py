@@ -105,7 +105,7 @@ def test_a_placed_volume_lives_as_long_as_its_structure() -> None:
     """Threads read it when nobody else holds it."""
     still, rows = np.eye(4)[None], np.arange(1)
     target = PlacedTarget((Sphere(),), None, still, still, rows, Falloff(), 0.0, 1e6)
-    pointers, room = target.pointers, weakref.ref(target._room)
+    pointers, room = target.pointers, weakref.ref(target.room)
     del target
     gc.collect()
     assert room() is not None and _read(pointers.to_shape, 16) == np.eye(4).ravel().tolist()

@@ -146,9 +146,8 @@ def test_samples_without_positions_are_reached_as_if_it_stood_nowhere() -> None:
 def test_a_renderer_of_moments_follows_the_play_space() -> None:
     device, _, _ = fan_and_walker()
     assert not needs_positions([make_device({"fan": ("wind", RoomPlace(PARTS))})])
-    group = MomentRenderer.__new__(MomentRenderer)
     header = make_header({"wind": "wind"}, 1)
-    group._renderer = Renderer(header, device, lambda name: MODELS[name])
+    group = MomentRenderer(header, device, lambda name: MODELS[name])
     run = make_run(header, "wind", {0: {4: 0.5, 7: 1.0}}, [4.0, 0.0, 1.0, 0.0])
     places = MODELS["dots-pressure"].vertices[run.vertices] + np.float32([0.0, 0.0, 1.0])
     run = replace(run, positions=places)

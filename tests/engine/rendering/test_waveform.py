@@ -78,14 +78,14 @@ def test_noise_is_a_band_about_its_frequency():
 
 def test_what_is_drawn_for_noise_is_splitmix64():
     """The first outputs from seed 0 that other implementations publish."""
-    found = [hex(int(each)) for each in waveform._split_mix(3)]
+    found = [hex(int(each)) for each in waveform.split_mix(3)]
     assert found == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
 
 def test_noise_goes_on_when_it_comes_again():
-    cycles = waveform._NOISE_REPEATS + np.linspace(-0.01, 0.01, 2001)
-    again = cycles % waveform._NOISE_REPEATS
-    before, after = (waveform._noises(each, each) for each in (cycles, again))
+    cycles = waveform.NOISE_REPEATS + np.linspace(-0.01, 0.01, 2001)
+    again = cycles % waveform.NOISE_REPEATS
+    before, after = (waveform.noises(each, each) for each in (cycles, again))
     np.testing.assert_allclose(before, after, atol=1e-9)
     assert np.abs(np.diff(before)).max() < 2 * np.pi * 1e-5 * 2
 

@@ -108,14 +108,14 @@ def _average() -> source.Source:
 @lru_cache(maxsize=1)
 def _base() -> F64:
     """The unshaped base mesh, decimetres, Y up."""
-    return source._read_obj(folder() / source.BASE_MESH)[0]
+    return source.read_obj(folder() / source.BASE_MESH)[0]
 
 
 def shaped(shape: str) -> source.Source:
     """The base mesh as a person of :data:`SHAPES`, metres, Z up."""
     vertices = _base().copy()
     for name, share in SHAPES[shape].items():
-        moved, offsets = source._read_target(folder() / name)
+        moved, offsets = source.read_target(folder() / name)
         vertices[moved] += share * offsets
     return replace(_average(), vertices=0.1 * vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0))
 
@@ -168,8 +168,8 @@ def rigged(shape: str, rig: str) -> Variant:
         RigBone(
             name,
             bone["parent"] or None,
-            skeleton._joint(joints, bone["head"]),
-            skeleton._joint(joints, bone["tail"]),
+            skeleton.joint(joints, bone["head"]),
+            skeleton.joint(joints, bone["tail"]),
         )
         for name, bone in bones.items()
     )

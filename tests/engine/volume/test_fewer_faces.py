@@ -52,14 +52,19 @@ def dented(scale: float = 1.0, place: float = 0.0) -> MeshVolume:
     return MeshVolume(scale * vertices + place, faces, "Ball")
 
 
+def surface_of(volume: MeshVolume) -> trimesh.Trimesh:
+    """The closed surface that is felt."""
+    count = len(volume.corners)
+    return trimesh.Trimesh(volume.corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
 def farthest(one: MeshVolume, other: MeshVolume) -> float:
     """From many places on one surface to the other."""
-    surface = trimesh.Trimesh(one._vertices, one._triangles, process=False)
+    surface, target = surface_of(one), surface_of(other)
     places = np.concatenate(
-        [one._vertices, trimesh.sample.sample_surface(surface, 20_000, seed=1)[0]]
+        [surface.vertices, trimesh.sample.sample_surface(surface, 20_000, seed=1)[0]]
     )
-    faces = other._triangles.astype(np.int64)
-    squared = igl.point_mesh_squared_distance(places, other._vertices, faces)[0]
+    squared = igl.point_mesh_squared_distance(places, target.vertices, target.faces)[0]
     return float(np.sqrt(squared.max()))
 
 
@@ -67,16 +72,16 @@ def farthest(one: MeshVolume, other: MeshVolume) -> float:
 def test_surfaces_are_within_the_bound_both_ways(scale: float, place: float) -> None:
     fine = dented(scale, place)
     felt = fine.within(0.01 * scale)
-    assert len(felt._triangles) <= len(fine._triangles) / 4
-    assert trimesh.Trimesh(felt._vertices, felt._triangles, process=False).is_watertight
+    assert len(felt.corners) <= len(fine.corners) / 4
+    assert surface_of(felt).is_watertight
     assert max(farthest(fine, felt), farthest(felt, fine)) <= 0.0105 * scale
     assert fine.within(0.01 * scale) is felt
 
 
 def test_a_smaller_bound_leaves_more_faces_and_a_tiny_one_all() -> None:
     fine = dented()
-    counts = [len(fine.within(bound)._triangles) for bound in (0.05, 0.005)]
-    assert counts[0] < counts[1] < len(fine._triangles)
+    counts = [len(fine.within(bound).corners) for bound in (0.05, 0.005)]
+    assert counts[0] < counts[1] < len(fine.corners)
     assert fine.within(1e-5) is fine
 
 
@@ -105,7 +110,7 @@ def test_a_step_that_is_open_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> 
         return points, found if len(found) > 2000 else found[1:]
 
     monkeypatch.setattr(fast_simplification, "simplify", simplify)
-    assert len(fine.within(0.05)._triangles) == 5120
+    assert len(fine.within(0.05).corners) == 5120
 
 
 def test_a_hollow_behind_a_thin_wall_does_not_fill(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,10 +160,25 @@ def felt_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[
     return dict(zip(sample.vertices.tolist(), sample.weights.tolist(), strict=True))
 
 
+def chosen_surfaces(monkeypatch: pytest.MonkeyPatch) -> dict[int, MeshVolume]:
+    """Volumes that are felt in place of those with all faces, from now on."""
+    chosen: dict[int, MeshVolume] = {}
+    within = MeshVolume.within
+
+    def noted(self: MeshVolume, bound: float) -> MeshVolume:
+        fewer = within(self, bound)
+        chosen[id(fewer)] = fewer
+        return fewer
+
+    monkeypatch.setattr(MeshVolume, "within", noted)
+    return chosen
+
+
 def test_contacts_are_those_of_all_faces(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = dented()
+    chosen = chosen_surfaces(monkeypatch)
     fewer = felt_of(fine, LOOSE, SMOOTH)
-    assert [len(each._triangles) < 6000 for each in fine._fewer.values()] == [True]
+    assert [len(volume.corners) < 6000 for volume in chosen.values()] == [True]
     monkeypatch.setattr(mesh, "MANY_FACES", 10**9)
     every = felt_of(fine, LOOSE, SMOOTH)
     assert len(every) > 20
@@ -170,11 +190,11 @@ def test_contacts_are_those_of_all_faces(monkeypatch: pytest.MonkeyPatch) -> Non
     ("tolerance", "falloff"), [(EXACT, SMOOTH), (PAPER, SMOOTH), (STANDARD, Falloff())]
 )
 def test_all_faces_are_felt_where_no_error_is_accepted_or_nothing_gained(
-    tolerance: Tolerance, falloff: Falloff
+    tolerance: Tolerance, falloff: Falloff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fine = dented()
-    felt_of(fine, tolerance, falloff)
-    assert not fine._fewer
+    chosen = chosen_surfaces(monkeypatch)
+    felt_of(dented(), tolerance, falloff)
+    assert not chosen
 
 
 def test_without_the_wheel_all_faces_are_felt_and_it_is_told(

@@ -91,16 +91,16 @@ def test_columns_alone_give_the_same_answer(rng, monkeypatch):
     vertices, triangles = mesh("cuts through itself", rng)
     points = np.ascontiguousarray(probes(vertices, triangles, rng, 2000).T)
     fast = MeshVolume(vertices, triangles, "A").contains(points)
-    monkeypatch.setattr(mesh_inside, "_CELLS", 1)
-    monkeypatch.setattr(mesh_inside, "_CELLS_PER_AXIS", (1, 1))
-    monkeypatch.setattr(mesh_inside, "_PAIRS_AT_ONCE", 700)
+    monkeypatch.setattr(mesh_inside, "CELLS", 1)
+    monkeypatch.setattr(mesh_inside, "CELLS_PER_AXIS", (1, 1))
+    monkeypatch.setattr(mesh_inside, "PAIRS_AT_ONCE", 700)
     slow = MeshVolume(vertices, triangles, "A").contains(points)
     np.testing.assert_array_equal(fast, slow)
 
 
 def test_voxels_decide_most_points(rng):
     vertices, triangles = mesh("bumpy, 20480", rng)
-    codes = MeshVolume(vertices, triangles, "A")._grid._codes
+    codes = MeshVolume(vertices, triangles, "A").grid.voxels
     assert np.mean(codes >= 0) < 0.12
 
 
@@ -258,7 +258,7 @@ def test_depth_many_pairs_at_once(rng, monkeypatch):
     volume = MeshVolume(*mesh("sphere, 5120", rng), "A")
     points = 0.05 * rng.normal(size=(3, 300))
     whole = volume.depth_m(points, np.eye(4))
-    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance._PAIRS_AT_ONCE", 3000)
+    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance.PAIRS_AT_ONCE", 3000)
     np.testing.assert_array_equal(volume.depth_m(points, np.eye(4)), whole)
 
 
@@ -290,9 +290,9 @@ def test_depth_of_a_cuboid_mesh_is_that_of_the_cuboid(rng):
 )  # fmt: skip
 def test_rise_reaches_one_at_the_core(name, parts, radius):
     volume = MeshVolume(*joined(*parts), name)
-    assert 0.99 * radius <= volume._largest_depth <= radius * (1 + 1e-12)
+    assert 0.99 * radius <= volume.core_radius <= radius * (1 + 1e-12)
     again = MeshVolume(*joined(*parts), name)
-    assert again._largest_depth == volume._largest_depth
+    assert again.core_radius == volume.core_radius
 
 
 def test_rise_by_hand():

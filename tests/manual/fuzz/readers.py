@@ -239,7 +239,7 @@ def _commands(kind: str, folder: Path) -> Reader:
     """``hfx`` in this process: a code that is not documented is a fault, and so is a warning."""
     suffix = _COMMAND_SUFFIXES[kind]
     warnings.simplefilter("error", RuntimeWarning)
-    cli._defect = _raise  # type: ignore[assignment]
+    cli.defect = _raise  # type: ignore[assignment]
     parser = cli.build_parser()  # most of the time of a small file
     cli.build_parser = lambda prog="hfx": parser  # type: ignore[assignment]
     path = folder / f"x{suffix}"

@@ -96,7 +96,7 @@ def tangled(mesh: SimpleNamespace) -> None:
 
 
 def test_a_coarse_limb_is_freed_and_stays_one_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uncross, "_STEPS", 600)  # one crossing needs no more
+    monkeypatch.setattr(uncross, "STEPS", 600)  # one crossing needs no more
     mesh = coarse_half()
     tangled(mesh)
     before, points = mesh_edges.edges_of(mesh.triangles, len(mesh.points)), mesh.points.copy()

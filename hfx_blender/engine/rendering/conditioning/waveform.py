@@ -19,7 +19,7 @@ from ...arrays import F64, I64, U64
 Waveform = Literal["sine", "square", "noise"]
 WAVEFORMS: Final[tuple[Waveform, ...]] = ("sine", "square", "noise")
 
-_NOISE_REPEATS: Final = 2**16
+NOISE_REPEATS: Final = 2**16
 """Cycles after which noise comes again: four minutes at 250 Hz."""
 
 
@@ -65,7 +65,7 @@ def kinds_of(waveforms: Sequence[Waveform]) -> I64:
 
 def cycles_until_it_repeats(kinds: I64) -> F64:
     """Cycles after which waves of these kinds repeat: phases are kept modulo these."""
-    return np.where(kinds == WAVEFORMS.index("noise"), float(_NOISE_REPEATS), 1.0)
+    return np.where(kinds == WAVEFORMS.index("noise"), float(NOISE_REPEATS), 1.0)
 
 
 def waves(
@@ -126,7 +126,7 @@ def _squares(cycles: F64, steps: F64) -> F64:
     return np.asarray((1.0 - 2.0 * is_low) * rise * (2.0 - rise))
 
 
-def _noises(cycles: F64, _steps: F64) -> F64:
+def noises(cycles: F64, _steps: F64) -> F64:
     """Band noise around the frequency: each cycle fades from one sine to another.
 
     The phases of these sines are drawn once and for all, by the number of the cycle. Two sines
@@ -135,14 +135,14 @@ def _noises(cycles: F64, _steps: F64) -> F64:
     """
     number = np.floor(cycles)
     into = cycles - number
-    first = number.astype(np.int64) & (_NOISE_REPEATS - 1)
+    first = number.astype(np.int64) & (NOISE_REPEATS - 1)
     share = into * into * (3.0 - 2.0 * into)
     one = np.sin(2.0 * np.pi * (into + _TURNS[first]))
     other = np.sin(2.0 * np.pi * (into + _TURNS[first + 1]))
     return np.asarray(one + share * (other - one))
 
 
-def _split_mix(count: int) -> U64:
+def split_mix(count: int) -> U64:
     """The first outputs of SplitMix64 from seed 0 (Steele, Lea and Flood, OOPSLA 2014)."""
     mixed = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -150,8 +150,8 @@ def _split_mix(count: int) -> U64:
     return np.asarray(mixed ^ (mixed >> np.uint64(31)))
 
 
-_TURNS: Final[F64] = np.resize(_split_mix(_NOISE_REPEATS) * 2.0**-64, _NOISE_REPEATS + 1)
+_TURNS: Final[F64] = np.resize(split_mix(NOISE_REPEATS) * 2.0**-64, NOISE_REPEATS + 1)
 """Phases of the sines of noise in cycles, 0 to 1; the last one is the first one again."""
 
-_UNIT_WAVES: Final[tuple[Callable[[F64, F64], F64], ...]] = (_sines, _squares, _noises)
+_UNIT_WAVES: Final[tuple[Callable[[F64, F64], F64], ...]] = (_sines, _squares, noises)
 """Waves of amplitude 1 in the order of ``WAVEFORMS``."""

@@ -134,18 +134,18 @@ class Window:
 def dialog(window: Window) -> Any:
     """The operator as its dialog has begun it, without Blender's own part of it."""
     methods = {**HfxOperator.__dict__, **HFX_OT_estimate_relief.__dict__}
-    keep = ("_begin", "_started", "_taken", "modal", "cancel", "reported", "_estimation", "_timer")
+    keep = ("begin", "_started", "_taken", "modal", "cancel", "reported", "estimation", "_timer")
     operator = type("Dialog", (), {name: methods[name] for name in keep})()
     operator.size_mm, operator.tiles = (20.0, 10.0), True
     operator.report = lambda level, text: window.reports.append((level, text))
-    assert operator.reported(lambda: operator._begin(window)) == {"FINISHED"}
+    assert operator.reported(lambda: operator.begin(window)) == {"FINISHED"}
     return operator
 
 
 def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
     window = Window()
     operator = dialog(window)
-    assert operator._estimation.is_running
+    assert operator.estimation.is_running
     moved, tick = SimpleNamespace(type="MOUSEMOVE"), SimpleNamespace(type="TIMER")
     assert operator.modal(window, moved) == {"PASS_THROUGH"}
     bpy.context.view_layer.objects.active = None  # it is made on the object that was active
@@ -159,7 +159,7 @@ def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
 def test_esc_ends_the_process_and_leaves_the_object_alone(painted: Any) -> None:
     window = Window()
     operator = dialog(window)
-    estimation = operator._estimation
+    estimation = operator.estimation
     esc = SimpleNamespace(type="ESC", value="PRESS")
     assert operator.modal(window, esc) == {"CANCELLED"}
     assert not estimation.is_running and window.timers == 0

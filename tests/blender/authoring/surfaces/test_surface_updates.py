@@ -38,9 +38,9 @@ def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterat
     bpy.ops.hfx.add_surface(source="MATERIAL")
     assert not obj.hfx.surface.is_faulty, obj.hfx.surface.note
     yield obj
-    for known in (surface_updates._shown, material_state.bake_s, surface_updates._painted):
+    for known in (surface_updates.shown_s, material_state.bake_s, surface_updates.painted_images):
         known.clear()
-    for work in (surface_updates._make, surface_updates._check):
+    for work in (surface_updates.make_waiting, surface_updates.bake_outdated):
         if bpy.app.timers.is_registered(work):
             bpy.app.timers.unregister(work)
 
@@ -118,10 +118,10 @@ def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: 
     before = surfaces.field_of(plane).heights_m
     material_state.bake_s[plane.name] = 0.2
     _another_value(plane)
-    surface_updates._check()
+    surface_updates.bake_outdated()
     assert plane.hfx.surface.is_outdated  # nobody looks
     surface_updates.shown(plane)
-    surface_updates._check()
+    surface_updates.bake_outdated()
     assert not plane.hfx.surface.is_outdated
     assert np.abs(surfaces.field_of(plane).heights_m - before).max() > 1e-5
 
@@ -130,7 +130,7 @@ def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> N
     material_state.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
     _another_value(plane)
     surface_updates.shown(plane)
-    surface_updates._check()
+    surface_updates.bake_outdated()
     assert plane.hfx.surface.is_outdated
 
 
@@ -138,8 +138,8 @@ def test_nothing_is_baked_while_it_is_edited(plane: Any, monkeypatch: pytest.Mon
     material_state.bake_s[plane.name] = 0.2
     surface_updates.shown(plane)
     _another_value(plane)
-    monkeypatch.setattr(surface_updates, "_last_edit", [time.monotonic()])
-    again = surface_updates._check()
+    monkeypatch.setattr(surface_updates, "last_edit_s", [time.monotonic()])
+    again = surface_updates.bake_outdated()
     assert again is not None and 0.0 < again <= surface_updates.BAKE_DELAY_S
     assert not plane.hfx.surface.is_outdated
 
@@ -150,7 +150,7 @@ def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
     texture.image = image
     surfaces.make(plane)
     assert material_state.images_of(plane) == {image}
-    surface_updates._painted.add(image.name_full)
+    surface_updates.painted_images.add(image.name_full)
     assert surface_updates.check() == [plane]
     assert surface_updates.check() == [plane]  # until it is baked again
     surfaces.make(plane)
@@ -184,6 +184,6 @@ def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
         assert told[-1][0]
         image.update_tag()
         bpy.context.view_layer.update()
-        assert told[-1] == (True, True) and image.name_full in surface_updates._painted
+        assert told[-1] == (True, True) and image.name_full in surface_updates.painted_images
     finally:
         bpy.app.handlers.depsgraph_update_post.remove(on_update)

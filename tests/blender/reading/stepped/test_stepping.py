@@ -589,7 +589,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
 
         hide_viewport = False
 
-    monkeypatch.setattr(stepping, "_idle", lambda _found: [Late(), bystander])
+    monkeypatch.setattr(stepping, "idle_objects", lambda _found: [Late(), bystander])
     with pytest.raises(KeyboardInterrupt), stepping.own_scene(found) as stepper:
         stepper.set_frame(oracle.Fraction(9))
         assert bystander.hide_viewport

@@ -124,7 +124,7 @@ def reach(h: Any, pixels: Any, row: int) -> tuple[int, int]:
     region = h.region()
     view = hands.module("operators.surfaces.stroke_pad_view")
     place = view.PadPlace(region.width, region.height)
-    wide, high = view._PLOT_PX
+    wide, high = view.PLOT_PX
     left = region.x + place.left + place.side + 16
     low = place.bottom + (len(PLOTS) - 1 - row) * (high + 26)
     top = h.window.height - (region.y + low + high)
