@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
@@ -24,16 +23,6 @@ _MOST_POINTS = 400
 _WIDTH = 2.5
 _FAINT = 0.45
 _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class PathLines:
-    """Lines of one point on the skin; world space, Blender's units."""
-
-    path: F32  # (n, 3)
-    ring: F32  # (m, 3) the disc's rim where the point is now
-    start: F32  # (3,) of the path, to tell its direction
-    colour: tuple[float, float, float, float]
 
 
 _anchors: dict[int, skin_picking.Anchors] = {}
@@ -57,8 +46,10 @@ def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = 
 
 def lines_of(
     effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph, unit_m: float
-) -> PathLines | None:
-    """Lines of a point's path and disc at present; None without a place.
+) -> tuple[F32, F32] | None:
+    """Lines of a point's path (n, 3), and of its disc's rim (m, 3), at present.
+
+    World space, Blender's units. None for a point without a place.
 
     Raises
     ------
@@ -79,8 +70,7 @@ def lines_of(
     lifted = _on_body(body, depsgraph, np.concatenate([shown, own[-1:]]), unit_m)
     now = places_on(path, np.array([evaluated.path_position]))
     ring = _ring(body, depsgraph, now, evaluated.radius * unit_m, unit_m)
-    colour = modality_colour(effect.hfx.modality)
-    return PathLines(lifted, ring, lifted[0], colour)  # type: ignore[arg-type]
+    return lifted, ring
 
 
 def _on_body(
@@ -141,9 +131,9 @@ def _draw() -> None:
             lines = lines_of(effect, depsgraph, unit_m)
             if lines is not None:
                 strength = 1.0 if effect == bpy.context.object else _FAINT
-                colour = (*lines.colour[:3], strength)
-                _draw_line(lines.path, colour)
-                _draw_line(lines.ring, colour)
+                colour = (*modality_colour(effect.hfx.modality)[:3], strength)
+                for line in lines:
+                    _draw_line(line, colour)
         if body is not None and len(places):
             _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
             _draw_points(_on_body(body, depsgraph, places, unit_m), _PENDING_COLOUR)

@@ -125,9 +125,9 @@ def test_without_auto_keying_a_moving_point_is_loose_until_the_frame_changes(spo
     (run,) = LiveScene(bpy.context.scene, bpy.context.view_layer, STANDARD).runs()
     assert run.focus[0, :3] == pytest.approx(LOW, abs=ON_SKIN_M), "felt where it was dragged"
     assert paths.length_m(spot) == pytest.approx(length), "its path is as it was"
-    lines = path_overlay.lines_of(spot, bpy.context.evaluated_depsgraph_get(), 1.0)
-    assert lines.path[-1] == pytest.approx(RIGHT, abs=0.02), "and is drawn so"
-    assert lines.ring.mean(axis=0) == pytest.approx(LOW, abs=0.02)
+    path, ring = path_overlay.lines_of(spot, bpy.context.evaluated_depsgraph_get(), 1.0)
+    assert path[-1] == pytest.approx(RIGHT, abs=0.02), "and is drawn so"
+    assert ring.mean(axis=0) == pytest.approx(LOW, abs=0.02)
     recipe = paths.recipe_of(bpy.context.scene, spot, "x")
     assert recipe.motion[-1][1] == pytest.approx(1.0, abs=1e-5), "and saved so"
     assert felt(20) == pytest.approx(RIGHT, abs=ON_SKIN_M)
