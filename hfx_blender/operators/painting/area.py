@@ -15,6 +15,7 @@ from ...errors import InputError
 from ..shared import HfxOperator, painted_effect
 
 if TYPE_CHECKING:
+    from ...engine.arrays import F64
     from ...engine.body.model import PerceptualModel
 
 BLENDS = (
@@ -40,6 +41,14 @@ class _AreaOperator(HfxOperator):
     @staticmethod
     def covers(effect: bpy.types.Object, count: int) -> str:
         return f"'{effect.name}' covers {count} vertices"
+
+
+def _blend(effect: bpy.types.Object, found: F64, how: str) -> int:
+    """Combine an area (V,) with that of an effect; returns the number of its vertices."""
+    from ...engine.body import areas
+
+    blended = areas.blended(painting.weights_of(effect), found, how)
+    return painting.set_weights(effect, blended)
 
 
 class HFX_OT_area_filter(_AreaOperator):
@@ -139,7 +148,6 @@ class HFX_OT_area_from_image(_AreaOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.areas import picture_areas
-        from ...engine.body import areas
 
         effect = painted_effect(context)
         picture = bpy.data.images.get(self.image)
@@ -147,8 +155,7 @@ class HFX_OT_area_from_image(_AreaOperator):
             names = ", ".join(f"'{image.name}'" for image in bpy.data.images) or "none"
             raise InputError(f"There is no image '{self.image}'; this file has: {names}.")
         found = picture_areas.weights(effect, picture, self.channel, self.uv_map)
-        weights = areas.blended(painting.weights_of(effect), found, self.blend)
-        return self.covers(effect, painting.set_weights(effect, weights))
+        return self.covers(effect, _blend(effect, found, self.blend))
 
 
 class HFX_OT_area_from_selection(_AreaOperator):
@@ -163,7 +170,6 @@ class HFX_OT_area_from_selection(_AreaOperator):
         import numpy as np
 
         from ...authoring.areas import picture_areas
-        from ...engine.body import areas
 
         effect = painted_effect(context)
         if painting.painted_mesh(effect) is not None:
@@ -172,8 +178,7 @@ class HFX_OT_area_from_selection(_AreaOperator):
             found = picture_areas.of_avatar_selection(effect)
         if not found.any():
             raise InputError("No vertices are selected. Select some in Edit Mode first.")
-        weights = areas.blended(painting.weights_of(effect), found, self.blend)
-        return self.covers(effect, painting.set_weights(effect, weights))
+        return self.covers(effect, _blend(effect, found, self.blend))
 
 
 class HFX_OT_area_copy(_AreaOperator):
@@ -198,8 +203,7 @@ class HFX_OT_area_copy(_AreaOperator):
         weights = painting.weights_of(source)
         for effect in others:
             there = areas.transferred(self.model(source), weights, self.model(effect))
-            blended = areas.blended(painting.weights_of(effect), there, self.blend)
-            painting.set_weights(effect, blended)
+            _blend(effect, there, self.blend)
         return f"Copied the area of '{source.name}' to {len(others)} effects"
 
 
