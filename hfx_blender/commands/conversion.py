@@ -80,7 +80,10 @@ def convert(
         The device's script may not run, or has failed.
     """
     refuse_device(target)  # with --to, a suffix may be added to it
-    info, stem = _target(target, to)
+    if to is not None:
+        refuse_unknown((to,), "--to", TARGETS)
+    info = target_of(target) if to is None else FORMATS[to]
+    stem = target.name.removesuffix(info.suffix) or target.name
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
     with inputs_kept([source]), staging(target.parent, "hfx") as stage:
@@ -97,15 +100,6 @@ def convert(
         refuse_strangers(finals, target.with_name(stem + info.suffix))
         files = place(written.files, target.parent)
     return replace(written, files=files)
-
-
-def _target(target: Path, to: str | None) -> tuple[FormatInfo, str]:
-    """Format and stem of the target."""
-    if to is not None:
-        refuse_unknown((to,), "--to", TARGETS)
-    info = target_of(target) if to is None else FORMATS[to]
-    name = target.name
-    return info, name.removesuffix(info.suffix) or name
 
 
 def _of_track(
@@ -126,7 +120,8 @@ def _of_track(
             return made
         found = _device(device, target)
         _refuse_long(track, found)
-        given = renderers_of_track(track, (found,), [_body_id(track, body)])
+        named = (each.id for each in track.header.bodies if body in (each.id, each.name))
+        given = renderers_of_track(track, (found,), [next(named, body)])
         rendered = finish(rendering(track, given)).complete()
         ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))
@@ -289,12 +284,6 @@ def _device(device: str | None, target: FormatInfo) -> DeviceConfig:
     if device is None:
         raise UsageError(f"{target.id} holds what a device plays: choose one with --device")
     return load_device(device)
-
-
-def _body_id(track: TrackReader, body: str | None) -> str | None:
-    if body is None:
-        return None
-    return next((each.id for each in track.header.bodies if body in (each.id, each.name)), body)
 
 
 def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:

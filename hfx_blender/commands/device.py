@@ -204,7 +204,9 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
 def _revoke(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live import approval
 
-    marks = [m for m in approval.approved() if _is_named(m, options.name)]
+    digits = options.name.lower()
+    is_long = len(digits) >= _SHORTEST_HASH
+    marks = [mark for mark in approval.approved() if is_long and mark.startswith(digits)]
     if len(marks) > 1:
         raise InputError(
             f"'{options.name}' is the beginning of {len(marks)} hashes; give more digits."
@@ -219,7 +221,3 @@ def _revoke(options: argparse.Namespace, console: Console) -> int:
     console.say(f"{options.name}: approval withdrawn")
     console.result({"withdrawn": options.name})
     return 0
-
-
-def _is_named(mark: str, text: str) -> bool:
-    return len(text) >= _SHORTEST_HASH and mark.startswith(text.lower())

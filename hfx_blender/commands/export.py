@@ -49,7 +49,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with staging(_stage_folder(options), "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
-        workers = _workers(options)
+        workers: Workers = (
+            ThisProcess() if in_process else LocalWorkers(options.jobs, options.time_limit)
+        )
         try:
             outcomes[:] = batch.run(
                 units,
@@ -103,13 +105,9 @@ def _in_process(options: argparse.Namespace) -> bool:
     return len(options.scenes) <= 1 and not asked
 
 
-def _workers(options: argparse.Namespace) -> Workers:
-    if _in_process(options):
-        return ThisProcess()
-    return LocalWorkers(options.jobs, options.time_limit)
-
-
 def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
+    workers = 1 if _in_process(options) else options.jobs
+    cores_of_each = max((options.cores or cores()) // workers, 1)
     asked = ExportOptions(
         formats=None if options.formats is None else tuple(options.formats),
         devices=None if options.device is None else tuple(options.device),
@@ -132,16 +130,11 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
             stage=str(stage),
             options=asked,
             part_frames=options.split,
-            cores=_cores_of_each(options),
+            cores=cores_of_each,
             piece=options.piece,
         )
         for path in options.scenes or [None]
     ]
-
-
-def _cores_of_each(options: argparse.Namespace) -> int:
-    """Number of cores for each worker."""
-    return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
 
 
 def _given_paths(options: argparse.Namespace) -> list[tuple[str, str]]:

@@ -29,13 +29,15 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts, as text or as JSON."""
+    from ..formats.files import facts_of, is_known
+
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     refuse_no_file(path)
     if own := kind_of(path):
         tellers[path.suffix] = own.facts
-    elif _is_of_a_format(path):
-        tellers[path.suffix] = _of_a_format
+    elif is_known(path):
+        tellers[path.suffix] = facts_of
     if path.suffix not in tellers:
         raise InputError(
             f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(tellers)} and "
@@ -45,18 +47,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.say(_as_text(facts), several_lines=True)
     console.result(facts)
     return 0
-
-
-def _is_of_a_format(path: Path) -> bool:
-    from ..formats.files import is_known
-
-    return is_known(path)
-
-
-def _of_a_format(path: Path) -> dict[str, Any]:
-    from ..formats.files import facts_of
-
-    return facts_of(path)
 
 
 def _blend(path: Path) -> dict[str, Any]:

@@ -82,8 +82,11 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play, and report devices that failed."""
+    from ..devices.configuration import is_file
+    from ..devices.live import live_targets
     from ..devices.live.client import LiveClient
     from ..devices.live.track_playback import fault_of, play
+    from ..files import resources
 
     names = list(dict.fromkeys(options.device))
     one_each = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
@@ -95,7 +98,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
         address_note, progress = "", console.progress(options.file.name)
         source, targets = _opened(options, names, stack)
         if options.listen is None:
-            _check_begin(options.begin, source.start_s, source.end_s)
+            start_s, end_s = source.start_s, source.end_s
+            if options.begin is not None and not start_s <= options.begin < end_s:  # NaN, too
+                raise UsageError(
+                    f"--from {options.begin:g}: expected {start_s:g} to below {end_s:g} s"
+                )
         else:
             source, address_note = _listening(options, targets, stack)
             progress = _no_progress
@@ -103,7 +110,14 @@ def run(options: argparse.Namespace, console: Console) -> int:
         offset_ms = 0.0
         for name, (device, script) in targets.items():
             settings = _settings(name, options)
-            _connect(client, name, device, settings, script)
+            client.connect(
+                name,
+                Path(name).absolute() if is_file(name) else name,
+                live_targets.target_of(device, settings),
+                folder=resources.user_devices(),
+                script=None if script is None else script.as_request(),
+                offset_ms=settings.offset_ms,
+            )
             offset_ms = max(offset_ms, settings.offset_ms)
         try:
             failed = play(
@@ -195,27 +209,6 @@ def _opened(
     return track, targets
 
 
-def _connect(
-    client: LiveClient,
-    name: str,
-    device: DeviceConfig,
-    settings: LiveSettings,
-    script: DeviceScript | None,
-) -> None:
-    from ..devices.configuration import is_file
-    from ..devices.live import live_targets
-    from ..files import resources
-
-    client.connect(
-        name,
-        Path(name).absolute() if is_file(name) else name,
-        live_targets.target_of(device, settings),
-        folder=resources.user_devices(),
-        script=None if script is None else script.as_request(),
-        offset_ms=settings.offset_ms,
-    )
-
-
 def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
     """Connection of a device: as asked, else as it was last connected in Blender."""
     from ..devices.live import live_settings
@@ -232,15 +225,3 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
         unit=options.unit or ("" if options.port or options.host else known.unit),
         path=str(options.path or ""),
     )
-
-
-def _check_begin(begin: float | None, start_s: float, end_s: float) -> None:
-    """Refuse a time outside the file.
-
-    Raises
-    ------
-    UsageError
-        It is.
-    """
-    if begin is not None and not start_s <= begin < end_s:  # NaN, too
-        raise UsageError(f"--from {begin:g}: expected {start_s:g} to below {end_s:g} s")

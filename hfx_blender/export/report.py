@@ -164,12 +164,8 @@ def told_effects(
             if effect.id in powerless:
                 reason = powerless_reason(effect.modality, effect.is_contact)
             else:
-                reason = _why_missed(
-                    effect,
-                    times,
-                    effect.id in answering,
-                    effect.id in seen_on,
-                )
+                has_response = effect.id in answering
+                reason = _why_missed(effect, times, has_response, effect.id in seen_on)
             known = Unfelt(reason, is_part or is_one_of_many)
             is_told = any(f"'{effect.name}'" in text for text in warnings)
             if not known.is_expected and not is_told:
@@ -198,15 +194,8 @@ _SEVERAL = {
 }
 
 
-def _several(why: str) -> str:
-    return _SEVERAL.get(why, f"effects are not felt, as each {why}")
-
-
 def _why_missed(
-    effect: TrackEffect,
-    times: FeltTimes | None,
-    has_response: bool,
-    is_seen_on: bool,
+    effect: TrackEffect, times: FeltTimes | None, has_response: bool, is_seen_on: bool
 ) -> str:
     """Reason why an effect has no sample at all."""
     if times is not None and effect.id not in times.is_on:
@@ -238,13 +227,11 @@ def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     for name, why in missed:
         reasons.setdefault(why, []).append(name)
     return tuple(
-        text
+        f"effect '{names[0]}' {why}: it is not felt"
+        if len(names) == 1
+        else f"{_SEVERAL.get(why, f'effects are not felt, as each {why}')}: "
+        f"{len(names)} ({', '.join(names)})"
         for why, names in reasons.items()
-        for text in (
-            (f"effect '{names[0]}' {why}: it is not felt",)
-            if len(names) == 1
-            else (f"{_several(why)}: {len(names)} ({', '.join(names)})",)
-        )
     )
 
 

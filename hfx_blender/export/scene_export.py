@@ -27,7 +27,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import misfits, renderers_of_track
 from ..engine.rendering.render import Renderer
 from ..engine.rendering.room import needs_positions
-from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription
+from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.stepwise import Progress, finish
 from ..engine.tolerance import Tolerance
 from ..engine.track import SUFFIX, TrackReader
@@ -280,7 +280,11 @@ class SceneExport:
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
                 times=recorded.times,
-                answering=_with_response(self.reader.description),
+                answering={
+                    each.id
+                    for each in self.reader.description.effects
+                    if isinstance(each.area, HapticVolume) and each.area.response
+                },
                 seen_on=recorded.reading.get("on", {}),
             )
             if settings.per_clip:
@@ -355,15 +359,6 @@ class SceneExport:
         for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)
-
-
-def _with_response(scene: SceneDescription) -> set[str]:
-    """Ids of the volumes that have a contact response."""
-    return {
-        each.id
-        for each in scene.effects
-        if isinstance(each.area, HapticVolume) and each.area.response
-    }
 
 
 def export_scene(
