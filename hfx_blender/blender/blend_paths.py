@@ -15,9 +15,9 @@ import re
 import struct
 import zlib
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, NamedTuple
 
 from ..errors import InputError, is_endless
 from ..files.hashes import is_elsewhere
@@ -40,6 +40,12 @@ _SHORTEST: Final = 768  # bytes of a path's field: Blender's FILE_MAXDIR
 _PACKED: Final = ("*packedfile", "packedfiles")
 _LARGEST: Final = 1 << 24
 """Bytes of a block that is looked into: DNA1 has a tenth of it."""
+
+_FAULTS: Final = (
+    *(OSError, EOFError, ValueError, LookupError, StopIteration),
+    *(struct.error, zlib.error, ImportError),
+)
+"""Errors of reading a damaged file, or a compressed one without its decompressor."""
 
 
 def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
@@ -67,29 +73,31 @@ def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
 
 def _paths_of(blend: Path) -> list[tuple[str, Path]]:
     """Kind and full path of each file that a .blend names; none where it cannot be read here."""
-    import zstandard  # Blender's own
+    faults: tuple[type[Exception], ...] = _FAULTS
+    with suppress(ImportError):  # it comes with Blender, but not with that of every distribution
+        import zstandard
 
-    faults = (OSError, EOFError, ValueError, LookupError, StopIteration, struct.error)
+        faults = (*faults, zstandard.ZstdError)
     try:
         with _opened(blend) as file:
             dna = next(content for code, _, content in _blocks(file, ()) if code == b"DNA1")
         wanted = _structures(dna)
         with _opened(blend) as file:
             found = [
-                (wanted[which].kind, raw)
-                for code, which, content in _blocks(file, wanted)
+                (wanted[number].kind, os.fsdecode(raw))
+                for code, number, content in _blocks(file, wanted)
                 if code != b"DNA1"
-                for raw in _texts(content, wanted[which])
+                for raw in _texts(content, wanted[number])
             ]
-    except (*faults, zlib.error, zstandard.ZstdError):
+    except faults:
         return []
     folder = os.path.dirname(os.path.abspath(blend))
-    return [(kind, Path(_absolute(os.fsdecode(raw), folder))) for kind, raw in found]
+    return [(kind, Path(_absolute(path, folder))) for kind, path in found]
 
 
-def _absolute(raw: str, folder: str) -> str:
+def _absolute(path: str, folder: str) -> str:
     """Full path of a stored one; ``//`` begins one that is relative to the .blend."""
-    return os.path.normpath(os.path.join(folder, raw[2:]) if raw.startswith("//") else raw)
+    return os.path.normpath(os.path.join(folder, path[2:]) if path.startswith("//") else path)
 
 
 def _opened(blend: Path) -> BinaryIO:
@@ -105,7 +113,7 @@ def _opened(blend: Path) -> BinaryIO:
     return gzip.GzipFile(fileobj=file) if start[:2] == b"\x1f\x8b" else file  # type: ignore[return-value]
 
 
-def _blocks(file: BinaryIO, which: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
+def _blocks(file: BinaryIO, wanted: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
     """Code, structure and content of the blocks of some structures, and of DNA1."""
     start = _exactly(file, 12)
     if start == b"BLENDER17-01":
@@ -118,106 +126,83 @@ def _blocks(file: BinaryIO, which: Container[int]) -> Iterator[tuple[bytes, int,
         raise ValueError("neither of today's formats")
     while True:
         values = head.unpack(_exactly(file, head.size))
-        code, structure, size = (values[k] for k in order)
+        code, number, size = (values[k] for k in order)
         if code == b"ENDB":
             return
         if size < 0:
             raise ValueError("no block is so short")
-        is_wanted = code == b"DNA1" or (structure in which and size <= _LARGEST)
-        if is_wanted:
-            yield code, structure, _exactly(file, size)
+        if code == b"DNA1" or (number in wanted and size <= _LARGEST):
+            yield code, number, _exactly(file, size)
+        elif file.seekable():
+            file.seek(size, os.SEEK_CUR)
         else:
-            _skip(file, size)
+            while size > 0:
+                size -= len(_exactly(file, min(size, _LARGEST)))
 
 
 def _exactly(file: BinaryIO, count: int) -> bytes:
-    if count > _LARGEST:
-        raise ValueError("longer than what is looked for")
-    found = file.read(count)
-    if len(found) != count:
+    content = file.read(count) if count <= _LARGEST else b""
+    if len(content) != count:
         raise EOFError
-    return found
+    return content
 
 
-def _skip(file: BinaryIO, count: int) -> None:
-    if file.seekable():
-        file.seek(count, os.SEEK_CUR)
-        return
-    while count > 0:
-        read = len(file.read(min(count, _LARGEST)))
-        if not read:
-            raise EOFError
-        count -= read
-
-
-@dataclass(frozen=True)
-class _Paths:
+class _Structure(NamedTuple):
     """Places of paths in a structure."""
 
     kind: str
     size: int  # bytes of the structure
-    paths: tuple[tuple[int, int], ...]  # (offset, bytes) each
-    packed: tuple[int, ...]  # offsets of pointers that are not zero where the file is packed
+    paths: list[tuple[int, int]]  # (offset, bytes) each
+    packed: list[int]  # offsets of pointers that are not zero where the file is packed
 
 
-def _structures(dna: bytes) -> dict[int, _Paths]:
+def _structures(dna: bytes) -> dict[int, _Structure]:
     """Structures of :data:`_TITLES` by their number, from the block DNA1."""
-    names, at = _strings(dna, 4, b"NAME")
-    types, at = _strings(dna, at, b"TYPE")
-    at = _after(dna, at, b"TLEN")
-    sizes = struct.unpack_from(f"<{len(types)}H", dna, at)
-    at = _after(dna, (at + 2 * len(types) + 3) & ~3, b"STRC")
-    (count,) = struct.unpack_from("<i", dna, at)
+    file = io.BytesIO(dna[4:])
+    names = _strings(file, b"NAME")
+    types = _strings(file, b"TYPE")
+    sizes = _numbers(file, b"TLEN", f"<{len(types)}H")
+    (count,) = _numbers(file, b"STRC", "<i")
     pointer = 8 if sizes[types.index("ListBase")] == 16 else 4
-    at, found = at + 4, {}
+    found = {}
     for number in range(count):
-        kind, fields = struct.unpack_from("<HH", dna, at)
-        members = struct.iter_unpack("<HH", dna[at + 4 : at + 4 + 4 * fields])
-        if types[kind] in _TITLES:
-            found[number] = _structure(members, types, names, sizes, pointer, kind)
-        at += 4 + 4 * fields
+        kind, fields = struct.unpack("<HH", _exactly(file, 4))
+        members = _exactly(file, 4 * fields)
+        if types[kind] not in _TITLES:
+            continue
+        structure = found[number] = _Structure(types[kind], sizes[kind], [], [])
+        offset = 0
+        for type_number, name_number in struct.iter_unpack("<HH", members):
+            name = names[name_number]
+            size = pointer if name.startswith(("*", "(")) else sizes[type_number]
+            size *= math.prod(map(int, re.findall(r"\[(\d+)\]", name)))
+            if types[type_number] == "char" and size >= _SHORTEST and not name.startswith("*"):
+                structure.paths.append((offset, size))
+            if name in _PACKED:
+                structure.packed.append(offset)
+            offset += size
     return found
 
 
-def _structure(
-    members: Iterator[tuple[int, ...]],
-    types: list[str],
-    names: list[str],
-    sizes: tuple[int, ...],
-    pointer: int,
-    kind: int,
-) -> _Paths:
-    offset, paths, packed = 0, [], []
-    for type_number, name_number in members:
-        name = names[name_number]
-        size = pointer if name.startswith(("*", "(")) else sizes[type_number]
-        size *= math.prod(map(int, re.findall(r"\[(\d+)\]", name)))
-        if types[type_number] == "char" and size >= _SHORTEST and not name.startswith("*"):
-            paths.append((offset, size))
-        if name in _PACKED:
-            packed.append(offset)
-        offset += size
-    return _Paths(types[kind], sizes[kind], tuple(paths), tuple(packed))
-
-
-def _strings(dna: bytes, at: int, mark: bytes) -> tuple[list[str], int]:
-    """Texts of a part of DNA1, and where the next part begins."""
-    at = _after(dna, at, mark)
-    (count,) = struct.unpack_from("<i", dna, at)
-    *texts, _ = dna[at + 4 :].split(b"\0", count) if count else [b""]
-    if len(texts) != count:
-        raise EOFError
-    at += 4 + sum(map(len, texts)) + count
-    return [text.decode("ascii") for text in texts], (at + 3) & ~3
-
-
-def _after(dna: bytes, at: int, mark: bytes) -> int:
-    if dna[at : at + 4] != mark:
+def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
+    """Numbers at the beginning of a part of DNA1; parts begin at multiples of four bytes."""
+    file.seek(-file.tell() % 4, os.SEEK_CUR)
+    if _exactly(file, 4) != mark:
         raise ValueError(f"DNA1 has no {mark!r}")
-    return at + 4
+    return struct.unpack(layout, _exactly(file, struct.calcsize(layout)))
 
 
-def _texts(content: bytes, where: _Paths) -> Iterator[bytes]:
+def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
+    """Texts of a part of DNA1."""
+    (count,) = _numbers(file, mark, "<i")
+    texts = re.match(rb"(?:[^\0]*\0){%d}" % count, file.getbuffer()[file.tell() :])
+    if texts is None:
+        raise EOFError
+    file.seek(texts.end(), os.SEEK_CUR)
+    return texts[0].decode("ascii").split("\0")[:-1]
+
+
+def _texts(content: bytes, where: _Structure) -> Iterator[bytes]:
     """Paths of the structures in a block, but of those whose files are packed."""
     for start in range(0, len(content) - where.size + 1, where.size):
         if any(content[start + at : start + at + 4] != bytes(4) for at in where.packed):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import threading
 import wave
 from collections.abc import Callable
@@ -173,6 +174,23 @@ def test_a_damaged_blend_is_left_to_blender(base: Path, tmp_path: Path) -> None:
                 content[place] = rng.integers(256)
             (tmp_path / "bad.blend").write_bytes(content)
             blend_paths.refuse_endless(tmp_path / "bad.blend")
+
+
+def test_a_blender_without_zstandard_still_refuses_pipes(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compressed file is left to Blender then; a plain one is read."""
+    bpy.ops.wm.open_mainfile(filepath=str(base))
+    victim = _unused(tmp_path)
+    for is_compressed in (True, False):
+        path = str(tmp_path / f"{is_compressed}.blend")
+        bpy.ops.wm.save_as_mainfile(filepath=path, compress=is_compressed, copy=True)
+    victim.unlink()
+    _make_pipe(victim)
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    blend_paths.refuse_endless(tmp_path / "True.blend")
+    with pytest.raises(InputError, match=r"skin\.png' of its image is a pipe"):
+        blend_paths.refuse_endless(tmp_path / "False.blend")
 
 
 PIPES = """
