@@ -60,9 +60,7 @@ def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | No
     """
     import numpy as np
 
-    from ...engine.body.model import load_model
-
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(effect)
     # Vertices stand about as far apart as the sides of their equal triangles are long.
     is_there = vertex is not None and vertex < len(model)  # not if the mesh was edited
     area_m2 = model.areas_m2[vertex] if is_there else np.median(model.areas_m2)
@@ -72,10 +70,7 @@ def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | No
 
 def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
     """Brush radius that reaches the vertices next to the one under the brush, Blender's units."""
-    from ...engine.body.model import load_model
-
-    model = load_model(effects.model_id_for(effect.hfx.modality))
-    smallest = _SMALLEST_BRUSH_M * _units_a_metre(canvas, model)
+    smallest = _SMALLEST_BRUSH_M * _units_a_metre(canvas, effects.model_of(effect))
     return max(_BRUSH_SPACINGS * spacing(canvas, effect), smallest)
 
 
@@ -100,12 +95,10 @@ def weights_of(effect: bpy.types.Object) -> F64:
     """
     import numpy as np
 
-    from ...engine.body.model import load_model
-
     canvas = painted_mesh(effect)
     if canvas is not None:
         return _read_group(effect, canvas)
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(effect)
     weights = np.zeros(len(model))
     if (effect.hfx.model_id, effect.hfx.model_hash) == (model.id, model.content_hash):
         vertices, values = effects.checked_area(effect.name, *effects.area(effect), len(model))
@@ -115,15 +108,11 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
     """Replace the effect's area, also while it is being painted; returns its size."""
-    import numpy as np
-
-    vertices = np.flatnonzero(weights > 0.0)
     canvas = painted_mesh(effect)
     if canvas is not None:
         _read_group(effect, canvas)  # refuses a mesh that was edited
         _write_group(canvas, weights)
-    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
-    return len(vertices)
+    return effects.store_weights(effect, weights)
 
 
 def carry_over(effect: bpy.types.Object) -> int:
@@ -145,20 +134,17 @@ def carry_over(effect: bpy.types.Object) -> int:
     weights = np.zeros(len(source))
     vertices, values = effects.checked_area(effect.name, *effects.area(effect), len(source))
     weights[vertices] = values
-    target = load_model(effects.model_id_for(effect.hfx.modality))
-    return set_weights(effect, areas.transferred(source, weights, target))
+    return set_weights(effect, areas.transferred(source, weights, effects.model_of(effect)))
 
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
     """Selected vertices of the mesh that is being painted on, as a mask (V,)."""
     import numpy as np
 
-    from ...engine.body.model import load_model
-
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
-    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    size = len(effects.model_of(effect))
     canvas.update_from_editmode()
     if len(canvas.data.vertices) != size:
         raise InputError(_edited(canvas, size))
@@ -171,15 +157,11 @@ def store_all_painted() -> None:
     """Store all areas that are being painted with their effects, so that saved files and exports
     have them.
     """
-    import numpy as np
-
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
             with suppress(InputError):  # an edited canvas is reported when painting is finished
-                weights = _read_group(effect, obj)
-                vertices = np.flatnonzero(weights > 0.0)
-                effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+                effects.store_weights(effect, _read_group(effect, obj))
 
 
 def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
@@ -201,18 +183,14 @@ def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def end(effect: bpy.types.Object) -> int:
     """Take the painted weights over into the effect and remove the mesh; how many vertices."""
-    import numpy as np
-
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
-    weights = _read_group(effect, canvas)
-    vertices = np.flatnonzero(weights > 0.0)
-    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+    count = effects.store_weights(effect, _read_group(effect, canvas))
     mesh = canvas.data
     bpy.data.objects.remove(canvas)
     bpy.data.meshes.remove(mesh)
-    return len(vertices)
+    return count
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
@@ -226,10 +204,9 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     """
     import numpy as np
 
-    from ...engine.body.model import load_model
     from ...engine.body.regions import region_weights
 
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(effect)
     found = [region_weights(model, part, side) for part in parts]
     if not found:
         found = [part_flags(model, (), side).astype(np.float64)]
@@ -258,9 +235,7 @@ def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
     """The painted weights, (V,) in 0..1."""
     import numpy as np
 
-    from ...engine.body.model import load_model
-
-    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    size = len(effects.model_of(effect))
     canvas.update_from_editmode()
     if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
         raise InputError(_edited(canvas, size))

@@ -66,7 +66,7 @@ def add(effect: bpy.types.Object, name: str) -> int:
     from ...engine.body import areas
     from ...engine.body.model import load_model
 
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(effect)
     try:
         found = _read()[name]
         source = load_model(found["model"])

@@ -179,19 +179,8 @@ def _fade(past: float, fade: float) -> float:
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
     """Copy the clips of an effect to another, at the same times; returns their number."""
     copied = strips_of(source)
-    for _, strip in copied:
-        if strip.type == "META" or strip.action is None:
-            raise InputError(
-                f"Clip '{strip.name}' of '{source.name}' is a group of clips; take it apart first "
-                "(NLA editor, Remove Meta-Strips)."
-            )
-    for _, strip in copied:
-        keys = [
-            (key.co[0], key.co[1])
-            for curve in compat.strip_fcurves(strip)
-            if curve.data_path == DATA_PATH
-            for key in curve.keyframe_points
-        ]
+    profiles = [profile_of(source, strip) for _, strip in copied]  # nothing is copied of a group
+    for (_, strip), keys in zip(copied, profiles, strict=True):
         made = add_clip(
             target,
             strip.frame_start,
@@ -205,6 +194,23 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
         made.mute = strip.mute
         drawn_fades.copy(strip, target, made)
     return len(copied)
+
+
+def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
+    """Keys (frame of its action, activation) of a clip's curve.
+
+    Raises
+    ------
+    InputError
+        The clip is a group of clips.
+    """
+    if strip.action is None:
+        raise InputError(
+            f"Clip '{strip.name}' of '{effect.name}' is a group of clips; take it apart first "
+            "(NLA editor, Remove Meta-Strips)."
+        )
+    curve = curve_in(strip, DATA_PATH)
+    return [] if curve is None else [(key.co[0], key.co[1]) for key in curve.keyframe_points]
 
 
 def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:

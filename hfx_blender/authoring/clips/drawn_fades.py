@@ -18,6 +18,7 @@ _SPANS = "hfx_drawn_fades"
 """ID property of an effect: first and last frame, by the name of a clip with drawn fades."""
 
 _HANDLES = ("handle_left", "co", "handle_right")
+_HANDLE_TYPES = ("handle_left_type", "handle_right_type")
 
 
 def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
@@ -53,12 +54,8 @@ def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.
     old, new = curve_of(source), curve_of(strip)
     compat.set_keys(new, [(point.co[0], point.co[1]) for point in old.keyframe_points])
     for there, here in zip(old.keyframe_points, new.keyframe_points, strict=True):
-        here.interpolation, here.easing = there.interpolation, there.easing
-        here.handle_left_type, here.handle_right_type = (
-            there.handle_left_type,
-            there.handle_right_type,
-        )
-        here.handle_left, here.handle_right = there.handle_left, there.handle_right
+        for name in ("interpolation", "easing", *_HANDLE_TYPES, "handle_left", "handle_right"):
+            setattr(here, name, getattr(there, name))
     span = source.frame_start, source.frame_end
     _fit(new, span, (strip.frame_start, strip.frame_end))
     _remember(effect)

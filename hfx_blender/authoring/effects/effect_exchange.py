@@ -249,7 +249,7 @@ def sensation_of(
         for obj in chosen
         for curve in compat.fcurves(obj)
         if _is_motion(curve)
-        for key in _keys(curve)
+        for key in curve.keyframe_points
     ]
     starts += [
         system.settings.frame_start for obj in chosen for _, system in swarms.emitters(scene, obj)
@@ -321,7 +321,7 @@ def _where(
 def _painted(effect: bpy.types.Object) -> VertexArea:
     weights = painting.weights_of(effect)
     vertices = np.flatnonzero(weights > 0.0)
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(effect)
     return VertexArea(
         model.id,
         model.content_hash,
@@ -341,8 +341,9 @@ def _volume(
         )
     unit_m = metres_of(scene)
     location, rotation, scale = effect.matrix_world.decompose()
-    curves = {curve.array_index: curve for curve in _moves(effect)}
-    times = sorted({key.co[0] for curve in curves.values() for key in _keys(curve)})
+    moves = [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
+    curves = {curve.array_index: curve for curve in moves}
+    times = sorted({key.co[0] for curve in moves for key in curve.keyframe_points})
     path = tuple(
         (
             (time - first) / fps,
@@ -368,34 +369,16 @@ def _volume(
     )
 
 
-def _moves(effect: bpy.types.Object) -> list[bpy.types.FCurve]:
-    return [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
-
-
 def _is_motion(curve: bpy.types.FCurve) -> bool:
     """Test a curve for the place of an effect, or the values of its actuators."""
     path = curve.data_path
     return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 
 
-def _keys(curve: bpy.types.FCurve) -> list[bpy.types.Keyframe]:
-    return list(curve.keyframe_points)
-
-
 def _clip(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, first: float, fps: float
 ) -> ClipRecipe:
-    if strip.action is None:
-        raise InputError(
-            f"Clip '{strip.name}' of '{effect.name}' is a group of clips; take it apart first "
-            "(NLA editor, Remove Meta-Strips)."
-        )
-    keys = [
-        ((key.co[0] - strip.action_frame_start) / fps, min(max(key.co[1], 0.0), 1.0))
-        for curve in compat.strip_fcurves(strip)
-        if curve.data_path == clips.DATA_PATH
-        for key in curve.keyframe_points
-    ]
+    keys = clips.profile_of(effect, strip)
     return ClipRecipe(
         name=strip.name,
         start_s=(strip.frame_start - first) / fps,
@@ -403,7 +386,10 @@ def _clip(
         fade_in_s=strip.blend_in / fps,
         fade_out_s=strip.blend_out / fps,
         repeat=strip.repeat,
-        profile=tuple((max(time, 0.0), value) for time, value in keys),
+        profile=tuple(
+            (max((frame - strip.action_frame_start) / fps, 0.0), min(max(value, 0.0), 1.0))
+            for frame, value in keys
+        ),
         drawn_fades=tuple(
             ((frame - strip.frame_start) / fps, value)
             for frame, value in drawn_fades.sampled(strip)

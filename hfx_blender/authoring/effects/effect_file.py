@@ -9,7 +9,7 @@ code and names no path.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,7 +43,6 @@ from .response_recipes import (
     SwarmRecipe,
     refuse_reversed_births,
     response_document,
-    swarm_document,
 )
 
 SUFFIX: Final = suffixes.EFFECT
@@ -375,36 +374,29 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
     if effect.modality == "temperature":
         document["temperature_reference"] = effect.temperature_reference
     if isinstance(where, PartsArea):
-        document["area"] = {
-            "parts": list(where.parts),
-            "side": where.side,
-            "smooth": where.smooth,
-        }
+        document["area"] = asdict(where)
     elif isinstance(where, SpotRecipe):
         document["spot"] = {
-            "points_m": [list(point) for point in where.path.points_m],
+            "points_m": where.path.points_m,
             "path": where.path.kind,
             "closed": int(where.path.is_closed),
             "radius_m": where.radius_m,
             "falloff": where.falloff,
             "falloff_share": where.falloff_share,
             "position": where.position,
-            **({"motion": [list(key) for key in where.path.motion]} if where.path.motion else {}),
+            **({"motion": where.path.motion} if where.path.motion else {}),
         }
     elif isinstance(where, ActuatorsRecipe):
         document["actuators"] = {
             "device": where.device,
-            "curves": [
-                {"actuator": actuator, "keys": [list(key) for key in keys]}
-                for actuator, keys in where.curves
-            ],
+            "curves": [{"actuator": actuator, "keys": keys} for actuator, keys in where.curves],
         }
     elif isinstance(where, VertexArea):
         document["area"] = {
             "model": where.model_id,
             "hash": where.model_hash,
-            "vertices": list(where.vertices),
-            "weights": list(where.weights),
+            "vertices": where.vertices,
+            "weights": where.weights,
         }
     else:
         document["volume"] = {
@@ -412,16 +404,16 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             **{key: getattr(where, key) for key in _SHAPES[where.shape]},
             "falloff": where.falloff,
             "falloff_share": where.falloff_share,
-            "location_m": list(where.location_m),
-            "rotation_deg": list(where.rotation_deg),
+            "location_m": where.location_m,
+            "rotation_deg": where.rotation_deg,
         }
         if where.response:
             document["volume"]["response"] = response_document(where.response)
         if where.swarm is not None:
-            document["volume"]["swarm"] = swarm_document(where.swarm)
+            document["volume"]["swarm"] = asdict(where.swarm)
         if where.path:
             document["volume"]["path"] = [
-                {"time_s": time, "location_m": list(place)} for time, place in where.path
+                {"time_s": time, "location_m": place} for time, place in where.path
             ]
     document["clips"] = [
         {
@@ -431,11 +423,8 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "fade_in_s": clip.fade_in_s,
             "fade_out_s": clip.fade_out_s,
             "repeat": clip.repeat,
-            **{
-                key: [list(point) for point in getattr(clip, key)]
-                for key in ("profile", "drawn_fades")
-                if getattr(clip, key)
-            },
+            **({"profile": clip.profile} if clip.profile else {}),
+            **({"drawn_fades": clip.drawn_fades} if clip.drawn_fades else {}),
         }
         for clip in effect.clips
     ]

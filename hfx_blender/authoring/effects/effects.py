@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from ...engine.arrays import F64
+    from ...engine.body.model import PerceptualModel
+
 COLLECTION = "HFX Effects"
 
 ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
@@ -131,6 +134,13 @@ def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
 def model_id_for(modality: str) -> str:
     """Id of the perceptual model on which a modality is painted and felt."""
     return f"hfx-{MODALITIES[modality].model}-1"
+
+
+def model_of(effect: bpy.types.Object) -> PerceptualModel:
+    """Perceptual model on which an effect is painted and felt."""
+    from ...engine.body.model import load_model  # Blender's start would wait for it
+
+    return load_model(model_id_for(effect.hfx.modality))
 
 
 def add_volume(
@@ -257,14 +267,25 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
     InputError
         An id is not of the model, or a weight is not in 0..1; the old area is kept.
     """
-    from ...engine.body.model import load_model
-
-    model = load_model(model_id_for(effect.hfx.modality))
+    model = model_of(effect)
     ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
     effect[VERTICES] = ids.tolist()
     effect[WEIGHTS] = strengths.tolist()
     effect.hfx.model_id = model.id
     effect.hfx.model_hash = model.content_hash
+
+
+def store_weights(effect: bpy.types.Object, weights: F64) -> int:
+    """Store the weights of all vertices (V,) as an effect's area; returns how many are painted.
+
+    Raises
+    ------
+    InputError
+        A weight is not in 0..1; the old area is kept.
+    """
+    vertices = weights.nonzero()[0]
+    set_area(effect, vertices.tolist(), weights[vertices].tolist())
+    return len(vertices)
 
 
 def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:

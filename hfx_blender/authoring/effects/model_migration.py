@@ -107,7 +107,6 @@ def update_all() -> list[str]:
         except (HfxError, ModuleNotFoundError, TypeError):  # an export reports the fault
             continue
         if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
-            vertices = weights.nonzero()[0]
-            effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+            effects.store_weights(effect, weights)
             found.append(effect.name)
     return found

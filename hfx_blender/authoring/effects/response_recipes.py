@@ -8,7 +8,7 @@ to bounce off are of the scene that a file is loaded into.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 from ...engine.response_filters.controls import CONTROLS, About, FilterKind, Operation
@@ -141,9 +141,9 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
             document["about"] = each.about
         if each.is_muted:
             document["muted"] = True
-        document["controls"] = dict(each.controls)
+        document["controls"] = each.controls
         if each.keys:
-            document["keys"] = {name: [list(key) for key in keys] for name, keys in each.keys}
+            document["keys"] = dict(each.keys)
         found.append(document)
     return found
 
@@ -153,11 +153,3 @@ def refuse_reversed_births(node: Node) -> None:
     recipe: SwarmRecipe = node.read(SWARM)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")
-
-
-def swarm_document(swarm: SwarmRecipe) -> dict[str, Any]:
-    """A swarm as JSON."""
-    document = asdict(swarm)
-    return {
-        key: list(value) if isinstance(value, tuple) else value for key, value in document.items()
-    }

@@ -94,12 +94,12 @@ def save(recipe: PathRecipe, path: Path) -> None:
         "name": recipe.name,
         "kind": recipe.kind,
         "closed": int(recipe.is_closed),
-        "points_m": [list(point) for point in recipe.points_m],
+        "points_m": recipe.points_m,
     }
     if recipe.description:
         document["description"] = recipe.description
     if recipe.motion:
-        document["motion"] = [list(key) for key in recipe.motion]
+        document["motion"] = recipe.motion
     with atomic_file(path) as file:
         file.write((json.dumps(document, indent=1) + "\n").encode())
 
