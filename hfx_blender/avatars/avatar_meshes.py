@@ -229,6 +229,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     """
     import numpy as np
 
+    from ..blender import mesh_arrays
     from ..engine.retargeting.target import TargetAvatar
     from . import mesh_copies
 
@@ -252,7 +253,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     carrier = bone_of(armature, mesh_object)
     shape = mesh_copies.steady_shape(mesh_object.data)
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
-        points, triangles = mesh_copies.points_of(mesh), mesh_copies.triangles_of(mesh)
+        points, triangles = mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
         if carrier is not None:
             names, weights = (carrier,), _rigid_weights(len(points))
         else:
@@ -294,10 +295,11 @@ def rest_surface(
     shape : mapping of str
         Values of its shape keys; the others are 0.
     """
+    from ..blender import mesh_arrays
     from . import mesh_copies
 
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
-        return mesh_copies.points_of(mesh), mesh_copies.triangles_of(mesh)
+        return mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
 
 
 def _check_scale(obj: bpy.types.Object) -> None:

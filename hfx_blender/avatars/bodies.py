@@ -13,14 +13,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..blender import compat
+from ..blender import compat, mesh_arrays
 from ..blender.scene_units import fps_of, metres_of
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
-from . import avatar_meshes, body_binding, bone_table, retargeting, skinned_mesh
+from . import avatar_meshes, body_binding, bone_table, model_mesh, retargeting
 
 _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
@@ -278,7 +278,7 @@ def _skin(
     mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
     armature.users_collection[0].objects.link(skin)
-    skinned_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
+    model_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
     skin.parent = armature
     modifier = skin.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
@@ -287,7 +287,7 @@ def _skin(
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
     """Make a mesh of the avatar in its rest pose, with its UV map."""
-    mesh = skinned_mesh.mesh_of(name, avatar.vertices, avatar.faces)
+    mesh = mesh_arrays.mesh_of(name, avatar.vertices, avatar.faces)
     layer = mesh.uv_layers.new(name="UVMap")
     corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
     layer.data.foreach_set("uv", corners.ravel())

@@ -16,6 +16,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
+from ..blender import mesh_arrays
 from ..engine.body.model import PerceptualModel, load_model, load_skeleton
 from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
@@ -294,16 +295,13 @@ def read_surface(
     InputError
         The number of evaluated vertices changes with time, or with the pose.
     """
-    data = evaluated.data
-    positions = np.zeros(len(data.vertices) * 3, np.float32)
-    data.attributes["position"].data.foreach_get("vector", positions)
+    points = mesh_arrays.positions(evaluated.data)
     surface, count = evaluated_skin.latest(body, mesh), len(mesh.data.vertices)
-    is_known = len(data.vertices) == count if surface is None else surface.fits(len(data.vertices))
+    is_known = len(points) == count if surface is None else surface.fits(len(points))
     if not is_known:
         raise InputError(
             f"Avatar '{mesh.name}': a modifier changes its number of vertices from {count} to "
-            f"{len(data.vertices)}, not always alike, so its surface cannot be followed; apply "
+            f"{len(points)}, not always alike, so its surface cannot be followed; apply "
             "that modifier, move it above the Armature modifier, or turn it off in viewports."
         )
-    points = positions.reshape(-1, 3)
     return points if surface is None else surface.places(points)

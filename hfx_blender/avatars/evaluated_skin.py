@@ -11,7 +11,6 @@ changes with time, cannot be measured at one time (:data:`_CHANGING`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,6 +19,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
+from ..blender import mesh_arrays
 from ..engine.arrays import F64, I32, I64
 from . import avatar_meshes, mesh_copies
 
@@ -136,8 +136,7 @@ def measured(
 
 def _state(body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str, str]) -> object:
     """Settings that a measurement depends on, to be compared."""
-    places = np.zeros(3 * len(mesh.data.vertices), np.float32)
-    mesh.data.vertices.foreach_get("co", places)
+    places = mesh_arrays.values(mesh.data.vertices, "co", 3)
     keys = mesh.data.shape_keys
     moving = sorted(mesh_copies.animated(mesh)), sorted(mesh_copies.animated_keys(mesh.data))
     settings = [
@@ -160,7 +159,8 @@ def measure(
     shape: Mapping[str, float],
 ) -> Measured:
     every = frozenset(suspects)
-    with _copies(body, mesh, shape) as copies:
+    with mesh_copies.scratch() as made:
+        copies = _Copies(made, body, mesh, shape)
         deforming = (
             name
             for name in suspects
@@ -202,14 +202,6 @@ def _nodes_of(group: Any, seen: set[str] | None = None) -> Iterator[Any]:
             yield from _nodes_of(node.node_tree, seen)
 
 
-@contextmanager
-def _copies(
-    body: bpy.types.Object, mesh: bpy.types.Object, shape: Mapping[str, float]
-) -> Iterator[_Copies]:
-    with mesh_copies.scratch() as made:
-        yield _Copies(made, body, mesh, shape)
-
-
 @dataclass(frozen=True, eq=False)
 class _Evaluated:
     """Copies in one pose, local space of the mesh."""
@@ -234,10 +226,8 @@ class _Copies:
         self._done: dict[tuple[frozenset[str], float], _Evaluated] = {}
         data = mesh_copies.numbered(mesh.data)
         rest = mesh_copies.at_rest(made, mesh, data, shape)
-        self._numbers, self._triangles = (
-            mesh_copies.numbers_of(rest),
-            mesh_copies.triangles_of(rest),
-        )
+        self._numbers = mesh_copies.numbers_of(rest)
+        self._triangles = mesh_arrays.triangles(rest)
         self._edges = np.array([edge.vertices[:] for edge in rest.edges], np.int64).reshape(-1, 2)
         self._mirrors = [modifier.name for modifier in mesh_copies.mirrors_of(mesh)]
         self._rigs = [self._rig(), self._rig()]
@@ -304,10 +294,10 @@ class _Copies:
         graph = mesh_copies.updated(self._made)
         full = self._full.evaluated_get(graph).data
         return _Evaluated(
-            mesh_copies.points_of(self._plain.evaluated_get(graph).data),
-            mesh_copies.points_of(full),
+            mesh_arrays.points(self._plain.evaluated_get(graph).data),
+            mesh_arrays.points(full),
             mesh_copies.numbers_of(full),
-            mesh_copies.triangles_of(full),
+            mesh_arrays.triangles(full),
         )
 
     def deviates(self, on: frozenset[str]) -> bool:

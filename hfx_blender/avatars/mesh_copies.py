@@ -16,8 +16,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..blender import compat
-from ..engine.arrays import F64, I32, I64
+from ..blender import compat, mesh_arrays
+from ..engine.arrays import F64, I64
 
 _VERTEX: Final = "hfx_vertex"
 _CHECK: Final = "hfx_vertex_check"
@@ -68,28 +68,14 @@ def _proof(numbers: I64) -> I64:
 
 def numbers_of(mesh: bpy.types.Mesh) -> I64:
     """Original vertex of each vertex of an evaluated mesh, (E,); -1: a new one."""
-    values = []
+    columns = []
     for name in (_VERTEX, _CHECK):
         attribute = mesh.attributes.get(name)
         if attribute is None or (attribute.domain, attribute.data_type) != ("POINT", "INT"):
             return np.full(len(mesh.vertices), -1, np.int64)
-        values.append(np.zeros(len(mesh.vertices), np.int32))
-        attribute.data.foreach_get("value", values[-1])
-    numbers = values[0].astype(np.int64)
-    return np.where(_proof(numbers) == values[1], numbers, -1)
-
-
-def points_of(mesh: bpy.types.Mesh) -> np.ndarray:
-    points = np.zeros(len(mesh.vertices) * 3, np.float32)
-    mesh.vertices.foreach_get("co", points)
-    return points.reshape(-1, 3).astype(np.float64)
-
-
-def triangles_of(mesh: bpy.types.Mesh) -> I32:
-    mesh.calc_loop_triangles()
-    triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    return triangles.reshape(-1, 3)
+        columns.append(mesh_arrays.values(attribute.data, "value", kind=np.int32))
+    numbers = columns[0].astype(np.int64)
+    return np.where(_proof(numbers) == columns[1], numbers, -1)
 
 
 @contextmanager

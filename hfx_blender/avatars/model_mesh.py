@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
+
+import bmesh
 import bpy
 import numpy as np
 
+from ..blender import mesh_arrays
 from ..blender.scene_units import metres_of
-from ..engine.body.model import PerceptualModel
+from ..engine.body.model import PerceptualModel, SkinWeights
 from ..engine.body.parts import PARTS
-from . import retargeting, skinned_mesh
+from . import retargeting
 
 SHOWN = "hfx_shown_body"
 """ID property of a mesh that shows a model: the body that it is of."""
@@ -40,16 +45,35 @@ def add_posed(
     context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
 ) -> bpy.types.Object:
     """A mesh of a model as it stands on a body, posed by the same weights as in an export."""
-    mesh = skinned_mesh.mesh_of(name, model.vertices, model.triangles)
+    mesh = mesh_arrays.mesh_of(name, model.vertices, model.triangles)
     mesh.shade_flat()
     obj = bpy.data.objects.new(mesh.name, mesh)
     obj.hide_render = True
     context.scene.collection.objects.link(obj)
-    for group in skinned_mesh.add_bone_groups(obj, model.bone_names, model.weights):
+    for group in add_bone_groups(obj, model.bone_names, model.weights):
         group.lock_weight = True
     obj.parent = body
     obj.modifiers.new("Armature", "ARMATURE").object = body
     return obj
+
+
+def add_bone_groups(
+    skin: bpy.types.Object, bone_names: Sequence[str], weights: SkinWeights
+) -> list[bpy.types.VertexGroup]:
+    """Add a vertex group for each bone to a mesh object that has none, with the bones' weights."""
+    groups = [skin.vertex_groups.new(name=bone) for bone in bone_names]
+    # Vertex by vertex, `VertexGroup.add` takes three times as long.
+    edited = bmesh.new()
+    edited.from_mesh(skin.data)
+    layer = edited.verts.layers.deform.verify()
+    entries = iter(zip(weights.bones.tolist(), weights.values.tolist(), strict=True))
+    for vertex, count in zip(edited.verts, np.diff(weights.offsets).tolist(), strict=True):
+        of_vertex = vertex[layer]
+        for bone, value in islice(entries, count):
+            of_vertex[bone] = value
+    edited.to_mesh(skin.data)
+    edited.free()
+    return groups
 
 
 def freeze(context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -59,8 +83,7 @@ def freeze(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """
     context.view_layer.update()
     posed = obj.evaluated_get(context.view_layer.depsgraph)
-    places = np.empty(len(posed.data.vertices) * 3, np.float32)
-    posed.data.attributes["position"].data.foreach_get("vector", places)
+    places = mesh_arrays.positions(posed.data).ravel()
     obj.modifiers.clear()
     obj.vertex_groups.clear()
     obj.shape_key_add(name="Basis", from_mix=False)

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 import numpy.typing as npt
 
 from ...avatars import avatar_meshes, body_binding
-from ...engine.arrays import F64, I64
+from ...blender import mesh_arrays
+from ...engine.arrays import F64
 from ...engine.body import areas
 from ...engine.scene import SurfaceAnchors
 from ...errors import InputError
@@ -35,8 +34,8 @@ def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_m
     """
     body, anchors = _anchors(effect)
     pixels = _pixels(image, channel)
-    corner_uv = _corner_uvs(avatar_meshes.meshes_of(body), uv_map)
-    uv = np.einsum("vc,vci->vi", anchors.weights, corner_uv.at(anchors.corners))
+    corner_uv = _corner_uvs(avatar_meshes.meshes_of(body), uv_map, anchors.corners)
+    uv = np.einsum("vc,vci->vi", anchors.weights, corner_uv)
     return areas.from_image(pixels, uv)
 
 
@@ -46,9 +45,7 @@ def of_avatar_selection(effect: bpy.types.Object) -> F64:
     selected = []
     for mesh in avatar_meshes.meshes_of(body):
         mesh.update_from_editmode()
-        found = np.zeros(len(mesh.data.vertices), np.bool_)
-        mesh.data.vertices.foreach_get("select", found)
-        selected.append(found)
+        selected.append(mesh_arrays.values(mesh.data.vertices, "select", kind=np.bool_))
     flags = np.concatenate(selected).astype(np.float64)
     return np.einsum("vc,vc->v", anchors.weights, flags[anchors.corners]).clip(0.0, 1.0)
 
@@ -73,49 +70,32 @@ def _pixels(image: bpy.types.Image, channel: str) -> F64:
     return 1.0 - bright if channel == "darkness" else bright
 
 
-@dataclass(frozen=True, eq=False)
-class _CornerUvs:
-    """UV coordinates at the corners of the avatar's triangles."""
+def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, wanted: npt.NDArray[np.int32]) -> F64:
+    """UV (V, 3, 2) at corners (V, 3) of triangles; a seam goes by the triangle.
 
-    keys: I64  # (F, 3) sorted corners, themselves in ascending order
-    corners: I64  # (F, 3) as they are in the mesh
-    uv: F64  # (F, 3, 2)
-    of_vertex: F64  # (A, 2) one of each vertex, for triangles that the mesh does not have
-
-    def at(self, corners: npt.NDArray[np.int32]) -> F64:
-        """UV (V, 3, 2) at corners (V, 3) of triangles; a seam goes by the triangle."""
-        wanted = corners.astype(np.int64)
-        found = self.of_vertex[wanted]
-        place = {tuple(key): row for row, key in enumerate(self.keys.tolist())}
-        for vertex, key in enumerate(np.sort(wanted, axis=1).tolist()):
-            row = place.get(tuple(key))
-            if row is not None:
-                order = [int(np.flatnonzero(self.corners[row] == c)[0]) for c in wanted[vertex]]
-                found[vertex] = self.uv[row, order]
-        return found
-
-
-def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str) -> _CornerUvs:
+    A triangle that the meshes do not have takes one coordinate of each of its vertices.
+    """
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:
         mesh = obj.data
-        layer = _uv_layer(obj, uv_map)
-        at_loops = np.zeros(len(mesh.loops) * 2, np.float32)
-        layer.uv.foreach_get("vector", at_loops)
-        mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        vertices, loops = np.zeros(count * 3, np.int32), np.zeros(count * 3, np.int32)
-        mesh.loop_triangles.foreach_get("vertices", vertices)
-        mesh.loop_triangles.foreach_get("loops", loops)
-        uv = at_loops.reshape(-1, 2)[loops].astype(np.float64)
+        at_loops = mesh_arrays.values(_uv_layer(obj, uv_map).uv, "vector", 2)
+        vertices = mesh_arrays.triangles(mesh)
+        uv = at_loops[mesh_arrays.triangles(mesh, "loops")].astype(np.float64)
         own = np.full((len(mesh.vertices), 2), np.nan)
-        own[vertices] = uv
-        corners.append(vertices.reshape(-1, 3).astype(np.int64) + first)
-        uvs.append(uv.reshape(-1, 3, 2))
+        own[vertices.ravel()] = uv.reshape(-1, 2)
+        corners.append(vertices.astype(np.int64) + first)
+        uvs.append(uv)
         of_vertex.append(own)
         first += len(mesh.vertices)
-    every = np.concatenate(corners)
-    return _CornerUvs(np.sort(every, axis=1), every, np.concatenate(uvs), np.concatenate(of_vertex))
+    every, uv = np.concatenate(corners), np.concatenate(uvs)
+    rows = {tuple(key): row for row, key in enumerate(np.sort(every, axis=1).tolist())}
+    found = np.concatenate(of_vertex)[wanted]
+    for vertex, key in enumerate(np.sort(wanted, axis=1).tolist()):
+        row = rows.get(tuple(key))
+        if row is not None:
+            order = [int(np.flatnonzero(every[row] == c)[0]) for c in wanted[vertex]]
+            found[vertex] = uv[row, order]
+    return found
 
 
 def _uv_layer(obj: bpy.types.Object, uv_map: str) -> bpy.types.MeshUVLoopLayer:

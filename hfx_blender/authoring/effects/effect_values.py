@@ -8,6 +8,7 @@ from contextlib import suppress
 import bpy
 import numpy as np
 
+from ...blender import mesh_arrays
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
 from ...engine.counters import ReadingCounters
@@ -108,21 +109,15 @@ class Shapes:
         )
 
     def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh, part: int) -> MeshVolume:
-        positions = np.zeros(len(mesh.vertices) * 3, np.float32)
-        if len(mesh.vertices):
-            mesh.attributes["position"].data.foreach_get("vector", positions)
+        positions = mesh_arrays.positions(mesh)
         self.counters.meshes_read += 1
         content = positions.tobytes()
         which = effect.name_full, part
         known = self._meshes.get(which)
         if known is None or known[0] != content:
-            mesh.calc_loop_triangles()
             self.counters.meshes_made += 1
-            triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-            mesh.loop_triangles.foreach_get("vertices", triangles)
-            volume = MeshVolume(
-                positions.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3), effect.name
-            )
+            triangles = mesh_arrays.triangles(mesh)
+            volume = MeshVolume(positions.astype(np.float64), triangles, effect.name)
             known = self._meshes[which] = (content, volume)
             if volume.note:
                 self.notes[volume.note] = None

@@ -16,6 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...blender import mesh_arrays
 from ...blender.scene_units import metres_of
 from ...engine.arrays import F32, F64, Bool
 from ...engine.texture.height_field import heights_of_normals
@@ -220,8 +221,7 @@ class _Scratch:
             copy = self._keep(material.original.copy())
             material_relief.prepare(copy, material.name)
             self.materials.append(copy)
-        indices = np.zeros(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("material_index", indices)
+        indices = mesh_arrays.values(mesh.polygons, "material_index", kind=np.int32)
         mesh.materials.clear()
         for material in self.materials:
             mesh.materials.append(material)

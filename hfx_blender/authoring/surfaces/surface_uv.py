@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ...blender import mesh_arrays
 from ...blender.scene_units import metres_of
 from ...engine.arrays import F64, I64
 from ...errors import InputError
@@ -61,13 +62,9 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
     """
     points, areas = _triangles(mesh, owner, world)
     layer = _layer(mesh, uv_map, owner)
-    count = len(points)
-    loops, slots = np.zeros(count * 3, np.int32), np.zeros(count, np.int32)
-    mesh.loop_triangles.foreach_get("loops", loops)
-    mesh.loop_triangles.foreach_get("material_index", slots)
-    at_loops = np.zeros(len(mesh.loops) * 2, np.float32)
-    layer.uv.foreach_get("vector", at_loops)
-    uv = at_loops.reshape(-1, 2).astype(np.float64)[loops].reshape(-1, 3, 2)
+    loops = mesh_arrays.triangles(mesh, "loops")
+    slots = mesh_arrays.values(mesh.loop_triangles, "material_index", kind=np.int32)
+    uv = mesh_arrays.values(layer.uv, "vector", 2).astype(np.float64)[loops]
     if not np.isfinite(uv).all():
         raise InputError(f"UV map '{layer.name}' of '{owner}' has values that are not numbers.")
     tile = _tile(points, uv)
@@ -78,14 +75,8 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
 
 def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
     """Corners (F, 3, 3) and areas (F,) of a mesh's triangles, in the world's units."""
-    mesh.calc_loop_triangles()
-    corners = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("vertices", corners)
-    positions = np.zeros(len(mesh.vertices) * 3, np.float32)
-    if len(corners):
-        mesh.attributes["position"].data.foreach_get("vector", positions)
     turn = np.array(world, np.float64)[:3, :3]
-    points = (positions.reshape(-1, 3).astype(np.float64) @ turn.T)[corners].reshape(-1, 3, 3)
+    points = (mesh_arrays.points(mesh) @ turn.T)[mesh_arrays.triangles(mesh)]
     across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     areas = 0.5 * np.linalg.norm(across, axis=1)
     if not (np.isfinite(points).all() and float(areas.sum()) > _SMALLEST):

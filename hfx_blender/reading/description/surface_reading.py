@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from ...authoring.surfaces import surface_uv, surfaces
+from ...blender import mesh_arrays
 from ...engine.arrays import F64
 from ...engine.scene import HapticSurface
 from ...errors import InputError
@@ -35,10 +36,7 @@ def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: floa
         coordinates = charts.uv * tile_m
     else:
         coordinates = surface_uv.projected(mesh, effect.name, world) * unit_m
-    mesh.calc_loop_triangles()
-    triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    return HapticSurface(triangles.reshape(-1, 3), coordinates, texture)
+    return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture)
 
 
 class SurfaceVertices:
@@ -55,11 +53,7 @@ class SurfaceVertices:
         InputError
             There are not as many as at the beginning.
         """
-        mesh = evaluated.data
-        positions = np.zeros(len(mesh.vertices) * 3, np.float32)
-        if len(mesh.vertices):
-            mesh.attributes["position"].data.foreach_get("vector", positions)
-        now = positions.reshape(-1, 3).astype(np.float64)
+        now = mesh_arrays.points(evaluated.data)
         before = self._known.get(effect.name)
         if before is not None and len(before) != len(now):
             raise InputError(

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Meshes and their items as arrays, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+
+def values(
+    items: bpy.types.bpy_prop_collection,
+    name: str,
+    width: int = 1,
+    kind: npt.DTypeLike = np.float32,
+) -> npt.NDArray[Any]:
+    """Property of all items of a collection: (n,), or (n, width) of one that holds several."""
+    found = np.zeros(len(items) * width, kind)
+    items.foreach_get(name, found)
+    return found if width == 1 else found.reshape(-1, width)
+
+
+def positions(mesh: bpy.types.Mesh) -> npt.NDArray[np.float32]:
+    """Vertices (V, 3) of a mesh, local space; quicker than ``MeshVertex.co`` of evaluated ones."""
+    if not len(mesh.vertices):  # it has no attribute then
+        return np.zeros((0, 3), np.float32)
+    return values(mesh.attributes["position"].data, "vector", 3)
+
+
+def points(mesh: bpy.types.Mesh) -> npt.NDArray[np.float64]:
+    """Vertices (V, 3) of a mesh in double precision, local space."""
+    return positions(mesh).astype(np.float64)
+
+
+def triangles(mesh: bpy.types.Mesh, name: str = "vertices") -> npt.NDArray[np.int32]:
+    """Vertices, or another property such as "loops", of a mesh's triangles, (F, 3)."""
+    mesh.calc_loop_triangles()
+    return values(mesh.loop_triangles, name, 3, np.int32)
+
+
+def mesh_of(
+    name: str, vertices: npt.NDArray[np.floating], faces: npt.NDArray[np.int32]
+) -> bpy.types.Mesh:
+    """Mesh of vertices (N, 3) and faces (F, 3 or 4), a missing last corner being -1."""
+    mesh = bpy.data.meshes.new(name)
+    is_corner = faces >= 0
+    corners = is_corner.sum(axis=1)
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(int(corners.sum()))
+    mesh.loops.foreach_set("vertex_index", faces[is_corner].astype(np.int32))
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(corners) - corners).astype(np.int32))
+    mesh.update(calc_edges=True)
+    return mesh
