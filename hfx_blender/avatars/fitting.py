@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from typing import Any
 
 import bpy
@@ -17,7 +17,6 @@ from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.layers import Layer
 from ..engine.retargeting.quality import PartQuality, Quality, joint_faults
 from ..engine.retargeting.target import TargetAvatar
-from ..engine.scene import FittedModel
 from ..engine.stepwise import within
 from ..errors import InputError
 from . import avatar_meshes, kept_fits
@@ -29,16 +28,6 @@ _ONLY_BONES = (
     "clothes or a large head beyond it are not felt; join the pieces to one closed skin, or select "
     "other meshes, for a fit to the surface"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """Outcome of a fit, free of Blender's objects."""
-
-    models: list[FittedModel]
-    qualities: list[Quality]
-    warnings: list[str]
-    by_bones: bool
 
 
 def fitting(
@@ -75,14 +64,8 @@ def fitting(
         except InputError as error:
             raise InputError(f"Armature '{armature.name}': {error}") from None
         _keep(key, found)
-    return Fit(
-        tuple(meshes),
-        tuple(found.models),
-        tuple(found.qualities),
-        (*(() if found.by_bones else notes), *carried, *found.warnings),  # bones: no normals
-        mapping.report,
-        found.by_bones,
-    )
+    warnings = (*(() if found.by_bones else notes), *carried, *found.warnings)  # bones: no normals
+    return replace(found, meshes=tuple(meshes), warnings=warnings, notes=mapping.report)
 
 
 def _fitted(
@@ -91,7 +74,8 @@ def _fitted(
     rigid: Sequence[bool],
     mapping: BoneMapping,
     layer: Layer,
-) -> Generator[float, None, _Fitted]:
+) -> Generator[float, None, Fit]:
+    """Fit all models, in steps; the result has neither the meshes nor notes."""
     avatar, target = load_avatar(), skin_parts.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     no_surface = retarget_target.check(target, name) or _why_rigid(targets, rigid)
@@ -111,24 +95,25 @@ def _fitted(
                 f"found on that part of '{name}'"
             )
     if no_surface is None:
-        return _Fitted([model for model, _ in fits], qualities, _folded(qualities), False)
+        fitted = tuple(model for model, _ in fits)
+        return Fit((), fitted, tuple(qualities), tuple(_folded(qualities)))
     placed = by_bones.fit_by_bones(models, avatar, target, mapping)
-    return _Fitted(placed, [], [_ONLY_BONES.format(reason=no_surface)], True)
+    return Fit((), tuple(placed), (), (_ONLY_BONES.format(reason=no_surface),), by_bones=True)
 
 
-def _read(key: str) -> _Fitted | None:
+def _read(key: str) -> Fit | None:
     """A fit that was kept; None if there is none."""
     kept = kept_fits.read(key)
     if kept is None:
         return None
     values, arrays = kept
     bones = tuple(values["bones"])
-    models = [
+    models = tuple(
         fitted_of(model_id, model_hash, bones, {n: arrays[f"{model_id} {n}"] for n in values["of"]})
         for model_id, model_hash in values["models"]
-    ]
-    qualities = [_quality_of(each) for each in values["quality"]]
-    return _Fitted(models, qualities, values["warnings"], values["by_bones"])
+    )
+    qualities = tuple(_quality_of(each) for each in values["quality"])
+    return Fit((), models, qualities, tuple(values["warnings"]), by_bones=values["by_bones"])
 
 
 def _quality_of(values: Mapping[str, Any]) -> Quality:
@@ -136,13 +121,13 @@ def _quality_of(values: Mapping[str, Any]) -> Quality:
     return Quality(**{**values, "parts": parts})
 
 
-def _keep(key: str, found: _Fitted) -> None:
+def _keep(key: str, found: Fit) -> None:
     arrays = {model.model_id: arrays_of(model) for model in found.models}
     values = {
         "models": [(model.model_id, model.model_hash) for model in found.models],
         "bones": found.models[0].bone_names,
         "of": list(arrays[found.models[0].model_id]),
-        "quality": [asdict(quality) for quality in found.qualities],
+        "quality": [asdict(quality) for quality in found.quality],
         "warnings": found.warnings,
         "by_bones": found.by_bones,
     }

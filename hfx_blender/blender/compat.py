@@ -32,16 +32,25 @@ def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
     return action_fcurves(data.action, getattr(data, "action_slot", None))
 
 
+def fcurve_of(owner: bpy.types.ID, data_path: str) -> bpy.types.FCurve | None:
+    """F-curve of a datablock's property in its assigned action; of several numbers, the first."""
+    return next((curve for curve in fcurves(owner) if curve.data_path == data_path), None)
+
+
 def action_fcurves(
     action: bpy.types.Action, slot: bpy.types.ActionSlot | None
 ) -> list[bpy.types.FCurve]:
     """F-curves of an action for one slot (ignored before 4.4, which has no slots)."""
+    return list(_curves_of(action, slot) or ())
+
+
+def _curves_of(
+    action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+) -> bpy.types.bpy_prop_collection | None:
     if not hasattr(action, "slots"):
-        return list(action.fcurves)
-    if slot is None:
-        return []
-    bag = anim_utils.action_get_channelbag_for_slot(action, slot)
-    return [] if bag is None else list(bag.fcurves)
+        return action.fcurves
+    bag = None if slot is None else anim_utils.action_get_channelbag_for_slot(action, slot)
+    return None if bag is None else bag.fcurves
 
 
 def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
@@ -60,14 +69,9 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
     found: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
     for user in (data, *strips):
         action, slot = user.action, getattr(user, "action_slot", None)
-        if action is None:
-            continue
-        if not hasattr(action, "slots"):
-            found[action.name, 0] = action.fcurves
-        elif slot is not None:
-            bag = anim_utils.action_get_channelbag_for_slot(action, slot)
-            if bag is not None:
-                found[action.name, slot.handle] = bag.fcurves
+        curves = None if action is None else _curves_of(action, slot)
+        if curves is not None:
+            found[action.name, getattr(slot, "handle", 0)] = curves
     return list(found.values())
 
 

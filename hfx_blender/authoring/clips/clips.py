@@ -144,6 +144,17 @@ def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | No
     return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)
 
 
+def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
+    """Keys (frame, value) of an F-curve that has some, to be joined by straight lines.
+
+    Its own where all are linear; else also its values at each frame between the first and last.
+    """
+    frames = [key.co[0] for key in curve.keyframe_points]
+    if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
+        frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
+    return [(frame, curve.evaluate(frame)) for frame in frames]
+
+
 def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
     """Keys (frame of the scene, value) of a property in a clip, in all of its repeats."""
     curve = curve_in(strip, data_path)

@@ -25,8 +25,7 @@ def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
     """
     count = 0
     for effect in effects:
-        hfx = effect.hfx
-        neutral = 0.0
+        hfx, neutral = effect.hfx, 0.0
         if hfx.modality == "temperature":
             neutral = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
         _scale(effect, MODALITIES[hfx.modality].strength_parameter.prop, factor, neutral)
@@ -74,7 +73,10 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
         )
     count = 0
     for effect in effects:
-        curve = _intensity_curve(effect, create=depth > 0.0)
+        curve = compat.fcurve_of(effect, "hfx.intensity")
+        if curve is None and depth > 0.0:
+            effect.keyframe_insert("hfx.intensity", frame=0.0)
+            curve = compat.fcurve_of(effect, "hfx.intensity")
         count += 1
         if curve is None:
             continue
@@ -91,13 +93,3 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
             modifier.value_offset = -0.5 * depth * top
             modifier.phase_multiplier = 2.0 * pi * rate_hz / fps
     return count
-
-
-def _intensity_curve(effect: bpy.types.Object, *, create: bool) -> bpy.types.FCurve | None:
-    for curve in compat.fcurves(effect):
-        if curve.data_path == "hfx.intensity":
-            return curve
-    if not create:
-        return None
-    effect.keyframe_insert("hfx.intensity", frame=0.0)
-    return _intensity_curve(effect, create=False)

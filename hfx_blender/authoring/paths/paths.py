@@ -254,12 +254,7 @@ def set_motion(
 
 def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
     """The F-curve of an effect's position, if it has any."""
-    return curve_of(effect, POSITION)
-
-
-def curve_of(effect: bpy.types.Object, data_path: str) -> bpy.types.FCurve | None:
-    """The F-curve of one of an effect's numbers, if it has any."""
-    return next((c for c in compat.fcurves(effect) if c.data_path == data_path), None)
+    return compat.fcurve_of(effect, POSITION)
 
 
 def reverse(effect: bpy.types.Object) -> None:
@@ -313,10 +308,7 @@ def motion_keys(
         strips = sorted((s for _, s in clips.strips_of(effect)), key=lambda s: s.frame_start)
         keys = [key for strip in strips for key in clips.keys_in(strip, POSITION)]
     else:
-        frames = [key.co[0] for key in curve.keyframe_points]
-        if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
-            frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
-        keys = [(frame, curve.evaluate(frame)) for frame in frames]
+        keys = clips.linear_keys(curve)
     start = keys[0][0] if first is None and keys else first or 0.0
     fps = fps_of(scene)
     longer = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0

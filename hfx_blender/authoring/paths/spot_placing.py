@@ -60,7 +60,7 @@ def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_pat
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
-    curve = paths.curve_of(effect, data_path)
+    curve = compat.fcurve_of(effect, data_path)
     if curve is None:
         only_replaces = tools.auto_keying_mode == "REPLACE_KEYS"
         return not (only_replaces or edit.use_keyframe_insert_available)

@@ -11,6 +11,7 @@ import bpy
 from ...blender import compat
 from ...engine.modality import MODALITIES
 from ...errors import InputError
+from ..clips import clips
 from ..effects import effects
 
 if TYPE_CHECKING:
@@ -101,14 +102,11 @@ def curves_of(
         if curve is None or not len(curve.keyframe_points):
             curves.append((item.name, ((0.0, float(item.value)),)))
             continue
-        frames = [key.co[0] for key in curve.keyframe_points]
-        if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
-            whole = map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))
-            frames = sorted({*frames, *whole})
-        keys = (
-            (max((f - first) / fps, 0.0), min(max(curve.evaluate(f), 0.0), 1.0)) for f in frames
+        keys = tuple(
+            (max((frame - first) / fps, 0.0), min(max(value, 0.0), 1.0))
+            for frame, value in clips.linear_keys(curve)
         )
-        curves.append((item.name, tuple(keys)))
+        curves.append((item.name, keys))
     return tuple(curves)
 
 

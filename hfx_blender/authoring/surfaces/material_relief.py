@@ -88,17 +88,19 @@ def relief_of(material: bpy.types.Material) -> Relief:
 def colour_of(material: bpy.types.Material) -> Value:
     """The base colour of a material's surface, as far as it is that of one shader."""
     shader = _shader(material)
-    if shader is None:
+    inputs = [] if shader is None else _colour_inputs(shader)
+    if not inputs:
         return None
-    found = next((shader.inputs[k] for k in ("Base Color", "Color") if k in shader.inputs), None)
-    if found is None:
-        return None
-    source = _source(found)
+    source = _source(inputs[0])
     if source is not None:
         return source
     node = material.node_tree.nodes.new("ShaderNodeRGB")
-    node.outputs[0].default_value = found.default_value
+    node.outputs[0].default_value = inputs[0].default_value
     return node.outputs[0]
+
+
+def _colour_inputs(shader: bpy.types.Node) -> list[bpy.types.NodeSocket]:
+    return [shader.inputs[name] for name in ("Base Color", "Color") if name in shader.inputs]
 
 
 def colour_picture_of(material: bpy.types.Material) -> bpy.types.Image | None:
@@ -106,8 +108,7 @@ def colour_picture_of(material: bpy.types.Material) -> bpy.types.Image | None:
     shader = _shader(material)
     if shader is None:
         return None
-    names = ("Base Color", "Color")
-    waiting = [shader.inputs[name] for name in names if name in shader.inputs][:1]
+    waiting = _colour_inputs(shader)[:1]
     found, seen = set(), set()
     while waiting:
         for link in waiting.pop().links:

@@ -22,24 +22,17 @@ def state_of(obj: bpy.types.Object) -> str:
     Where nodes are drawn does not count, nor do the pixels of an image (see :func:`images_of`).
     """
     digest = hashlib.sha1(usedforsecurity=False)
-    for material in _materials(obj):
-        digest.update(repr(_material(material)).encode())
+    for slot in obj.material_slots:
+        digest.update(repr(_material(slot.material)).encode())
     return digest.hexdigest()
 
 
 def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
     """Images that the object's materials read."""
-    trees = [material.node_tree for material in _materials(obj) if material is not None]
-    return {
-        node.image
-        for tree in _all_trees([tree for tree in trees if tree is not None])
-        for node in tree.nodes
-        if getattr(node, "image", None) is not None
-    }
-
-
-def _materials(obj: bpy.types.Object) -> list[bpy.types.Material | None]:
-    return [slot.material for slot in obj.material_slots]
+    materials = [slot.material for slot in obj.material_slots]
+    trees = [each.node_tree for each in materials if each is not None and each.node_tree]
+    nodes = (node for tree in _all_trees(trees) for node in tree.nodes)
+    return {node.image for node in nodes if getattr(node, "image", None) is not None}
 
 
 def _all_trees(trees: list[bpy.types.NodeTree]) -> Iterator[bpy.types.NodeTree]:

@@ -15,6 +15,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ...blender import mesh_arrays
 from ...blender.scene_units import metres_of
@@ -98,7 +99,9 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
         raise InputError(
             f"Surface of '{owner}': no face is as large as a texel of UV map '{charts.name}'."
         )
-    heights = _finite(pixels[..., 0], owner) * unit
+    if not np.isfinite(pixels[..., 0]).all():
+        raise InputError(f"The material of '{owner}' has heights that are not finite numbers.")
+    heights = pixels[..., 0].astype(np.float64) * unit
     if any(relief.has_normal for relief in reliefs):
         texel_m = tile_m[0] / width, tile_m[1] / height
         normals = scratch.normals(reliefs)
@@ -122,12 +125,6 @@ def _luminance(scratch: _Scratch) -> F32:
     colour = scratch.emitted([material_relief.colour_of(m) for m in scratch.materials])
     values = luminance(np.nan_to_num(colour))
     return np.clip(values, 0.0, 1.0).astype(np.float32)
-
-
-def _finite(heights: F32, owner: str) -> F64:
-    if not np.isfinite(heights).all():
-        raise InputError(f"The material of '{owner}' has heights that are not finite numbers.")
-    return heights.astype(np.float64)
 
 
 def _fault(scratch: _Scratch, charts: Charts) -> str:
@@ -230,8 +227,6 @@ class _Scratch:
 
     def make_tile(self, charts: Charts) -> None:
         """Reduce the copy to one face with one UV tile of its material."""
-        from mathutils import Matrix
-
         scale = abs(self.copy.matrix_world.determinant()) ** (1.0 / 3.0)
         self.copy.matrix_world = Matrix.Scale(scale, 4)
         surface_uv.make_tile(self.copy.data, charts, scale)

@@ -51,7 +51,8 @@ def relief_of(obj: bpy.types.Object) -> Relief:
         return _of_scan(obj)
     if source == "PROCEDURAL":
         settings = obj.hfx.surface
-        return _of_library(settings.procedural, settings.seed, settings.resolution)
+        material = procedural.material(settings.procedural)
+        return Relief(*material.make(max(settings.resolution, 16), settings.seed))
     raise InputError(f"The surface of '{obj.name}' is an imported map: it has no relief.")
 
 
@@ -168,17 +169,7 @@ def read_scan(
     span = np.ptp(points[:, :2], axis=0)
     # A texel for each point, up to the requested number.
     texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
-    return Relief(from_points(points, texel), notes=_unlikely(span))
-
-
-def _unlikely(span_m: np.ndarray) -> tuple[str, ...]:
-    """Note about a size that a wrong unit would explain."""
-    longest = float(span_m.max())
-    if _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
-        return ()
-    return (f"the scan is {1000.0 * longest:.3g} mm long; is the unit of its numbers right?",)
-
-
-def _of_library(name: str, seed: int, texels: int) -> Relief:
-    field, roughness = procedural.material(name).make(max(texels, 16), seed)
-    return Relief(field, roughness)
+    longest, notes = float(span.max()), ()
+    if not _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
+        notes = (f"the scan is {1000.0 * longest:.3g} mm long; is the unit of its numbers right?",)
+    return Relief(from_points(points, texel), notes=notes)

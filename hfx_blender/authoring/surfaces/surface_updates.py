@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
 
 import bpy
 
@@ -39,7 +38,8 @@ def request(obj: bpy.types.Object) -> None:
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
         return  # nothing was made yet: the first bake needs a request
     _waiting.add(obj.name)
-    _schedule(make_waiting, DELAY_S)
+    remove_timers(make_waiting)
+    call_soon(make_waiting, DELAY_S)
 
 
 def shown(obj: bpy.types.Object) -> None:
@@ -111,7 +111,7 @@ def bake_outdated() -> float | None:
     since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited
         return BAKE_DELAY_S - since
-    if any(window.screen.is_animation_playing for window in _windows()):
+    if any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows):
         return BAKE_DELAY_S
     for obj in check():
         if obj.hfx.surface.source == "IMAGE" or may_bake(obj):
@@ -145,17 +145,8 @@ def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
         obj.hfx.surface.is_faulty = True
 
 
-def _schedule(work: Callable[[], object], delay_s: float) -> None:
-    remove_timers(work)
-    call_soon(work, delay_s)
-
-
-def _windows() -> list[bpy.types.Window]:
-    return list(bpy.context.window_manager.windows)
-
-
 def _redraw() -> None:
-    for window in _windows():
+    for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in ("VIEW_3D", "IMAGE_EDITOR"):
                 area.tag_redraw()

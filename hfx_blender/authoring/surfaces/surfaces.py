@@ -186,16 +186,24 @@ def _keep_layers(obj: bpy.types.Object) -> None:
     if settings.layers_of == _layer_key(obj):
         return
     made = _map_of(obj, field_of(obj))
-    for name, title, layer in (
-        ("intensity_image", "Intensity", made.intensity),
-        ("sharpness_image", "Sharpness", made.sharpness),
-    ):
-        if settings.source != "MAP":
-            image = image_values.store(f"{obj.name} {title}", getattr(settings, name), [layer])
-            setattr(settings, name, image)
-        image_values.show(getattr(settings, name), layer)
+    if settings.source != "MAP":
+        _store_layers(obj, made)
+    image_values.show(settings.intensity_image, made.intensity)
+    image_values.show(settings.sharpness_image, made.sharpness)
     settings.warning = surface_saturation.warning(obj, made)
     settings.layers_of = _layer_key(obj)
+
+
+def _store_layers(obj: bpy.types.Object, made: HapticMap) -> None:
+    from . import image_values
+
+    settings = obj.hfx.surface
+    settings.intensity_image = image_values.store(
+        f"{obj.name} Intensity", settings.intensity_image, [made.intensity]
+    )
+    settings.sharpness_image = image_values.store(
+        f"{obj.name} Sharpness", settings.sharpness_image, [made.sharpness]
+    )
 
 
 def ensure(obj: bpy.types.Object) -> None:
@@ -353,15 +361,9 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
     """Store an imported map as the object's surface."""
     from ...engine.texture.device_range import STANDARD_GRAVITY
-    from . import image_values
 
     settings = obj.hfx.surface
-    settings.intensity_image = image_values.store(
-        f"{obj.name} Intensity", settings.intensity_image, [made.intensity]
-    )
-    settings.sharpness_image = image_values.store(
-        f"{obj.name} Sharpness", settings.sharpness_image, [made.sharpness]
-    )
+    _store_layers(obj, made)
     settings.made_size_mm = [1000.0 * length for length in made.size_m]
     settings.made_tiles = made.tiles
     settings.lowest_hz, settings.highest_hz = made.device.frequency_hz

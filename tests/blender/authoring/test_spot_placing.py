@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mathutils import Vector
 
 from hfx_blender.authoring.paths import paths, spot_placing
+from hfx_blender.blender import compat
 from hfx_blender.engine.areas.spot import lengths_along, places_on
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.operators.paths import path_overlay
@@ -242,7 +243,7 @@ def test_the_radius_is_set_and_keyed(spot: Any) -> None:
     auto_key()
     bpy.context.scene.frame_set(10)
     bpy.ops.hfx.resize_spot(radius=0.02)
-    curve = paths.curve_of(spot, "hfx.radius")
+    curve = compat.fcurve_of(spot, "hfx.radius")
     assert [key.co[:] for key in curve.keyframe_points] == [(10.0, pytest.approx(0.02))]
     bpy.ops.hfx.resize_spot(radius=-1.0)
     assert spot.hfx.radius == 0.0
