@@ -240,8 +240,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             for position, mode in effect.get("modes", {}).items():
                 dots = [dot for dot in layouts.get(position, []) if "index" in dot]
                 if mode.get("mode") == "PATH_MODE":
-                    _count_lost(mode, dots, lost)
-                    played = _path_pieces(effect, mode, dots)
+                    played = _path_pieces(effect, mode, dots, lost)
                 else:
                     played = _dot_pieces(effect, mode)
                 for index, piece in played:
@@ -260,20 +259,6 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         left_out = tuple(f"{count} {what}" for what, count in lost.items())
         signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)
     return signals, DEFAULT_RANGE
-
-
-def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
-    """Count the parts of a path that cannot be played as intended."""
-    for feedback in _feedbacks(mode, "pathMode"):
-        if not feedback.get("pointList"):
-            lost["paths without points, which are silent"] += 1
-        elif not dots:
-            lost["paths at a position whose layout has no dots"] += 1
-        else:
-            if len(feedback["pointList"]) > 1:
-                lost["moving points, which jump from dot to dot"] += 1
-            if feedback.get("playbackType", "NONE") != "NONE":
-                lost["fades of paths"] += 1
 
 
 def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
@@ -310,16 +295,26 @@ def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[
 
 
 def _path_pieces(
-    effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]]
+    effect: dict[str, Any],
+    mode: dict[str, Any],
+    dots: list[dict[str, Any]],
+    lost: Counter[str],
 ) -> Iterator[tuple[int, Piece]]:
-    if not dots:
-        return  # a warning of the rules; decode counts it
+    """Pieces of the dots nearest to a path; ``lost`` counts what is not played as intended."""
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
     for feedback in _feedbacks(mode, "pathMode"):
         points = sorted(feedback.get("pointList", []), key=_time_of)
         if not points:
-            continue  # silence, as players take it; decode counts it
+            lost["paths without points, which are silent"] += 1
+            continue
+        if not dots:
+            lost["paths at a position whose layout has no dots"] += 1
+            continue
+        if len(points) > 1:
+            lost["moving points, which jump from dot to dot"] += 1
+        if feedback.get("playbackType", "NONE") != "NONE":
+            lost["fades of paths"] += 1
         ends = [_time_of(point) for point in points[1:]] + [effect.get("offsetTime", 0)]
         for point, end in zip(points, ends, strict=True):
             off = places - (float(point.get("x", 0.5)), float(point.get("y", 0.5)))
