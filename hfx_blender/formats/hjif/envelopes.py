@@ -13,8 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ...engine.arrays import F64
-from ..signals.curve_grid import on_grid
+from ...engine.arrays import F64, I64, Bool
 from ..signals.curves import Curve, simplified
 from .semantics import MAX_TIMESCALE
 
@@ -22,6 +21,15 @@ MAX_HZ: Final = 1000
 _WHOLE_HZ: Final = 0.5  # that rounding to whole hertz may take
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
 _FINE_TICKS: Final = 8000  # a second, where that divides well
+
+_SILENT: Final = 0.01
+"""Share of the tolerance that may be left where the original is silent."""
+
+_STRAIGHT: Final = 1e-9
+"""Distance from the straight line between its neighbours at which a keyframe is needed."""
+
+_HOLD: Final = 3
+"""Rows of one value in a row that make a hold."""
 
 PITCH_HZ: Final = 1.0
 """Largest error of the frequency of a vibration."""
@@ -141,10 +149,10 @@ def _wave_keyframes(
 ) -> tuple[Keyframe, ...]:
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
-    amplitude = on_grid(few, strength, tolerance, timescale)
+    amplitude = _on_grid(few, strength, tolerance, timescale)
     left_hz = PITCH_HZ - _WHOLE_HZ
     few = simplified(tone, left_hz, lowest=float(hertz.min()), highest=float(hertz.max()))
-    pitch = on_grid(few, tone, left_hz, timescale)
+    pitch = _on_grid(few, tone, left_hz, timescale)
     knots = np.union1d(amplitude[0], pitch[0])
     return tuple(
         Keyframe(tick, round(min(max(level, 0.0), 1.0), 6), round(frequency))
@@ -155,6 +163,78 @@ def _wave_keyframes(
             strict=True,
         )
     )
+
+
+def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tuple[I64, F64]:
+    """A simplified curve with its keyframes moved to whole ticks.
+
+    Holds of the original, three rows of one value or more, stay exactly constant. Where a
+    moved keyframe leaves the tolerance, the original's own rows beside it are taken: they are
+    met exactly wherever they lie on ticks.
+
+    Parameters
+    ----------
+    few : Curve
+        Within ``tolerance`` of ``dense``.
+    dense : Curve
+        Times ascend strictly.
+    tolerance : float
+        In the unit of the values.
+    ticks_per_s : int
+
+    Returns
+    -------
+    ticks : (n,) int64
+        Ascending, from the original's first tick to its last.
+    values : (n,) float64
+    """
+    own_ticks = np.rint(dense.times_s * ticks_per_s).astype(np.int64)
+    few_ticks = np.rint(few.times_s * ticks_per_s).astype(np.int64)
+    is_held = _holds(dense.values)
+    is_pinned = is_held.copy()
+    is_pinned[1:] |= is_held[:-1]  # a hold's last row
+    while True:
+        ticks, values = _merged(few_ticks, few.values, own_ticks, dense.values, is_pinned)
+        at = np.union1d(ticks, own_ticks)
+        wanted = np.interp(at, own_ticks, dense.values)
+        off = np.abs(np.interp(at, ticks, values) - wanted)
+        is_off = (off > tolerance) | ((wanted == 0.0) & (off > _SILENT * tolerance))
+        row = np.searchsorted(own_ticks, at[is_off], side="right") - 1
+        newly = np.unique(np.concatenate([row, np.minimum(row + 1, len(own_ticks) - 1)]))
+        if is_pinned[newly].all():
+            break
+        is_pinned[newly] = True
+    keep = np.ones(len(ticks), np.bool_)
+    slopes = np.diff(values) / np.diff(ticks)
+    keep[1:-1] = (
+        np.abs(np.diff(slopes)) * np.minimum(np.diff(ticks)[:-1], np.diff(ticks)[1:]) > _STRAIGHT
+    )
+    return ticks[keep], values[keep]
+
+
+def _holds(values: F64) -> Bool:
+    """Mask of rows whose next row continues a hold, (n,)."""
+    is_same = np.concatenate([values[1:] == values[:-1], [False]])
+    edges = np.diff(np.concatenate([[0], is_same.astype(np.int8), [0]]))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    found = np.zeros(len(values), np.bool_)
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        found[begin:end] = end - begin + 1 >= _HOLD
+    return found
+
+
+def _merged(
+    few_ticks: I64, few_values: F64, own_ticks: I64, own_values: F64, is_pinned: Bool
+) -> tuple[I64, F64]:
+    """Simplified keyframes, but rows of the original where these are pinned."""
+    row = np.clip(np.searchsorted(own_ticks, few_ticks, side="right") - 1, 0, len(own_ticks) - 1)
+    after = np.minimum(row + 1, len(own_ticks) - 1)
+    is_taken = is_pinned[row] & (is_pinned[after] | (own_ticks[row] == few_ticks))
+    # Later entries win where several have one tick: the original's rows come last.
+    ticks = np.concatenate([few_ticks[~is_taken], own_ticks[is_pinned]])
+    values = np.concatenate([few_values[~is_taken], own_values[is_pinned]])
+    ascending, last = np.unique(ticks[::-1], return_index=True)
+    return ascending, values[::-1][last]
 
 
 def _split(frames: tuple[Keyframe, ...]) -> list[Burst]:
@@ -189,7 +269,7 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
     """A pressure, temperature or wind over the whole time: one effect at position 0, if it fits."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
-    ticks, values = on_grid(few, strength, tolerance, timescale)
+    ticks, values = _on_grid(few, strength, tolerance, timescale)
     if len(ticks) == 1:
         ticks, values = np.array([ticks[0], ticks[0] + 2]), np.repeat(values, 2)
     frames = tuple(
