@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -334,14 +335,12 @@ def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
         left_out += (f"{Path(name).name}: has more than ticks, which are all that is taken",)
     return replace(
         signal,
-        transients=tuple(sorted((*signal.transients, *ticking.transients), key=_time_of)),
+        transients=tuple(
+            sorted((*signal.transients, *ticking.transients), key=attrgetter("time_s"))
+        ),
         left_out=signal.left_out + left_out,
         notes=(*signal.notes, *notes, f"read with {Path(name).name} beside it"),
     )
-
-
-def _time_of(tick: Transient) -> float:
-    return tick.time_s
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:

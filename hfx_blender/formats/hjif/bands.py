@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -87,11 +88,7 @@ def _columns(
             levels.append((time, float(frame["amplitude_modulation"])))
         if "frequency_modulation" in frame:
             hertz.append((time, float(frame["frequency_modulation"])))
-    return sorted(levels, key=_time), sorted(hertz, key=_time)
-
-
-def _time(point: tuple[float, float]) -> float:
-    return point[0]
+    return sorted(levels, key=itemgetter(0)), sorted(hertz, key=itemgetter(0))
 
 
 def _curve_of(points: _Points, otherwise: tuple[float, float] = (0.0, 0.0)) -> Curve:
