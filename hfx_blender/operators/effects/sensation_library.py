@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reuse: effects to and from files and the clipboard, and ready sensations."""
+"""Reuse: effects to and from files (HJIF, too) and the clipboard, and ready sensations."""
 
 from __future__ import annotations
 
@@ -15,8 +15,17 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...errors import HfxError, InputError
 from ...files import resources, suffixes
+from ...text import printable
 from .. import framing
-from ..shared import EnumItems, HfxOperator, kept_items, select_only, target_body, to_object_mode
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    kept_items,
+    select_only,
+    target_body,
+    to_object_mode,
+)
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -154,6 +163,31 @@ Those in your folder of effects are in Add > Haptic > Sensation"""
         sensation = _selected(context, self.name or path.stem.replace("_", " ").title())
         effect_file.save(sensation, path)
         return f"Saved {len(sensation.effects)} effects to {path.name}"
+
+
+class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
+    """Add the channels of an MPEG HJIF file as painted effects, from the current frame on"""
+
+    bl_idname = "hfx.import_hjif"
+    bl_label = "Import Haptics"
+
+    filename_ext = ".hjif"
+    filter_glob: StringProperty(default="*.hjif", options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring.effects import hjif_import
+
+        made, left_out, notes = hjif_import.import_hjif(
+            context.scene,
+            Path(self.filepath),
+            target_body(context),
+            float(context.scene.frame_current),
+        )
+        for each in [*notes, *(f"left out {each}" for each in left_out)]:
+            self.report({"WARNING"}, printable(each[:1].upper() + each[1:]))
+        if not made:
+            raise InputError(f"{self.filepath}: has nothing that can become an effect.")
+        return f"Added {len(made)} effects"
 
 
 copied_sensation = ""  # in the background there is no clipboard
