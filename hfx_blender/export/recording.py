@@ -66,19 +66,15 @@ class Recorded:
     @classmethod
     def merged(cls, parts: Sequence[Self]) -> Self:
         """Merge parts, given in the order of time, into the facts of a single recording."""
-        counted = Counters()
+        counted, read, times = Counters(), ReadingCounters(), FeltTimes()
         faults: dict[str, set[int]] = {}
-        for part in parts:
-            for text, samples in part.faults.items():
-                faults.setdefault(text, set()).update(samples)
-        read = ReadingCounters()
         for part in parts:
             counted.add(Counters(**part.engine))
             read.add(ReadingCounters(**part.reading))
-        notes = dict.fromkeys(note for part in parts for note in part.notes)
-        times = FeltTimes()
-        for part in parts:
             times.add(part.times or FeltTimes())
+            for text, samples in part.faults.items():
+                faults.setdefault(text, set()).update(samples)
+        notes = dict.fromkeys(note for part in parts for note in part.notes)
         is_complete = all(part.felt_times is not None for part in parts)
         return cls(
             counted.as_dict(),

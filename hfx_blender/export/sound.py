@@ -57,11 +57,7 @@ class SoundRecorder:
         Nothing can sound: there is no volume, or nobody who hears it.
     """
 
-    def __init__(
-        self,
-        scene: SceneDescription,
-        settings: SoundSettings,
-    ) -> None:
+    def __init__(self, scene: SceneDescription, settings: SoundSettings) -> None:
         self._scene = scene
         self._settings = settings
         self._volumes = [
