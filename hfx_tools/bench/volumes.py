@@ -173,8 +173,8 @@ def _asked_more(
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
         "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
-        "clearance_ms": lambda: volume.clearance(points),
-        "passage_ms": lambda: volume.passage(points, ends),
+        "clearance_ms": lambda: volume.compiled().clearances(points),
+        "passage_ms": lambda: volume.compiled().passages(points, ends),
     }
     found = {}
     for name, question in questions.items():

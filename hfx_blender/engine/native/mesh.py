@@ -197,13 +197,22 @@ class NativeMesh:
         self.pointers = structure("hfx_mesh")(*parts, slack, depth)
 
     def clearances(self, points: F64) -> F64:
-        """See :meth:`..volume.mesh.MeshVolume.clearance`."""
+        """Bound of the distance to the boundary of points (3, N), shape space, (N,).
+
+        Within less than its absolute value all points are on the same side of the boundary: it is
+        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
+        for NaN.
+        """
         found = np.empty(points.shape[1])
         loaded().hfx_mesh_clearances(self.pointers, points, points.shape[1], found)
         return found
 
     def passages(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """See :meth:`..volume.mesh.MeshVolume.passage`."""
+        """First and last time at which points in straight, even motion are inside, (N,) each.
+
+        From 0 at the ``starts`` (3, N) to 1 at the ``ends``; infinite, and minus infinity, where a
+        point is never inside. In between a point may leave the mesh for a while.
+        """
         first, last = np.empty((2, starts.shape[1]))
         loaded().hfx_mesh_passages(self.pointers, starts, ends, len(first), first, last)
         return first, last

@@ -60,9 +60,6 @@ class _Convex:
     def contains(self, points: F64) -> Bool:
         return self._squared(points) <= 1.0
 
-    def rise(self, points: F64) -> F64:
-        return np.fmax(1.0 - np.sqrt(self._squared(points)), 0.0)
-
 
 @dataclass(frozen=True)
 class Cuboid(_Convex):

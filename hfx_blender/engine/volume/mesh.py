@@ -163,22 +163,12 @@ class MeshVolume:
     def contains(self, points: F64) -> Bool:
         return self.grid.contains(points)
 
-    def rise(self, points: F64) -> F64:
-        """Depth in shape space over the largest depth; see :meth:`Shape.rise`. 0 outside."""
-        if self.core_radius == 0.0:
-            return np.zeros(points.shape[1])
-        return np.minimum(self._depth(points, np.eye(3)) / self.core_radius, 1.0)
-
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
-        return self._depth(points, to_world[:3, :3])
-
-    def _depth(self, points: F64, linear: F64) -> F64:
         depths = np.zeros(points.shape[1])
         inside = np.flatnonzero(self.contains(points))
-        if not len(inside):
-            return depths
-        depths[inside] = self.surface_distance_m(points[:, inside], linear)
+        if len(inside):
+            depths[inside] = self.surface_distance_m(points[:, inside], to_world[:3, :3])
         return depths
 
     def surface_distance_m(self, points: F64, linear: F64) -> F64:
@@ -201,23 +191,6 @@ class MeshVolume:
     @cached_property
     def _compiled(self) -> dict[bool, NativeMesh]:
         return {}
-
-    def clearance(self, points: F64) -> F64:
-        """Bound of the distance to the boundary of points (3, N), shape space, (N,).
-
-        Within less than its absolute value all points are on the same side of the boundary: it is
-        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
-        for NaN.
-        """
-        return self.compiled().clearances(points)
-
-    def passage(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """First and last time at which points in straight, even motion are inside, (N,) each.
-
-        From 0 at the ``starts`` (3, N) to 1 at the ``ends``; infinite, and minus infinity, where a
-        point is never inside. In between a point may leave the mesh for a while.
-        """
-        return self.compiled().passages(starts, ends)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
         """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""

@@ -25,13 +25,6 @@ class Shape(Protocol):
     def contains(self, points: F64) -> Bool:
         """Test points for being inside or on the boundary, (N,) bool."""
 
-    def rise(self, points: F64) -> F64:
-        """Relative depth of each point, from the boundary towards the core, (N,).
-
-        0 on the boundary, 1 at the core (the points farthest inside), linear between along
-        the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
-        """
-
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """World-space distance to the boundary of points that are inside, (N,) metres.
 
@@ -69,7 +62,10 @@ class Falloff:
         return np.float32 if self.is_flat else np.float64
 
     def weight(self, rise: F64) -> F64:
-        """Contact weight in 0..1 for the ``rise`` of points that are inside, (N,)."""
+        """Contact weight (N,) in 0..1 of points inside.
+
+        ``rise`` is their share of the way from the boundary, 0, to the core, 1.
+        """
         if self.is_flat:
             return np.ones_like(rise)
         t = np.clip(rise, 0.0, self.share) / self.share

@@ -19,11 +19,11 @@ def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
     """Pointers prepared for the library are valid in this process only, and are not pickled."""
     shape, points = MeshVolume(*MESHES["rough"], "rough"), np.zeros((3, 2))
     untouched = pickle.dumps(shape)
-    assert shape.contains(points).all() and shape.rise(points).all()
-    assert shape.clearance(points).all() and shape.bounds.any()
+    assert shape.contains(points).all() and shape.core_radius
+    assert shape.compiled().clearances(points).all() and shape.bounds.any()
     assert pickle.dumps(shape) == untouched
     there = pickle.loads(untouched)
-    np.testing.assert_array_equal(there.rise(points), shape.rise(points))
+    assert there.core_radius == shape.core_radius
     assert copy.deepcopy(shape).contains(points).all()
 
 
@@ -38,5 +38,5 @@ def test_a_cap_over_a_hole_is_surface_to_what_flies_through_it() -> None:
     starts, ends = path = np.array([[[0.01], [0.02], [-3.0]], [[0.01], [0.02], [3.0]]])
     tunnel = MeshVolume(vertices, triangles.astype(np.int32), "Tunnel")
     assert "2 holes were" in tunnel.note
-    for found in (tunnel.passage(starts, ends), reference.passage(tunnel, path)):
+    for found in (tunnel.compiled().passages(starts, ends), reference.passage(tunnel, path)):
         np.testing.assert_allclose(np.ravel(found), [1 / 3, 2 / 3], rtol=1e-12)

@@ -49,7 +49,7 @@ SHAPES: dict[str, Shape] = {
 def passage(shape: Shape, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times by the library for meshes, by the reference for formulas."""
     if isinstance(shape, MeshVolume):
-        return shape.passage(starts, ends)
+        return shape.compiled().passages(starts, ends)
     return reference.passage(shape, np.stack([starts, ends]))
 
 
@@ -87,7 +87,7 @@ def test_a_passage_is_what_many_moments_show(name: str) -> None:
 def test_clearance_holds_on_all_sides() -> None:
     shape, rng = _torus(), np.random.default_rng(2)
     points = rng.uniform(-2.0, 2.0, (3, 2000))
-    clear = shape.clearance(points)
+    clear = shape.compiled().clearances(points)
     directions = rng.normal(size=points.shape)
     directions /= np.linalg.norm(directions, axis=0)
     known = clear != 0.0

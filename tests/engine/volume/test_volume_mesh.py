@@ -11,9 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from volume_cases import MESHES, mesh, placing, rotation
 
+from hfx_blender.engine.reference import shapes as reference
 from hfx_blender.engine.volume import mesh_inside
 from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind
 from hfx_blender.errors import InputError
+
+LINEAR = Falloff(FalloffKind.LINEAR)
 
 
 def to_surface(vertices, triangles, points):
@@ -197,10 +201,9 @@ def test_points_that_are_no_numbers_are_outside(rng):
     )
     matrix = placing("sheared", rng)
     assert not volume.contains(points).any()
-    np.testing.assert_array_equal(volume.rise(points), 0.0)
     np.testing.assert_array_equal(volume.depth_m(points, matrix), 0.0)
     nothing = np.zeros((3, 0))
-    for result in (volume.contains(nothing), volume.rise(nothing), volume.depth_m(nothing, matrix)):
+    for result in (volume.contains(nothing), volume.depth_m(nothing, matrix)):
         assert result.shape == (0,)
 
 
@@ -272,7 +275,8 @@ def test_depth_of_a_cuboid_mesh_is_that_of_the_cuboid(rng):
         expected = Cuboid().depth_m(points, matrix)
         size = np.abs(matrix[:3, :3]).max()
         np.testing.assert_allclose(volume.depth_m(points, matrix), expected, atol=1e-13 * size)
-    np.testing.assert_allclose(volume.rise(points), Cuboid().rise(points), atol=0.011)
+    expected = reference.strength(Cuboid(), LINEAR, points)
+    np.testing.assert_allclose(reference.strength(volume, LINEAR, points), expected, atol=0.011)
 
 
 @pytest.mark.parametrize(
@@ -298,8 +302,9 @@ def test_rise_reaches_one_at_the_core(name, parts, radius):
 def test_rise_by_hand():
     volume = MeshVolume(*box((-1, -1, -1), (1, 1, 1)), "Box")
     points = np.array([[0, 0, 0], [0.5, 0, 0], [0, -0.75, 0.1], [1.5, 0, 0]]).T
-    np.testing.assert_allclose(volume.rise(points), [1.0, 0.5, 0.25, 0.0], atol=0.01)
-    assert volume.rise(points).max() <= 1.0
+    found = reference.strength(volume, LINEAR, points)
+    np.testing.assert_allclose(found, [1.0, 0.5, 0.25, 0.0], atol=0.01)
+    assert found.max() <= 1.0
 
 
 CUBE = box((0, 0, 0), (1, 1, 1))
