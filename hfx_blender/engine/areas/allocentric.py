@@ -29,7 +29,7 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
-from ..volume.fewer_faces import SHARE, of_fewer_faces
+from ..volume.decimation import SHARE, of_fewer_faces
 from ..volume.mesh import MeshVolume
 from ..volume.placing_matrix import world_bounds
 from ..volume.shape import Falloff

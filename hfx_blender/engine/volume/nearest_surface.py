@@ -73,15 +73,15 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
         normals = points.copy()
         normals[2] -= np.clip(points[2], -shape.half_segment, shape.half_segment)
     else:
-        return _by_neighbours(shape, points, to_world)
+        normals = _by_neighbours(shape, points)
     world = inverse_3x3(to_world[None, :3, :3])[0].T @ normals
     length = np.sqrt(np.einsum("in,in->n", world, world))
     unit: F64 = world / np.where(length > 0.0, length, 1.0)
     return unit
 
 
-def _by_neighbours(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Normal away from the inside part of a little ball around the point."""
+def _by_neighbours(shape: Shape, points: F64) -> F64:
+    """Normals (3, N), shape space, away from the inside part of a little ball around each point."""
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
     golden = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(64)
@@ -90,11 +90,8 @@ def _by_neighbours(shape: Shape, points: F64, to_world: F64) -> F64:
     directions = np.stack([around * np.cos(golden), around * np.sin(golden), height])
     probes = points[:, :, None] + radius * directions[:, None]
     inside = shape.contains(probes.reshape(3, -1)).reshape(points.shape[1], -1)
-    outwards = -(inside[None] * directions[:, None]).sum(axis=2)
-    world = inverse_3x3(to_world[None, :3, :3])[0].T @ outwards
-    length = np.sqrt(np.einsum("in,in->n", world, world))
-    unit: F64 = world / np.where(length > 0.0, length, 1.0)
-    return unit
+    outwards: F64 = -(inside[None] * directions[:, None]).sum(axis=2)
+    return outwards
 
 
 def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
