@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic modalities: one table of their facts, and how effects combine.
+"""Haptic modalities: one table of their facts.
 
 Physical units everywhere: vibration m/s^2 (peak) and Hz, pressure kPa, temperature degrees
 Celsius, wind m/s. What an effect does at a place is ``weight * level * parameter``; for
@@ -210,84 +210,3 @@ MODALITY_ITEMS: Final = tuple((m.name, m.title, m.description) for m in MODALITI
 def neutral_temperature_c(is_contact: bool) -> float:
     """Temperature without any effect, degrees Celsius."""
     return CONTACT_NEUTRAL_C if is_contact else AMBIENT_NEUTRAL_C
-
-
-def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
-    """Amplitude and frequency of several vibrations at each place.
-
-    Equal frequencies (within 1 Hz of the lowest of their group) are taken to be in phase and
-    add; groups of unequal frequency add as powers. The frequency is that of the strongest group.
-
-    Parameters
-    ----------
-    amplitudes : (n, ...) float64
-        Peak acceleration of each of n vibrations at each place, m/s^2.
-    frequencies_hz : (n, ...) float64
-        Broadcast against ``amplitudes``.
-
-    Returns
-    -------
-    amplitude : (...) float64
-        m/s^2.
-    frequency_hz : (...) float64
-        The lowest of the strongest group; 0 where nothing vibrates.
-    """
-    import numpy as np
-
-    frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
-    amplitudes, places = np.broadcast_to(amplitudes, frequencies.shape), frequencies.shape[1:]
-    if len(frequencies) > 1:
-        order = np.argsort(frequencies, axis=0, kind="stable")
-        frequencies = np.take_along_axis(frequencies, order, axis=0)
-        amplitudes = np.take_along_axis(amplitudes, order, axis=0)
-    group, power, strongest, frequency = np.zeros((4, *places))
-    group_hz = np.full(places, -np.inf)
-    for amplitude, each_hz in zip(amplitudes, frequencies, strict=True):
-        begins = each_hz > group_hz + 1.0
-        power = power + np.where(begins, group**2, 0.0)
-        group = np.where(begins, 0.0, group) + amplitude
-        group_hz = np.where(begins, each_hz, group_hz)
-        frequency = np.where(group > strongest, group_hz, frequency)
-        strongest = np.maximum(group, strongest)
-    return np.sqrt(power + group**2), frequency
-
-
-def combine_pressure(pressures_kpa: F64) -> F64:
-    """Add pressures at one place: (n, ...) kPa of n effects to (...) kPa."""
-    import numpy as np
-
-    return np.asarray(np.sum(pressures_kpa, axis=0))
-
-
-def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[F64, F64]:
-    """Add winds at one place as vectors.
-
-    Parameters
-    ----------
-    speeds_m_s : (n, ...) float64
-    directions : (n, ..., 3) float64
-        Unit vectors, world space, the way that the air moves; broadcast against the speeds.
-
-    Returns
-    -------
-    speed_m_s : (...) float64
-    direction : (..., 3) float64
-        Zero where the winds cancel.
-    """
-    import numpy as np
-
-    velocity = np.sum(np.asarray(speeds_m_s)[..., None] * np.asarray(directions), axis=0)
-    speed = np.linalg.norm(velocity, axis=-1)
-    return speed, velocity / np.where(speed > 0.0, speed, 1.0)[..., None]
-
-
-def combine_temperature(temperatures_c: F64, strengths: F64, neutrals_c: F64) -> F64:
-    """Deviation from neutral of several effects at each place, degrees Celsius.
-
-    Each of n effects, the first axis of all, contributes
-    ``strength * (temperature - its own neutral)``; the sum (...) is the deviation that
-    a device adds to its own neutral temperature.
-    """
-    import numpy as np
-
-    return np.asarray(np.sum(strengths * (temperatures_c - neutrals_c), axis=0))

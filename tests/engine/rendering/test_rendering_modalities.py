@@ -6,12 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.engine.modality import (
-    combine_pressure,
-    combine_temperature,
-    combine_vibration,
-    combine_wind,
-)
+from hfx_blender.engine.rendering.conditioning.mixing import Contribution, combine_vibration, mix
+
+
+def strengths(modality, *effects):
+    """Strengths at A actuators of effects: (shares at the actuators, parameters, neutral)."""
+    contributions = [
+        Contribution(np.array([shares]), np.array([parameters]), neutral_c)
+        for shares, parameters, neutral_c in effects
+    ]
+    return mix(modality, contributions).strengths[0]
 
 
 @pytest.mark.parametrize(
@@ -56,22 +60,19 @@ def test_vibration_does_not_depend_on_the_order_and_is_bounded(pairs):
 
 
 def test_pressures_add():
-    np.testing.assert_array_equal(combine_pressure(np.array([[1.0, 2.0], [0.5, 4.0]])), [1.5, 6.0])
+    found = strengths("pressure", ([0.5, 1.0], [2.0], 0.0), ([0.25, 1.0], [4.0], 0.0))
+    np.testing.assert_array_equal(found, [2.0, 6.0])
 
 
 def test_winds_add_as_vectors():
-    directions = np.array([[1.0, 0, 0], [0, 1.0, 0]])[:, None, :]
-    speed, direction = combine_wind(np.array([[3.0, 2.0], [4.0, 0.0]]), directions)
-    np.testing.assert_allclose(speed, [5.0, 2.0])
-    np.testing.assert_allclose(direction, [[0.6, 0.8, 0], [1, 0, 0]])
-    opposite = np.array([[0, 0, 1.0], [0, 0, -1.0]])
-    speed, direction = combine_wind(np.array([2.0, 2.0]), opposite)
-    assert speed == 0.0 and direction.tolist() == [0, 0, 0]
+    along_x = [1.0, 0.5], [3.0, 1.0, 0.0, 0.0], 0.0
+    along_y = [1.0, 0.0], [4.0, 0.0, 1.0, 0.0], 0.0
+    np.testing.assert_allclose(strengths("wind", along_x, along_y), [5.0, 1.5])
+    back = [1.0, 0.5], [3.0, -1.0, 0.0, 0.0], 0.0
+    np.testing.assert_array_equal(strengths("wind", along_x, back), [0.0, 0.0])
 
 
 def test_temperature_deviates_from_each_effects_own_neutral():
     # Air of 30 degC warms by 6 K at full strength; an object of 30 degC cools by 1.5 K at half.
-    found = combine_temperature(
-        np.array([30.0, 30.0]), np.array([1.0, 0.5]), np.array([24.0, 33.0])
-    )
-    assert found == 4.5
+    found = strengths("temperature", ([1.0], [30.0], 24.0), ([0.5], [30.0], 33.0))
+    assert found == [4.5]

@@ -22,7 +22,7 @@ felt. The just noticeable difference of vibration amplitude is 10 to 20 % and mo
 and Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
 _ALIKE_HZ: Final = 1.0
-"""Frequencies closer than this count as one, as in ``modality.combine_vibration``."""
+"""Frequencies closer than this count as one, as in ``mixing.combine_vibration``."""
 
 
 class StrongestContributor:

@@ -9,13 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import F64
-from ...modality import (
-    MODALITIES,
-    combine_pressure,
-    combine_temperature,
-    combine_vibration,
-    combine_wind,
-)
+from ...modality import MODALITIES
 from ..device import Substitution
 
 
@@ -39,20 +33,63 @@ class Mixed:
 
 
 def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
-    """Combine the contributions of one modality, at least one, by the modality's own rule."""
+    """Combine the contributions of one modality, at least one, by the modality's own rule.
+
+    Deviations from each effect's own neutral temperature add, winds add as vectors, vibrations by
+    :func:`combine_vibration`, all others as they are.
+    """
     strengths = np.stack([each.strengths for each in contributions])
     parameters = np.stack([each.parameters for each in contributions])[:, :, None, :]
     if modality == "temperature":
         neutrals = np.array([each.neutral_c for each in contributions])[:, None, None]
-        return Mixed(combine_temperature(parameters[..., 0], strengths, neutrals))
+        return Mixed(np.sum(strengths * (parameters[..., 0] - neutrals), axis=0))
     strengths *= parameters[..., 0]
     if modality == "vibration":
         return Mixed(*combine_vibration(strengths, parameters[..., 1]))
     if modality == "wind":
-        return Mixed(combine_wind(strengths, parameters[..., 1:4])[0])
+        velocities = np.sum(strengths[..., None] * parameters[..., 1:4], axis=0)
+        return Mixed(np.linalg.norm(velocities, axis=-1))
     if modality not in MODALITIES:
         raise ValueError(f"modality: expected one of {', '.join(MODALITIES)}, got '{modality}'")
-    return Mixed(combine_pressure(strengths))
+    return Mixed(np.sum(strengths, axis=0))
+
+
+def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
+    """Amplitude and frequency of several vibrations at each place.
+
+    Equal frequencies (within 1 Hz of the lowest of their group) are taken to be in phase and
+    add; groups of unequal frequency add as powers. The frequency is that of the strongest group.
+
+    Parameters
+    ----------
+    amplitudes : (n, ...) float64
+        Peak acceleration of each of n vibrations at each place, m/s^2.
+    frequencies_hz : (n, ...) float64
+        Broadcast against ``amplitudes``.
+
+    Returns
+    -------
+    amplitude : (...) float64
+        m/s^2.
+    frequency_hz : (...) float64
+        The lowest of the strongest group; 0 where nothing vibrates.
+    """
+    frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
+    amplitudes, places = np.broadcast_to(amplitudes, frequencies.shape), frequencies.shape[1:]
+    if len(frequencies) > 1:
+        order = np.argsort(frequencies, axis=0, kind="stable")
+        frequencies = np.take_along_axis(frequencies, order, axis=0)
+        amplitudes = np.take_along_axis(amplitudes, order, axis=0)
+    group, power, strongest, frequency = np.zeros((4, *places))
+    group_hz = np.full(places, -np.inf)
+    for amplitude, each_hz in zip(amplitudes, frequencies, strict=True):
+        begins = each_hz > group_hz + 1.0
+        power = power + np.where(begins, group**2, 0.0)
+        group = np.where(begins, 0.0, group) + amplitude
+        group_hz = np.where(begins, each_hz, group_hz)
+        frequency = np.where(group > strongest, group_hz, frequency)
+        strongest = np.maximum(group, strongest)
+    return np.sqrt(power + group**2), frequency
 
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
@@ -75,4 +112,4 @@ def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
     if modality == "vibration":
         every = [each.frequencies_hz for each in mixes if each.frequencies_hz is not None]
         return Mixed(*combine_vibration(strengths, np.stack(every)))
-    return Mixed(np.asarray(np.sum(strengths, axis=0)))
+    return Mixed(np.sum(strengths, axis=0))
