@@ -20,9 +20,9 @@ from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
 from .coverage import ActuatorCells
 from .device import DeviceConfig, RoomPlace
-from .focus import FocusPanning, focus_panning
+from .focus import FocusPanning
 from .room import PlaySpace, has_place, room_gains
-from .schemes import cells_of, unpanned
+from .schemes import cells_of, panned_layout, unpanned
 
 ModelLoader = Callable[[str], PerceptualModel]
 
@@ -133,7 +133,12 @@ class ActuatorGroup:
         """Panning of a spot on a model by the actuators, cached; None if they do not pan."""
         if model_id not in self._focus:
             model = self._models(model_id)
-            self._focus[model_id] = focus_panning(self._device, self._actuators, model)
+            layout = panned_layout(self._device, self._actuators, model)
+            self._focus[model_id] = (
+                None
+                if layout is None
+                else FocusPanning(layout, model, is_mirrored=self._device.is_mirrored)
+            )
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:

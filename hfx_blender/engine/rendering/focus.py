@@ -6,7 +6,6 @@ Schneider et al., UIST 2015: the virtual actuator's own place is rendered, so th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,8 +13,7 @@ import numpy as np
 from ..arrays import F32, F64
 from ..body.model import PerceptualModel
 from ..body.skin_distance import SkinDistances
-from .device import Actuator, DeviceConfig
-from .schemes import PannedLayout, panned_layout
+from .schemes import PannedLayout
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
 """Sample rings of a disc larger than the gaps between actuators: radius, places."""
@@ -33,7 +31,7 @@ class FocusPanning:
         The layout is written for the other side of the body.
     """
 
-    def __init__(self, layout: PannedLayout, model: PerceptualModel, is_mirrored: bool) -> None:
+    def __init__(self, layout: PannedLayout, model: PerceptualModel, *, is_mirrored: bool) -> None:
         self._layout = layout
         self._skin = SkinDistances(model.vertices, model.triangles)
         self._normals = model.normals.astype(np.float64)
@@ -62,20 +60,6 @@ class FocusPanning:
                 gains[k] = np.maximum(gains[k], self._layout.at(disc).max(axis=0))
         found: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
         return found
-
-
-def focus_panning(
-    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
-) -> FocusPanning | None:
-    """Panning of spots between a device's actuators; None if it does not pan.
-
-    Raises
-    ------
-    InputError
-        A place does not fit this model.
-    """
-    layout = panned_layout(device, actuators, model)
-    return None if layout is None else FocusPanning(layout, model, device.is_mirrored)
 
 
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
