@@ -12,8 +12,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import renderers_of_track
 from ..engine.stepwise import finish
 from ..engine.track import SUFFIX, TrackReader
-from ..engine.track.excerpt import write_excerpt
-from ..engine.track.named_clips import named_clips
+from ..engine.track.excerpt import named_clips, write_excerpt
 from ..errors import InputError
 from ..formats import writing
 from ..formats.written import Written

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tracks made of tracks: an excerpt, from time 0, of some effects; one recording of its parts."""
+"""Tracks made of tracks: their clips, an excerpt from time 0, one recording of its parts."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import groupby
+from itertools import chain, count, groupby
 from math import ceil, floor
 from pathlib import Path
 
@@ -18,6 +18,33 @@ from ..scene import Clip, TimeBase
 from .header import TrackHeader
 from .reader import TrackReader
 from .writer import TrackWriter
+
+
+@dataclass(frozen=True)
+class NamedClip:
+    """Clip of an effect."""
+
+    name: str  # tells it from all others of the track, whether case counts or not
+    clip: Clip
+    effect_ids: tuple[str, ...]  # its own
+
+
+def named_clips(header: TrackHeader) -> list[NamedClip]:
+    """The clips of a track in the order of time, each of one effect.
+
+    Where clips share a name the later ones get their effect's name behind it, and a number if
+    that is not enough.
+    """
+    clips = [(clip, effect) for effect in header.effects for clip in effect.clips]
+    found: list[NamedClip] = []
+    taken: set[str] = set()
+    for clip, effect in sorted(clips, key=lambda each: (each[0].frame_start, each[0].frame_end)):
+        longer = f"{clip.name} {effect.name}"
+        names = chain([clip.name, longer], (f"{longer} {number}" for number in count(2)))
+        name = next(each for each in names if each.casefold() not in taken)
+        taken.add(name.casefold())
+        found.append(NamedClip(name, clip, (effect.id,)))
+    return found
 
 
 def write_excerpt(

@@ -15,9 +15,8 @@ from ...engine.rendering.device import Actuator, BodyPlace, Control, DeviceConfi
 from ...engine.rendering.device_output import DEAD_MAN_MS
 from ...engine.rendering.raster import Raster
 from ...engine.rendering.schemes import cells_of
-from ...engine.track.excerpt import sample_range
+from ...engine.track.excerpt import named_clips, sample_range
 from ...engine.track.header import TrackHeader
-from ...engine.track.named_clips import named_clips
 from ..written import Written
 from .common_rigs import rig_names
 from .container import Records, Sections, Texts, records

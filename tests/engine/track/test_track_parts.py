@@ -14,8 +14,7 @@ from track_synthetic import cut, header, rows, run
 
 from hfx_blender.engine.scene import Clip, TimeBase
 from hfx_blender.engine.track import TrackReader, TrackWriter
-from hfx_blender.engine.track.excerpt import merge, write_excerpt
-from hfx_blender.engine.track.named_clips import named_clips
+from hfx_blender.engine.track.excerpt import merge, named_clips, write_excerpt
 from hfx_blender.errors import InputError
 
 CHUNK = 128
