@@ -19,10 +19,10 @@ from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
-from ..engine.spatial_sound.distance import Hearing
 from ..engine.spatial_sound.layouts import LAYOUTS, Layout
 from ..engine.spatial_sound.listener import Listener
 from ..engine.spatial_sound.panner import Panner, Scheme
+from ..engine.spatial_sound.propagation import Hearing
 from ..engine.spatial_sound.reverberation import Reverberators
 from ..engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from ..engine.track import TrackReader

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from hfx_blender.engine.spatial_sound.distance import Hearing
 from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, Layout, parse
 from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
-from hfx_blender.engine.spatial_sound.propagation import absorption_db_m, doppler_hz
+from hfx_blender.engine.spatial_sound.propagation import (
+    Hearing,
+    absorption_db_m,
+    doppler_hz,
+)
 from hfx_blender.engine.spatial_sound.reverberation import Reverberators
 from hfx_blender.engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from hfx_blender.errors import UsageError

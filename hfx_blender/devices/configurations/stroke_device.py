@@ -10,7 +10,7 @@ import numpy as np
 from ...engine.rendering.conditioning.limits import limited
 from ...engine.rendering.device import ActuatorType, DeviceConfig
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
-from ...engine.texture.signal import Signal, carrier
+from ...engine.texture.stroke_rendering import Signal, carrier
 from ...errors import InputError
 
 

@@ -11,8 +11,8 @@ from ...errors import UsageError
 from ..arrays import F64
 from ..rendering.panning.ring import RingPanning
 from ..rendering.panning.vbap import VectorBasePanning
-from .distance import Hearing
 from .layouts import Layout
+from .propagation import Hearing
 
 Scheme = Literal["vbap", "ring"]
 SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
-from ...engine.texture.signal import Signal as FeltStroke
 from ...engine.texture.stroke import Stroke
+from ...engine.texture.stroke_rendering import Signal as FeltStroke
 from ...errors import InputError, UsageError
 from ...files import suffixes
 from ...files.atomic import atomic_file

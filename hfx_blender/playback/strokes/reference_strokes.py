@@ -9,9 +9,8 @@ import numpy as np
 
 from ...blender.events import call_soon, remove_timers
 from ...engine.texture.height_field import HeightField
-from ...engine.texture.signal import Signal
 from ...engine.texture.stroke import line
-from ...engine.texture.stroke_rendering import render_stroke
+from ...engine.texture.stroke_rendering import Signal, render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...engine.texture.weave import reference_fabrics, woven
 from ..live.live import live

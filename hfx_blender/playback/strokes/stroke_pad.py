@@ -14,9 +14,8 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.surface.surface_drive import SurfaceDrive
-from ...engine.texture.signal import Signal
 from ...engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
-from ...engine.texture.stroke_rendering import render_stroke
+from ...engine.texture.stroke_rendering import Signal, render_stroke
 from ...engine.texture.surface_texture import SurfaceTexture
 from ...errors import InputError
 

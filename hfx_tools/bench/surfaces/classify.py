@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64
-from hfx_blender.engine.texture.signal import Signal
+from hfx_blender.engine.texture.stroke_rendering import Signal
 
 _QUANTILES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 _LAGS_S: Final = (0.005, 0.01, 0.02, 0.04)

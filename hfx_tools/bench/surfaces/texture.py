@@ -16,8 +16,7 @@ from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
 from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.engine.texture.height_field import HeightField
-from hfx_blender.engine.texture.signal import Signal
-from hfx_blender.engine.texture.stroke_rendering import render_stroke
+from hfx_blender.engine.texture.stroke_rendering import Signal, render_stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.engine.texture.textile import drive_levels
 
