@@ -29,8 +29,7 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
-from ..volume.decimation import SHARE, of_fewer_faces
-from ..volume.mesh import MeshVolume
+from ..volume.mesh import DECIMATION_SHARE, MeshVolume, of_fewer_faces
 from ..volume.placing_matrix import world_bounds
 from ..volume.shape import Falloff
 from . import on_demand
@@ -286,7 +285,7 @@ def _coarse(animated: EffectBlock, rows: I64, skin: BodySkin, near: ReachableBou
 
     It pays where depths are searched; that places are inside, voxels tell as soon of many faces.
     """
-    bound_m = SHARE * skin.skin.least_edge_m
+    bound_m = DECIMATION_SHARE * skin.skin.least_edge_m
     is_fine = any(isinstance(each, MeshVolume) and each.is_fine for each in animated.shapes)
     if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):
         return animated

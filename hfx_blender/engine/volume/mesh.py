@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mesh volume: exactly the shape of another object."""
+"""The mesh volume: exactly the shape of another object, or fewer faces where these will do."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from typing import Any, Final, Self
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import F64, I32, Bool
+from ..arrays import F64, I32, I64, Bool
 from ..native.mesh import NativeMesh
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
+from .shape import Shape
 
 MANY_FACES: Final = 50_000
 """Number of faces from which on searching depths among all takes longer than finding fewer."""
+
+DECIMATION_SHARE: Final = 1.0 / 8.0
+"""Share of the accepted error of a contact's edge that the mesh may take."""
 
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
@@ -33,6 +37,7 @@ _BOX_TRIANGLES: Final = np.array(
     ],
     np.int32,
 )
+_STEPS_IN_OCTAVE: Final = 2.0  # of bounds, so that a turning volume keeps its mesh
 _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as uniform
 
 
@@ -257,3 +262,48 @@ class MeshVolume:
 
 def _is_solid(extent: F64) -> bool:
     return bool(extent.min() > _FLATTEST * extent.max())
+
+
+def of_fewer_faces(
+    shapes: tuple[Shape, ...], which: I64, matrices: F64, bounds_m: F64
+) -> tuple[tuple[Shape, ...], I32]:
+    """Shapes whose surfaces are within a bound of the given ones, row by row.
+
+    A row's choice depends on nothing but the row, so that parts of a scene give what it gives.
+
+    Parameters
+    ----------
+    shapes : tuple of Shape
+    which : (n,) int64
+        The shape of each row.
+    matrices : (n, 4, 4) float64
+        From shape space to the world.
+    bounds_m : (n,) float64
+        World space; 0 where the shape itself is wanted.
+
+    Returns
+    -------
+    shapes : tuple of Shape
+        Those that occur.
+    which : (n,) int32
+    """
+    linear = matrices[:, :3, :3]
+    is_asked = np.isfinite(linear).all(axis=(1, 2)) & (bounds_m > 0.0)
+    is_asked &= np.array([isinstance(s, MeshVolume) and s.is_fine for s in shapes])[which]
+    stretches = np.ones(len(which))
+    stretches[is_asked] = np.linalg.norm(linear[is_asked], 2, axis=(1, 2))
+    is_asked &= stretches > 0.0
+    steps = np.zeros(len(which), np.int64)
+    allowed = bounds_m[is_asked] / stretches[is_asked]
+    steps[is_asked] = np.floor(_STEPS_IN_OCTAVE * np.log2(allowed)).astype(np.int64)
+    keys = np.stack([which, is_asked, steps], axis=1)
+    found: list[Shape] = []
+    index = np.zeros(len(which), np.int32)
+    for number, asked, step in np.unique(keys, axis=0).tolist():
+        shape = shapes[number]
+        if asked and isinstance(shape, MeshVolume):
+            shape = shape.within(2.0 ** (step / _STEPS_IN_OCTAVE))
+        if shape not in found:  # meshes are the same only where they are one
+            found.append(shape)
+        index[(keys == (number, asked, step)).all(axis=1)] = found.index(shape)
+    return tuple(found), index

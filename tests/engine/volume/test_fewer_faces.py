@@ -28,8 +28,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.tolerance import EXACT, PAPER, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume import mesh
 from hfx_blender.engine.volume.analytic import Sphere
-from hfx_blender.engine.volume.decimation import of_fewer_faces
-from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.mesh import MeshVolume, of_fewer_faces
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
 
 MODEL = load_model("hfx-pressure-1")
