@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import F64, I64
+from ...arrays import F64
 from .complex import merged_places
 
 
@@ -24,15 +24,11 @@ class RingPanning:
     """
 
     def __init__(self, angles: F64) -> None:
-        turns = np.mod(np.asarray(angles, np.float64) / (2.0 * np.pi), 1.0)
-        places, place_of = merged_places(turns[:, None])
-        order = np.argsort(places[:, 0], kind="stable")
-        self._shares = _Between(places[order, 0], np.argsort(order)[place_of], period=1.0)
+        self._axis = _Axis(_turns(angles), period=1.0)
 
     def gains(self, points: F64) -> F64:
         """Gains of the actuators, (n, A), for angles (n, 1) in radians."""
-        turns = np.mod(np.asarray(points, np.float64)[:, 0] / (2.0 * np.pi), 1.0)
-        return np.sqrt(self._shares.at(turns))
+        return np.sqrt(self._axis.shares(_turns(points[:, 0])))
 
 
 class LinePanning:
@@ -45,24 +41,29 @@ class LinePanning:
     """
 
     def __init__(self, positions: F64) -> None:
-        places, place_of = merged_places(np.asarray(positions, np.float64)[:, None])
-        order = np.argsort(places[:, 0], kind="stable")
-        self._shares = _Between(places[order, 0], np.argsort(order)[place_of], period=None)
+        self._axis = _Axis(positions, period=None)
 
     def gains(self, points: F64) -> F64:
         """Gains of the actuators, (n, A), for places along the strip, (n, 1) metres."""
-        return np.sqrt(self._shares.at(np.asarray(points, np.float64)[:, 0]))
+        return np.sqrt(self._axis.shares(points[:, 0]))
 
 
-class _Between:
-    """Shares of the two neighbours on an axis, closed (with a period) or open."""
+def _turns(angles: F64) -> F64:
+    return np.asarray(np.mod(angles / (2.0 * np.pi), 1.0))
 
-    def __init__(self, places: F64, place_of: I64, period: float | None) -> None:
-        self._places = places  # ascending
-        self._place_of = place_of
+
+class _Axis:
+    """Positions (A,) on an axis, closed (with a period) or open."""
+
+    def __init__(self, positions: F64, period: float | None) -> None:
+        places, place_of = merged_places(positions[:, None])
+        order = np.argsort(places[:, 0], kind="stable")
+        self._places = places[order, 0]
+        self._place_of = np.argsort(order)[place_of]
         self._period = period
 
-    def at(self, values: F64) -> F64:
+    def shares(self, values: F64) -> F64:
+        """Shares (n, A) of the two neighbours of each value (n,); none where it is not finite."""
         count = len(self._places)
         shares = np.zeros((len(values), count))
         rows = np.flatnonzero(np.isfinite(values))
