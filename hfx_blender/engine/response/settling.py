@@ -18,7 +18,7 @@ from ..response_filters.controls import FilterKind, Operation
 from ..response_filters.envelope import Impact
 from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
-from .touches import Touches, WeightedSet, strongest
+from .touches import Touches, WeightedSet, packed, strongest
 
 LEAST: Final = 1e-4
 """A weaker response is silence."""
@@ -402,35 +402,19 @@ def _together(
 
 def _run(touches: Touches, felt: list[tuple[float, WeightedSet] | None]) -> SampleRun | None:
     """Samples of all times at which anything is felt."""
-    chosen: list[WeightedSet] = []
-    numbers: list[int] = []
-    levels: list[float] = []
-    rows: list[int] = []
-    for k, sample in enumerate(felt):
-        if sample is None:
-            continue
-        level, weighted = sample
-        if not chosen or not _equal(chosen[-1], weighted):
-            chosen.append(weighted)
-        numbers.append(len(chosen) - 1)
-        levels.append(level)
-        rows.append(k)
+    rows = [k for k, sample in enumerate(felt) if sample is not None]
     if not rows:
         return None
+    samples = [sample for sample in felt if sample is not None]
+    sets, offsets, vertices, weights = packed(weighted for _, weighted in samples)
     return SampleRun(
         stream=touches.stream,
         indices=touches.indices[rows],
         times_s=touches.times_s[rows],
-        levels=np.array(levels),
+        levels=np.array([level for level, _ in samples]),
         parameters=touches.parameters[rows],
-        sets=np.array(numbers, np.int64),
-        offsets=np.concatenate([[0], np.cumsum([len(v) for v, _ in chosen])]).astype(np.int64),
-        vertices=np.concatenate([v for v, _ in chosen]),
-        weights=np.concatenate([w for _, w in chosen]),
-    )
-
-
-def _equal(one: WeightedSet, other: WeightedSet) -> bool:
-    return (one[0] is other[0] and one[1] is other[1]) or (
-        np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])
+        sets=sets,
+        offsets=offsets,
+        vertices=vertices,
+        weights=weights,
     )

@@ -6,6 +6,7 @@ Nothing here remembers anything, so blocks of times may be worked out anywhere, 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -176,7 +177,8 @@ class Moments:
             kept = np.array(sorted(sets), np.int64)
         if not len(kept):
             return None
-        set_of, offsets, vertices, weights = _packed(sets, kept)
+        stored = {k: (each[0], each[1].astype(np.float32)) for k, each in sets.items()}
+        set_of, offsets, vertices, weights = packed(map(stored.get, kept.tolist()))
         return Touches(
             stream,
             filters,
@@ -328,26 +330,30 @@ def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tup
     return ids[first], np.maximum.reduceat(values, first) if len(first) else values
 
 
-def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:
-    """Pack sets of the rows ``kept`` into columns; equal successive sets are stored once."""
-    set_of = np.full(len(kept), -1, np.int64)
-    found: list[tuple[I32, F32]] = []
-    for k, row in enumerate(kept.tolist()):
-        if row not in sets:
+def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
+    """Pack sets into columns: number of each set, offsets, vertices and weights.
+
+    Equal successive sets are stored once; the number of None is -1.
+    """
+    numbers: list[int] = []
+    stored: list[WeightedSet] = []
+    for each in sets:
+        if each is None:
+            numbers.append(-1)
             continue
-        vertices, weights = sets[row][0], sets[row][1].astype(np.float32)
-        is_same = (
-            bool(found)
-            and np.array_equal(found[-1][0], vertices)
-            and np.array_equal(found[-1][1], weights)
-        )
-        if not is_same:
-            found.append((vertices, weights))
-        set_of[k] = len(found) - 1
-    offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in found])]).astype(np.int64)
+        if not stored or not _equal(stored[-1], each):
+            stored.append(each)
+        numbers.append(len(stored) - 1)
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in stored])]).astype(np.int64)
     return (
-        set_of,
+        np.array(numbers, np.int64),
         offsets,
-        np.concatenate([np.zeros(0, np.int32), *(v for v, _ in found)]),
-        np.concatenate([np.zeros(0, np.float32), *(w for _, w in found)]),
+        np.concatenate([np.zeros(0, np.int32), *(v for v, _ in stored)]),
+        np.concatenate([np.zeros(0, np.float32), *(w for _, w in stored)]),
+    )
+
+
+def _equal(one: WeightedSet, other: WeightedSet) -> bool:
+    return (one[0] is other[0] and one[1] is other[1]) or (
+        np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])
     )
