@@ -179,29 +179,15 @@ def sample_grid(
 ) -> F64:
     """Values of a grid (H, W) at points (..., 2), interpolated; coordinates as in this module."""
     points = np.asarray(points_m, np.float64)
-    return sample_at(grid, points[..., 0], points[..., 1], texel_m, tiles, order)
-
-
-def sample_at(
-    grid: npt.NDArray[np.floating[Any]],
-    x_m: F64,
-    y_m: F64,
-    texel_m: tuple[float, float],
-    tiles: bool,
-    order: Order = "linear",
-) -> F64:
-    """:func:`sample_grid` with x and y as separate arrays."""
-    if x_m.size > _AT_ONCE:
-        flat_x, flat_y = x_m.reshape(-1), y_m.reshape(-1)
-        found = np.zeros(x_m.size)
-        for first in range(0, x_m.size, _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            found[part] = sample_at(grid, flat_x[part], flat_y[part], texel_m, tiles, order)
-        return found.reshape(x_m.shape)
-    places = np.stack([y_m, x_m])
-    places *= np.array([1.0 / texel_m[1], 1.0 / texel_m[0]]).reshape(2, *[1] * x_m.ndim)
-    places -= 0.5
-    return (bilinear if order == "linear" else cubic)(grid, places, tiles)
+    flat = points.reshape(-1, 2)
+    interpolated = bilinear if order == "linear" else cubic
+    found = np.zeros(len(flat))
+    for first in range(0, len(flat), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        places = np.ascontiguousarray(flat[part, ::-1].T)
+        places *= np.array([[1.0 / texel_m[1]], [1.0 / texel_m[0]]])
+        found[part] = interpolated(grid, places - 0.5, tiles)
+    return found.reshape(points.shape[:-1])
 
 
 def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:

@@ -196,8 +196,9 @@ def _named(
     return ProceduralMaterial(name, *MATERIAL_TITLES[name], size_m, roughness, heights, period_m)
 
 
-def _library() -> dict[str, ProceduralMaterial]:
-    made = [
+MATERIALS: Final[dict[str, ProceduralMaterial]] = {
+    each.name: each
+    for each in (
         _named("gravel-fine", 0.06, 0.85, _gravel(3e-3, 0.8e-3, 0.6, 40e-6), 3e-3),
         _named("gravel-coarse", 0.1, 0.95, _gravel(8e-3, 2.5e-3, 0.6, 90e-6), 8e-3),
         _named("gravel-pebbles", 0.1, 0.8, _gravel(6e-3, 2e-3, 0.9, 10e-6), 6e-3),
@@ -206,54 +207,19 @@ def _library() -> dict[str, ProceduralMaterial]:
         _named("metal-satin", 0.04, 0.1, _brushed(1.5e-6, 15.0), 0.3e-3),
         _named("metal-cast", 0.04, 0.3, _cast(8e-6), 1e-3),
         _named("metal-hammered", 0.06, 0.1, _hammered(7e-3, 0.12e-3), 7e-3),
+        _named("fabric-shirting", 0.02, 0.45, _cloth(Weave("plain", 0.3e-3, 40e-6)), 0.3e-3),
         _named(
-            "fabric-shirting",
-            0.02,
-            0.45,
-            _cloth(Weave("plain", 0.3e-3, 40e-6)),
-            0.3e-3,
+            "fabric-denim", 0.03, 0.55, _cloth(Weave("denim", 0.5e-3, 120e-6, np.pi / 4.0)), 0.5e-3
         ),
         _named(
-            "fabric-denim",
-            0.03,
-            0.55,
-            _cloth(Weave("denim", 0.5e-3, 120e-6, np.pi / 4.0)),
-            0.5e-3,
+            "fabric-twill", 0.03, 0.5, _cloth(Weave("twill", 0.6e-3, 160e-6, np.pi / 6.0)), 0.6e-3
         ),
-        _named(
-            "fabric-twill",
-            0.03,
-            0.5,
-            _cloth(Weave("twill", 0.6e-3, 160e-6, np.pi / 6.0)),
-            0.6e-3,
-        ),
-        _named(
-            "fabric-basket",
-            0.04,
-            0.6,
-            _cloth(Weave("basket", 1.0e-3, 350e-6)),
-            1e-3,
-        ),
-        _named(
-            "fabric-satin",
-            0.02,
-            0.35,
-            _cloth(Weave("satin", 0.25e-3, 30e-6)),
-            0.25e-3,
-        ),
+        _named("fabric-basket", 0.04, 0.6, _cloth(Weave("basket", 1.0e-3, 350e-6)), 1e-3),
+        _named("fabric-satin", 0.02, 0.35, _cloth(Weave("satin", 0.25e-3, 30e-6)), 0.25e-3),
         _named("fabric-corduroy", 0.04, 0.6, _corduroy(1.6e-3, 0.4e-3), 1.6e-3),
         _named("wood-oak", 0.08, 0.65, _timber(4e-3, 60e-6, 90e-6, 0.0), 4e-3),
         _named("wood-pine", 0.08, 0.55, _timber(5e-3, 120e-6, 10e-6, 0.0), 5e-3),
-        _named(
-            "wood-weathered",
-            0.1,
-            0.8,
-            _timber(5e-3, 260e-6, 60e-6, 0.5e-3),
-            5e-3,
-        ),
+        _named("wood-weathered", 0.1, 0.8, _timber(5e-3, 260e-6, 60e-6, 0.5e-3), 5e-3),
         _named("wood-veneer", 0.06, 0.5, _timber(2.5e-3, 25e-6, 30e-6, 0.0), 2.5e-3),
-    ]
-    return {each.name: each for each in made}
-
-
-MATERIALS: Final[dict[str, ProceduralMaterial]] = _library()
+    )
+}

@@ -132,17 +132,10 @@ def drive_levels(
     for factor in np.unique(factors).tolist():
         mine = np.flatnonzero(factors == factor)
         rate = RATE_HZ * factor
-        times = begins[mine, None] + _instants(window_s, rate)
+        # In the middle of steps, so that a reversed stroke meets the same heights.
+        times = begins[mine, None] + (np.arange(round(window_s * rate)) + 0.5) / rate
         levels[mine] = drive_per_m * weighted_rms(field.sample(stroke.at(times)), rate)
     return levels
-
-
-def _instants(window_s: float, rate_hz: float) -> F64:
-    """Times of the heights within a window: in the middle of steps, so that a reversed stroke meets
-    the same heights.
-    """
-    instants: F64 = (np.arange(round(window_s * rate_hz)) + 0.5) / rate_hz
-    return instants
 
 
 def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
