@@ -66,10 +66,6 @@ class ContactPaths:
         lengths = np.sqrt(steps[:, 0] + steps[:, 1])
         return np.asarray(lengths[0] + lengths[1])
 
-    def speed_m_s(self, step_s: float) -> F64:
-        """Tangential speed relative to the surface, (n,)."""
-        return np.asarray(np.sqrt(np.einsum("nc,nc->n", self.moved_m, self.moved_m)) / step_s)
-
 
 class ContactFollower:
     """Tracker of points of skin on one mesh, over any number of times at once.

@@ -85,7 +85,3 @@ class HapticMap:
             sharpness=steps.sharpness(self.sharpness, self.device),
             steps=steps,
         )
-
-    def on(self, device: DeviceRange) -> HapticMap:
-        """Copy of the map for another device: the shares stay, their physical values change."""
-        return replace(self, device=device)

@@ -117,7 +117,7 @@ def test_a_roughness_of_another_size_covers_the_same_surface() -> None:
 def test_ranges_belong_to_the_device() -> None:
     device = DeviceRange(amplitude_g=(0.1, 0.6), frequency_hz=(100.0, 200.0))
     half = np.full((1, 2), 0.5, np.float32)
-    made = HapticMap(half, half, (1.0, 1.0)).on(device)
+    made = HapticMap(half, half, (1.0, 1.0), device=device)
     np.testing.assert_allclose(made.amplitude_m_s2, 0.35 * 9.80665)
     np.testing.assert_allclose(made.frequency_hz, 150.0)
     assert DeviceRange().amplitude_m_s2(1.0) == pytest.approx(1.3 * 9.80665)
