@@ -3,6 +3,6 @@
 
 from .device import DeviceConfig
 from .raster import Raster, Shortfall, Unrendered, unrendered
-from .render import Renderer, render
+from .render import Renderer
 
-__all__ = ["DeviceConfig", "Raster", "Renderer", "Shortfall", "Unrendered", "render", "unrendered"]
+__all__ = ["DeviceConfig", "Raster", "Renderer", "Shortfall", "Unrendered", "unrendered"]

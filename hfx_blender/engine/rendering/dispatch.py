@@ -39,6 +39,8 @@ class ActuatorGroup:
     Attributes
     ----------
     modality : str
+    members : list of int
+        Places of the actuators among those of the device.
     strength_columns : (A,) int64
         Where their strengths stand among all controls of the device; the frequency of
         a vibration actuator stands right of its strength.
@@ -53,11 +55,11 @@ class ActuatorGroup:
         self._models = models
         self._cells: dict[str, ActuatorCells] = {}
         self._focus: dict[str, FocusPanning | None] = {}
-        members = [i for i, each in enumerate(device.actuators) if each.type.modality == modality]
-        self._actuators = [device.actuators[i] for i in members]
+        self.members = [k for k, a in enumerate(device.actuators) if a.type.modality == modality]
+        self._actuators = [device.actuators[k] for k in self.members]
         self._standing = [k for k, each in enumerate(self._actuators) if has_place(each)]
         self.play_space = PlaySpace.of_settings({})
-        self.strength_columns: I64 = device.strength_columns[members]
+        self.strength_columns: I64 = device.strength_columns[self.members]
         self.takes_waveform: Bool = np.array([a.type.takes_waveform for a in self._actuators])
         strengths = [each.type.strength for each in self._actuators]
         self.neutral: F64 = np.array([each.neutral for each in strengths], np.float64)

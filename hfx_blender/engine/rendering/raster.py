@@ -97,7 +97,6 @@ class Unrendered:
     modality: str
     samples: int
     share: float  # of the effect's samples
-    energy_share: float  # of the sum of squared strengths
     seconds: float
 
 
@@ -133,14 +132,12 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
         count = int(np.count_nonzero(lost))
         if not count:
             continue
-        energy = float(np.sum(felt.strengths**2))
         missing.append(
             Unrendered(
                 *key,
                 felt.stream.modality,
                 samples=count,
                 share=count / len(lost),
-                energy_share=float(np.sum(felt.strengths[lost] ** 2)) / energy if energy else 0.0,
                 seconds=count / rates[key],
             )
         )

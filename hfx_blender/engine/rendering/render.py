@@ -8,7 +8,7 @@ latency, the device's script if it has one, hold between updates, and only then 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,38 +31,6 @@ from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
 
-def render(
-    header: TrackHeader,
-    runs: Iterable[SampleRun],
-    device: DeviceConfig,
-    models: ModelLoader = load_model,
-    *,
-    body_id: str | None = None,
-) -> Raster:
-    """Render a whole track for one device.
-
-    Parameters
-    ----------
-    runs : iterable of SampleRun
-        Block after block in time; within a block in the order of ``header.streams``, as
-        ``TrackReader.runs()`` and ``Engine.evaluate`` yield them. One block is held at a time.
-    models : callable
-        Loads a perceptual model by its id.
-    body_id : str, optional
-        Who wears the device; may be left out if the track has one body.
-
-    Raises
-    ------
-    InputError
-        The wearer is not known, the device does not fit a model, or a model is not the one
-        that the track was recorded on.
-    """
-    renderer = Renderer(header, device, models, body_id=body_id)
-    for block in blocks(header, runs):
-        renderer.add(block)
-    return renderer.raster()
-
-
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
     """Cut a track's runs into blocks of time."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
@@ -80,39 +48,20 @@ def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[Samp
 
 
 @dataclass(eq=False)
-class _Tally:
-    """Statistics of the samples of one stream so far."""
-
-    indices: list[I64] = field(default_factory=list)
-    strengths: list[F64] = field(default_factory=list)
-    is_rendered: list[Bool] = field(default_factory=list)
-    off_frequency: int = 0
-    over_limit: int = 0
-    below_threshold: int = 0
-
-    def add(self, indices: I64, strengths: F64, outcome: _Outcome) -> None:
-        """Count the samples of a run."""
-        self.indices.append(indices)
-        self.strengths.append(strengths)
-        self.is_rendered.append(outcome.is_rendered)
-        self.off_frequency += int(np.count_nonzero(outcome.is_off))
-        self.over_limit += int(np.count_nonzero(outcome.is_over))
-        self.below_threshold += int(np.count_nonzero(outcome.is_faint))
-
-
-@dataclass(eq=False)
 class _Outcome:
-    """Outcome of each sample of a run, at any actuator: (n,) masks."""
+    """Samples of a run, and the outcome of each at any actuator."""
 
-    is_rendered: Bool
-    is_off: Bool  # off the actuators' frequency
-    is_over: Bool  # cut by a limit
-    is_faint: Bool  # below the threshold of detection
+    indices: I64  # (n,)
+    strengths: F64  # (n,) level times strength parameter (temperature: deviation), >= 0
+    is_rendered: Bool  # (n,)
+    is_off: Bool  # (n,) off the actuators' frequency
+    is_over: Bool  # (n,) cut by a limit
+    is_faint: Bool  # (n,) below the threshold of detection
 
     @classmethod
-    def none(cls, count: int) -> _Outcome:
+    def none(cls, indices: I64, strengths: F64) -> _Outcome:
         """Outcome of samples that no group has rendered yet."""
-        return cls(*(np.zeros(count, np.bool_) for _ in range(4)))
+        return cls(indices, strengths, *(np.zeros(len(indices), np.bool_) for _ in range(4)))
 
 
 @dataclass(eq=False)
@@ -120,6 +69,7 @@ class _GroupShare:
     """Contribution of a run to a block, at the actuators of one group."""
 
     run: SampleRun
+    outcome: _Outcome
     positions: I64  # (n,) rows of the block
     gains: F64  # (n, A)
 
@@ -127,10 +77,30 @@ class _GroupShare:
 class Renderer:
     """Renders the blocks of one track for one device as they come.
 
-    Parameters are those of :func:`render`; without ``compensates_latency`` values
-    stand at the time at which they are meant to be felt, whatever an actuator's latency. Memory
-    is one block's working arrays, the raster (8 bytes per time and column) and 17 bytes per
+    Memory is one block's working arrays, the raster (8 bytes per time and column) and 20 bytes per
     sample.
+
+    Parameters
+    ----------
+    models : callable
+        Loads a perceptual model by its id.
+    body_id : str, optional
+        Who wears the device; may be left out if the track has one body.
+    compensates_latency : bool
+        Otherwise values stand at the time at which they are meant to be felt, whatever an
+        actuator's latency.
+
+    Attributes
+    ----------
+    body_id : str
+        Body that wears the device.
+    groups : tuple of ActuatorGroup
+        The device's actuators by modality.
+
+    Raises
+    ------
+    InputError
+        The wearer is not known.
     """
 
     def __init__(
@@ -146,45 +116,30 @@ class Renderer:
         self._compensates_latency = compensates_latency
         self._device = device
         self._models = models
-        self._body_id = _wearer(header, device, body_id)
+        self.body_id = _wearer(header, device, body_id)
         self._effects = {effect.id: effect for effect in header.effects}
-        self._tallies = {s: _Tally() for s in header.streams if s.body_id == self._body_id}
-        self._streams = {stream.effect_id: stream for stream in self._tallies}
+        self._outcomes: dict[Stream, list[_Outcome]] = {
+            stream: [] for stream in header.streams if stream.body_id == self.body_id
+        }
         self._columns = columns_of(device)
         self._neutral = device.neutral
         self._lowest = np.array([control.lowest for control in device.controls], np.float64)
         self._highest = np.array([control.highest for control in device.controls], np.float64)
-        self._groups = [
+        self.groups = tuple(
             ActuatorGroup(device, modality, self._model) for modality in device.modalities
-        ]
-        self._members = [
-            [k for k, each in enumerate(device.actuators) if each.type.modality == modality]
-            for modality in device.modalities
-        ]
+        )
         self._drives = SurfaceDrives(header.settings, device.surface_drive_per_m)
         play_space = PlaySpace.of_settings(header.settings)
-        for group in self._groups:
+        for group in self.groups:
             group.play_space = play_space
         self._values = np.tile(self._neutral, (header.time.sample_count, 1))
         self._next_row = 0
         self._limits: DeviceLimits | None = None
-        self._frequency = {
-            group.modality: StrongestContributor(len(group.strength_columns))
-            for group in self._groups
-        }
+        vibrating = [a for a in device.actuators if a.type.modality == "vibration"]
+        self._frequency = StrongestContributor(len(vibrating))
         self._sounding = [a for a in device.actuators if a.type.takes_waveform]
         self._partials = Partials(len(self._sounding))
         self._missing = MissingActuators(device)
-
-    @property
-    def body_id(self) -> str:
-        """Body that wears the device."""
-        return self._body_id
-
-    @property
-    def groups(self) -> tuple[ActuatorGroup, ...]:
-        """The device's actuators by modality."""
-        return tuple(self._groups)
 
     def restart(self) -> None:
         """Restart, as if nothing had been added; tables of models are kept.
@@ -192,7 +147,7 @@ class Renderer:
         So is whose frequency actuators play: moments follow each other.
         """
         self._partials.forget()
-        self._tallies = {stream: _Tally() for stream in self._tallies}
+        self._outcomes = {stream: [] for stream in self._outcomes}
         self._values = np.tile(self._neutral, (len(self._values), 1))
         self._next_row = 0
 
@@ -204,7 +159,7 @@ class Renderer:
         InputError
             A place of the device does not fit a model, or a model is not the track's.
         """
-        runs = [run for run in runs if run.stream.body_id == self._body_id and len(run)]
+        runs = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         runs = [self._drives.on_device(run) for run in runs]
         if not runs:
             return
@@ -212,28 +167,27 @@ class Renderer:
         if rows[0] < self._next_row or rows[-1] >= len(self._values):
             raise ValueError(f"samples {rows[0]} to {rows[-1]} come out of order")
         self._next_row = int(rows[-1]) + 1
-        outcomes = [_Outcome.none(len(run)) for run in runs]
-        for group in self._groups:
-            played: list[tuple[int, _GroupShare]] = []
-            for k, run in enumerate(runs):
-                if group.renders(run.stream.modality):
-                    positions = np.searchsorted(rows, run.indices)
-                    played.append((k, _GroupShare(run, positions, group.gains(run))))
+        outcomes = [
+            _Outcome.none(run.indices, run.levels * np.abs(self._strength(run))) for run in runs
+        ]
+        for group in self.groups:
+            played = [
+                _GroupShare(run, outcome, np.searchsorted(rows, run.indices), group.gains(run))
+                for run, outcome in zip(runs, outcomes, strict=True)
+                if group.renders(run.stream.modality)
+            ]
             if not played:
                 continue
-            mixed = self._mixed(group, [each for _, each in played], rows)
-            is_cut = self._write(group, rows, mixed)
-            for k, each in played:
-                fires = each.gains > 0.0
-                outcome = outcomes[k]
+            is_cut = self._write(group, rows, self._mixed(group, played, rows))
+            for each in played:
+                fires, outcome = each.gains > 0.0, each.outcome
                 outcome.is_rendered |= fires.any(axis=1)
                 outcome.is_off |= group.is_off_frequency(each.run, fires)
                 outcome.is_over |= (fires & is_cut[each.positions]).any(axis=1)
                 outcome.is_faint |= group.is_faint(each.run, self._device.gain * each.gains)
         for run, outcome in zip(runs, outcomes, strict=True):
             self._missing.add(run)
-            tally = self._tallies[self._streams[run.stream.effect_id]]
-            tally.add(run.indices, run.levels * np.abs(self._strength(run)), outcome)
+            self._outcomes[run.stream].append(outcome)
 
     def notes(self) -> tuple[str, ...]:
         """Notes on differences of the rendering from the device's configuration, after all blocks.
@@ -241,7 +195,7 @@ class Renderer:
         Tell it before :meth:`raster`, which looks ahead.
         """
         name = f"device '{self._device.id}'"
-        found = [note for group in self._groups for note in group.notes()]
+        found = [note for group in self.groups for note in group.notes()]
         found += self._missing.notes(self._header)
         late = []
         for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
@@ -299,7 +253,7 @@ class Renderer:
         for name, amplitudes, frequencies_hz in vibrations if group.takes_waveform.any() else ():
             sounding = self._device.gain * amplitudes[:, group.takes_waveform]
             self._partials.add(name, rows, sounding, frequencies_hz)
-        frequencies = self._frequency["vibration"].frequencies(
+        frequencies = self._frequency.frequencies(
             [name for name, _, _ in vibrations],
             np.stack([amplitudes for _, amplitudes, _ in vibrations]),
             np.stack([frequencies_hz for _, _, frequencies_hz in vibrations]),
@@ -342,9 +296,9 @@ class Renderer:
             A place of the device does not fit a model that it is to play.
         """
         found = np.zeros((len(run), len(self._device.actuators)))
-        for members, group in zip(self._members, self._groups, strict=True):
+        for group in self.groups:
             try:
-                found[:, members] = group.gains(run)
+                found[:, group.members] = group.gains(run)
             except InputError:
                 if group.renders(run.stream.modality):
                     raise  # its places need not fit other modalities' models
@@ -374,7 +328,7 @@ class Renderer:
         time = self._header.time
         for part, kind in self._parts():
             self._values[:, part] = self._held(self._early(part, kind), part, kind)
-        felt = tuple(_felt(stream, tally) for stream, tally in self._tallies.items())
+        felt = tuple(_felt(stream, outcomes) for stream, outcomes in self._outcomes.items())
         shortfalls = tuple(self._shortfalls(felt))
         partials = self.partials()
         if answers is not None:
@@ -384,7 +338,15 @@ class Renderer:
             partials = ()  # a script says one frequency for each actuator
             is_changed, is_on = self._changes(without)
             if is_changed.any():
-                felt = tuple(_with_script_changes(each, is_changed, is_on) for each in felt)
+                felt = tuple(
+                    replace(
+                        each,
+                        is_rendered=np.where(
+                            is_changed[each.indices], is_on[each.indices], each.is_rendered
+                        ),
+                    )
+                    for each in felt
+                )
                 # How far a script has compensated limits of the actuators is unknown.
                 shortfalls = tuple(
                     each for each in self._shortfalls(felt) if each.reason in _UNPLAYED
@@ -392,7 +354,7 @@ class Renderer:
         self._next_row = len(self._values)
         return Raster(
             device_id=self._device.id,
-            body_id=self._body_id,
+            body_id=self.body_id,
             actuators=tuple(actuator.id for actuator in self._device.actuators),
             columns=self._columns,
             times_s=time.times_s(np.arange(len(self._values))),
@@ -456,25 +418,25 @@ class Renderer:
             np.array([kind.strength.highest for kind in kinds]),
         )
 
-    def _why_not(self, stream: Stream, can: bool) -> Reason:
+    def _why_not(self, stream: Stream) -> Reason:
         """Reason why samples of a stream drive no actuator."""
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"
+        can = any(group.renders(stream.modality) for group in self.groups)
         return "place" if can else "modality"
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
         for each in felt:
-            tally = self._tallies[each.stream]
-            lost = int(np.count_nonzero(~each.is_rendered))
-            can = any(group.renders(each.stream.modality) for group in self._groups)
-            losses: list[tuple[Reason, int]] = [
-                (self._why_not(each.stream, can), lost),
-                ("frequency", tally.off_frequency),
-                ("limit", tally.over_limit),
-                ("threshold", tally.below_threshold),
-            ]
-            for reason, samples in losses:
+            outcomes = self._outcomes[each.stream]
+            losses: dict[Reason, list[Bool]] = {
+                self._why_not(each.stream): [~each.is_rendered],
+                "frequency": [one.is_off for one in outcomes],
+                "limit": [one.is_over for one in outcomes],
+                "threshold": [one.is_faint for one in outcomes],
+            }
+            for reason, masks in losses.items():
+                samples = sum(int(np.count_nonzero(mask)) for mask in masks)
                 if samples:
                     yield Shortfall(
                         each.stream.effect_id,
@@ -487,23 +449,17 @@ class Renderer:
                     )
 
 
-def _felt(stream: Stream, tally: _Tally) -> FeltStream:
+def _felt(stream: Stream, outcomes: list[_Outcome]) -> FeltStream:
     return FeltStream(
         stream,
-        np.concatenate([np.zeros(0, np.int64), *tally.indices]),
-        np.concatenate([np.zeros(0), *tally.strengths]),
-        np.concatenate([np.zeros(0, np.bool_), *tally.is_rendered]),
+        np.concatenate([np.zeros(0, np.int64), *(each.indices for each in outcomes)]),
+        np.concatenate([np.zeros(0), *(each.strengths for each in outcomes)]),
+        np.concatenate([np.zeros(0, np.bool_), *(each.is_rendered for each in outcomes)]),
     )
 
 
 _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
 """Reasons for which something does not play at all."""
-
-
-def _with_script_changes(felt: FeltStream, is_changed: Bool, is_on: Bool) -> FeltStream:
-    """Felt samples, with the rendered part decided anew where a script has changed rows (T,)."""
-    changed, on = is_changed[felt.indices], is_on[felt.indices]
-    return replace(felt, is_rendered=np.where(changed, on, felt.is_rendered))
 
 
 def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:

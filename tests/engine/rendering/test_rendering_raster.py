@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from rendered_tracks import render
 from rendering_synthetic import (
     EVERYWHERE,
     MODELS,
@@ -14,7 +15,7 @@ from rendering_synthetic import (
     make_run,
 )
 
-from hfx_blender.engine.rendering import Renderer, render, unrendered
+from hfx_blender.engine.rendering import Renderer, unrendered
 from hfx_blender.engine.rendering.device import Substitution
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError
@@ -296,19 +297,11 @@ def test_what_no_device_renders():
     rasters = [play(header, runs, each) for each in (first, second)]
     push, blow = unrendered(rasters)
     assert (push.effect_id, push.modality, push.samples) == ("push", "pressure", 2)
-    assert (push.share, push.energy_share, push.seconds) == (0.5, 0.5, 0.02)
+    assert (push.share, push.seconds) == (0.5, 0.02)
     assert (blow.effect_id, blow.samples, blow.share) == ("blow", 1, 1.0)
     third = make_device({"p": ("pressure", EVERYWHERE), "f": ("wind", EVERYWHERE)})
     assert unrendered([*rasters, play(header, runs, third)]) == []
     assert unrendered([]) == []
-
-
-def test_energy_share_weighs_by_the_square_of_the_strength():
-    header = make_header({"push": "pressure"}, 2)
-    loud = make_run(header, "push", {0: {0: 1.0}}, [4.0], level=0.75)
-    soft = make_run(header, "push", {1: {9: 1.0}}, [4.0], level=0.25)
-    (lost,) = unrendered([play(header, [loud, soft], make_device({"p": ("pressure", at(0))}))])
-    assert (lost.share, lost.energy_share) == (0.5, pytest.approx(1 / 10))  # 1 of 9 + 1
 
 
 def test_a_track_that_was_written_and_read_renders_alike(tmp_path):
