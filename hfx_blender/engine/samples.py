@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -120,50 +121,42 @@ class SampleRun:
 
     def one(self, k: int) -> SampleRun:
         """Sample ``k`` as a run of its own."""
-        j = k if self.sets is None else int(self.sets[k])
-        entries = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
-        row = slice(k, k + 1)
-
-        def part(values: F32 | None) -> F32 | None:
-            return None if values is None else values[entries]
-
-        return SampleRun(
-            stream=self.stream,
-            indices=self.indices[row],
-            times_s=self.times_s[row],
-            levels=self.levels[row],
-            parameters=self.parameters[row],
+        j = int(self.set_of[k])
+        row, entries = slice(k, k + 1), slice(int(self.offsets[j]), int(self.offsets[j + 1]))
+        return replace(
+            self,
+            **self._cut(ROWS, row),
+            **self._cut(ENTRIES, entries),
             offsets=np.array([0, entries.stop - entries.start]),
-            vertices=self.vertices[entries],
-            weights=self.weights[entries],
-            positions=part(self.positions),
-            velocities=part(self.velocities),
-            depth_m=part(self.depth_m),
-            surface=part(self.surface),
-            surface_normals=part(self.surface_normals),
+            sets=None,
             impact=None if self.impact is None else self.impact.part(entries),
-            focus=None if self.focus is None else self.focus[row],
             drive=None if self.drive is None else self.drive.part(row),
         )
 
     def __iter__(self) -> Iterator[Sample]:
         for k, j in enumerate(self.set_of.tolist()):
-            part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
+            entries = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
             yield Sample(
                 time_s=float(self.times_s[k]),
                 stream=self.stream,
-                vertices=self.vertices[part],
-                weights=self.weights[part],
                 level=float(self.levels[k]),
                 parameters=self.parameters[k],
-                positions=None if self.positions is None else self.positions[part],
-                velocities=None if self.velocities is None else self.velocities[part],
-                depth_m=None if self.depth_m is None else self.depth_m[part],
-                surface=None if self.surface is None else self.surface[part],
-                surface_normals=(
-                    None if self.surface_normals is None else self.surface_normals[part]
-                ),
-                impact=None if self.impact is None else self.impact.part(part),
+                **self._cut(ENTRIES, entries),
+                impact=None if self.impact is None else self.impact.part(entries),
                 focus=None if self.focus is None else self.focus[k],
                 drive=None if self.drive is None else self.drive.part(slice(k, k + 1)),
             )
+
+    def _cut(self, names: tuple[str, ...], part: slice) -> dict[str, Any]:
+        """Part of those of some columns that are there."""
+        columns = {name: getattr(self, name) for name in names}
+        return {name: column[part] for name, column in columns.items() if column is not None}
+
+
+ROWS: Final = ("indices", "times_s", "levels", "parameters", "focus")
+"""Columns of a run with a row for each sample."""
+
+ENTRIES: Final = (
+    *("vertices", "weights", "positions", "velocities", "depth_m", "surface", "surface_normals"),
+)
+"""Columns of a run with an entry for each vertex of each set."""

@@ -5,23 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..samples import Drive, Impact, SampleRun, Stream
-
-_ROWS: Final = ("indices", "times_s", "levels", "parameters", "focus")
-_ENTRIES: Final = (
-    "vertices",
-    "weights",
-    "positions",
-    "velocities",
-    "depth_m",
-    "surface",
-    "surface_normals",
-)
+from ..samples import ENTRIES, ROWS, Drive, Impact, SampleRun, Stream
 
 
 def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> list[SampleRun]:
@@ -60,7 +49,7 @@ def _one(runs: list[SampleRun]) -> SampleRun:
     drives = [run.drive for run in runs if run.drive is not None]
     if len(impacts) not in (0, len(runs)) or len(drives) not in (0, len(runs)):
         raise ValueError(_differing(first))
-    columns: dict[str, Any] = {name: _column(runs, name) for name in (*_ROWS, *_ENTRIES)}
+    columns: dict[str, Any] = {name: _column(runs, name) for name in (*ROWS, *ENTRIES)}
     return replace(
         first,
         **columns,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -202,52 +203,46 @@ class _SectionBuilder:
     """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
 
     def __init__(self) -> None:
-        self._indices: list[npt.NDArray[np.int64]] = []
-        self._levels: list[npt.NDArray[np.float64]] = []
-        self._parameters: list[npt.NDArray[np.float64]] = []
-        self._is_new: list[npt.NDArray[np.bool_]] = []
-        self._sizes: list[npt.NDArray[np.int64]] = []  # of sets, as are the vertices and weights
-        self._vertices: list[npt.NDArray[np.int32]] = []
-        self._weights: list[npt.NDArray[Any]] = []
-        self._channels: dict[str, list[npt.NDArray[np.float32]]] = {}
-        self._focus: list[npt.NDArray[np.float32]] = []
-        self._drive: list[npt.NDArray[np.float32]] = []
+        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)  # of Section
+        self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
         self._entries = 0
 
     def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
         """Add the samples ``first`` to ``last - 1`` of a checked run, as copies, with the weights
         of all of it as they are stored.
         """
+        columns = self._columns
         present = {name for name in CHANNELS if getattr(run, name) is not None}
-        if self._indices and present != self._channels.keys():
+        if columns and present != self._channels.keys():
             raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
         sets = run.set_of[first:last]
         offsets = run.offsets[sets[0] : sets[-1] + 2]
         low, high = int(offsets[0]), int(offsets[-1])
-        weights = weights[low:high]
+        sizes, weights = np.diff(offsets), weights[low:high]
         vertices = run.vertices[low:high].astype(np.int32)
         is_new = np.diff(sets, prepend=-1) != 0
-        if present:  # each sample has a set of its own
-            self._add_sets(np.diff(offsets), vertices, weights)
-        else:
+        stays = np.zeros(len(sizes), np.bool_)
+        if not present:  # with channels, each sample has a set of its own
             stays = self._repeated(offsets - low, vertices, weights)
             is_new &= ~stays[sets - sets[0]]
-            sizes = np.diff(offsets)
-            if stays.any():
-                entering = np.repeat(~stays, sizes)
-                sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
-            self._add_sets(sizes, vertices, weights)
-        self._is_new.append(is_new)
-        self._indices.append(run.indices[first:last].astype(np.int64))
-        self._levels.append(run.levels[first:last].astype(np.float64))
-        self._parameters.append(run.parameters[first:last].astype(np.float64))
+        if stays.any():
+            entering = np.repeat(~stays, sizes)
+            sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
+        if len(sizes):
+            columns["sizes"].append(sizes)
+            columns["vertices"].append(vertices)
+            columns["weights"].append(weights)
+        columns["is_new"].append(is_new)
+        columns["steps"].append(run.indices[first:last].astype(np.int64))
+        columns["levels"].append(run.levels[first:last].astype(np.float64))
+        columns["parameters"].append(run.parameters[first:last].astype(np.float64))
+        if run.focus is not None:
+            columns["focus"].append(run.focus[first:last].astype(np.float32))
+        if run.drive is not None:
+            columns["drive"].append(run.drive.values[first:last].astype(np.float32))
         for name in present:
             values = getattr(run, name)[low:high].astype(np.float32)
-            self._channels.setdefault(name, []).append(values.reshape(-1, CHANNELS[name]))
-        if run.focus is not None:
-            self._focus.append(run.focus[first:last].astype(np.float32))
-        if run.drive is not None:
-            self._drive.append(run.drive.values[first:last].astype(np.float32))
+            self._channels[name].append(values.reshape(-1, CHANNELS[name]))
         self._entries += int(run.sizes[first:last].sum())
 
     def _repeated(
@@ -270,49 +265,28 @@ class _SectionBuilder:
                     for a, b in pairs
                 ]
             )
-        held = int(self._sizes[-1][-1]) if self._sizes else -1
+        columns = self._columns
+        held = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
         found[0] = (
             held == offsets[1]
-            and np.array_equal(vertices[:held], self._vertices[-1][-held:][:held])
-            and np.array_equal(weights[:held], self._weights[-1][-held:][:held])
+            and np.array_equal(vertices[:held], columns["vertices"][-1][-held:][:held])
+            and np.array_equal(weights[:held], columns["weights"][-1][-held:][:held])
         )
         return found
-
-    def _add_sets(
-        self,
-        sizes: npt.NDArray[np.int64],
-        vertices: npt.NDArray[np.int32],
-        weights: npt.NDArray[Any],
-    ) -> None:
-        if len(sizes):
-            self._sizes.append(sizes)
-            self._vertices.append(vertices)
-            self._weights.append(weights)
 
     def encoded(self, stream: int, start: int) -> bytes:
         """Encode the collected samples as the section of a chunk that starts at sample
         ``start``.
         """
+        indices = np.concatenate(self._columns.pop("steps"))
         if self._entries > MAX_ENTRIES:
             raise OutputError(
-                f"Samples {self._indices[0][0]} to {self._indices[-1][-1]} of stream {stream} have "
+                f"Samples {indices[0]} to {indices[-1]} of stream {stream} have "
                 f"{self._entries} contacts; a track allows {MAX_ENTRIES} in one chunk."
             )
-        return encode(
-            Section(
-                stream=stream,
-                steps=np.concatenate(self._indices) - start,
-                levels=np.concatenate(self._levels),
-                parameters=np.concatenate(self._parameters),
-                is_new=np.concatenate(self._is_new),
-                sizes=np.concatenate(self._sizes),
-                vertices=np.concatenate(self._vertices),
-                weights=np.concatenate(self._weights),
-                channels={name: np.concatenate(each) for name, each in self._channels.items()},
-                focus=np.concatenate(self._focus) if self._focus else None,
-                drive=np.concatenate(self._drive) if self._drive else None,
-            )
-        )
+        columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
+        channels = {name: np.concatenate(parts) for name, parts in self._channels.items()}
+        return encode(Section(stream=stream, steps=indices - start, channels=channels, **columns))
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
