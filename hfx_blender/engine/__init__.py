@@ -5,9 +5,8 @@ Pure Python and numpy; never imports ``bpy``. Two doors: :mod:`.scene` in, :mod:
 
 Modules and packages, lowest first: each imports only from those above it in this list.
 
-arrays            types of arrays
+arrays            types of arrays, counting within groups
 stepwise          long work in steps, which may be shown and cancelled
-indexing          index arithmetic within groups of different sizes
 matmul            products and inverses of matrices that start no threads
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine

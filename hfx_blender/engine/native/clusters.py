@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F32, F64, I32, I64
-from ..indexing import lacking
+from ..arrays import F32, F64, I32, I64, lacking
 from .declarations import structure
 from .library import loaded
 from .skin import Clusters

@@ -15,11 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64
+from ..arrays import F64, I32, I64, ramp, sorted_by
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..body.temperature_cells import cell_of_skin
-from ..indexing import ramp, sorted_by
 from ..native import clusters as native
 from ..native import library
 from ..native.bounds import Outline

@@ -17,9 +17,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..arrays import F32, F64, I32, I64
+from ..arrays import F32, F64, I32, I64, lacking, sorted_by
 from ..body.model import PerceptualModel
-from ..indexing import lacking, sorted_by
 from ..native import skin_table as native
 from ..tolerance import Tolerance
 

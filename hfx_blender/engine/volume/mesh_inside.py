@@ -21,8 +21,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, Bool
-from ..indexing import ramp
+from ..arrays import F64, I32, I64, Bool, ramp
 from ..native.library import library
 from ..native.mesh import NativeGrid, bounds_in_columns
 
