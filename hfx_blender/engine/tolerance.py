@@ -39,11 +39,6 @@ class Tolerance:
             if not value >= 0.0:
                 raise ValueError(f"a tolerance must not be negative: {self}")
 
-    @property
-    def is_bounded(self) -> bool:
-        """Test for a bound on the edge of a contact."""
-        return math.isfinite(min(self.spacing_share, self.distance_m))
-
     def edge_m(self, spacing_m: float) -> float:
         """Largest error of a contact's edge where vertices are ``spacing_m`` apart, metres."""
         return min(self.spacing_share * spacing_m, self.distance_m)

@@ -10,6 +10,7 @@ counts, and is unfair to all of them.
 from __future__ import annotations
 
 import gc
+import math
 import statistics
 from collections.abc import Callable, Sequence
 from fractions import Fraction
@@ -129,7 +130,7 @@ def _setting(tolerance: Tolerance) -> dict[str, Any]:
     return {
         "setting": tolerance.name,
         "is_preset": tolerance.name in PRESETS,
-        "is_bounded": tolerance.is_bounded,
+        "is_bounded": math.isfinite(tolerance.edge_m(1.0)),
         "mm": None if np.isinf(tolerance.distance_m) else 1000.0 * tolerance.distance_m,
         "spacings": None if np.isinf(tolerance.spacing_share) else tolerance.spacing_share,
         "ms": 1000.0 * tolerance.time_s,
