@@ -70,6 +70,7 @@ class MomentRenderer:
         self._renderer = Renderer(
             header, device, models, body_id=body_id, compensates_latency=False
         )
+        self.body_id = self._renderer.body_id  # of the wearer
         self._effects = header.effects
         self._late: dict[float, tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]] = {}
         sounding = [a for a in device.actuators if a.type.takes_waveform]
@@ -81,11 +82,6 @@ class MomentRenderer:
             ]
             is_its = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
             self._late[latency_ms] = np.concatenate(columns), is_its
-
-    @property
-    def body_id(self) -> str:
-        """Body that wears the device."""
-        return self._renderer.body_id
 
     def prepare(self) -> None:
         """Compute expensive tables now, not at the first contact.

@@ -87,10 +87,7 @@ class Answering:
         times = block.live_s
         if times is None:
             times = self.scene.time.times_s(block.indices)
-        limits = MODALITIES[effect.modality].parameters
-        parameters = np.clip(
-            animated.parameters, [p.minimum for p in limits], [p.maximum for p in limits]
-        )
+        parameters = np.clip(animated.parameters, *MODALITIES[effect.modality].limits)
         moments = Moments(
             animated,
             effect.area.response,

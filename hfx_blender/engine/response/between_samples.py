@@ -295,12 +295,10 @@ class _Intervals:
 
     Parameters
     ----------
-    moments : Moments
     chosen : (n,) int64
-        Places among its rows.
+        Places among the rows of the moments.
     parameters : (T, P) float64
         Of the effect.
-    contacts : callable
     is_straight : bool
         Whether motion is straight, whatever the samples beside.
     """

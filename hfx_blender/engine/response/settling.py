@@ -246,18 +246,13 @@ def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
     values = touches.values.copy()
     columns = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.SPEED]
     if columns and not touches.is_touched.all():
-        last = _last(touches.is_touched)
+        touched = np.where(touches.is_touched, np.arange(len(touches)), -1)
+        last = np.maximum.accumulate(touched)  # touch up to each sample; -1 before the first
         kept = np.zeros(len(touches.filters)) if memory.values is None else memory.values
         held = np.where((last >= 0)[:, None], touches.values[last], kept)
         held[~(rings | touches.is_touched)] = 0.0
         values[:, columns] = held[:, columns]
     return values
-
-
-def _last(holds: Bool) -> I64:
-    """Last index up to each at which ``holds`` is true, (n,); -1 before the first."""
-    places: I64 = np.maximum.accumulate(np.where(holds, np.arange(len(holds)), -1))
-    return places
 
 
 class _Held:

@@ -35,7 +35,6 @@ class SpatialMix:
 
     Parameters
     ----------
-    sources : sequence of SoundSource
     raster_hz : Fraction
         Rate of the sources' times.
     rate_hz : int

@@ -40,9 +40,8 @@ class SurfaceSamples:
     @property
     def parameters(self) -> F64:
         """Amplitude and frequency in the order of vibration's parameters, (n, 2)."""
-        limits = MODALITIES["vibration"].parameters
         values = np.stack([self.amplitude_m_s2, self.frequency_hz], axis=1)
-        return np.clip(values, [p.minimum for p in limits], [p.maximum for p in limits])
+        return np.asarray(np.clip(values, *MODALITIES["vibration"].limits))
 
 
 class SurfaceEffects:

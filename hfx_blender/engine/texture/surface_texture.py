@@ -33,7 +33,6 @@ class SurfaceTexture:
         Needed by ``TEXTILE`` and ``DIRECT``.
     map : HapticMap, optional
         Needed by ``MCHA``. Its texels need not be those of the heights.
-    renderer : Renderer
     drive_per_m : float
         c_v of equation 3: drive (0..1) per metre of height; calibrated per user and device.
     device : DeviceRange

@@ -18,7 +18,6 @@ def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> 
 
     Parameters
     ----------
-    blocks : iterable of sequences of SampleRun
     streams : sequence of Stream
         All that there may be, in the order of the runs that are returned.
 

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import F64, Bool
 from ..matmul import inverse_3x3
@@ -17,12 +16,6 @@ FLATTEST: Final = 1e-6
 """Least reciprocal condition number, after equilibration, of a matrix that is inverted. Blender
 computes world matrices in float32. One that some parent has squashed flat comes out with rounding
 noise in place of the zero, 1e-7 of the rest: below this limit the two cannot be told apart."""
-
-
-def _exponents(magnitudes: F64) -> npt.NDArray[np.int32]:
-    """Power of two that brings each magnitude into [0.5, 1); 0 for zero."""
-    exponents: npt.NDArray[np.int32] = np.frexp(magnitudes)[1].astype(np.int32)
-    return exponents
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
@@ -60,9 +53,10 @@ def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
 def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     usable: Bool = np.isfinite(matrices[:, :3, :]).all(axis=(1, 2))
     linear = np.where(usable[:, None, None], matrices[:, :3, :3], 0.0)
-    columns = _exponents(np.abs(linear).max(axis=1))
+    # Powers of two that bring the largest of a column, then of a row, into [0.5, 1).
+    columns = np.frexp(np.abs(linear).max(axis=1))[1]
     balanced = np.ldexp(linear, -columns[:, None, :])
-    rows = _exponents(np.abs(balanced).max(axis=2))
+    rows = np.frexp(np.abs(balanced).max(axis=2))[1]
     balanced = np.ldexp(balanced, -rows[:, :, None])
 
     stretch = np.linalg.svd(balanced, compute_uv=False)
