@@ -19,13 +19,20 @@ Played = tuple[DeviceConfig, Raster]
 
 
 def renderers_of(
-    header: TrackHeader, devices: Sequence[DeviceConfig]
+    header: TrackHeader,
+    devices: Sequence[DeviceConfig],
+    body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """Make a renderer for each device on each body."""
+    """Make a renderer for each device on each body; or on chosen ones, where None is the only one.
+
+    Raises
+    ------
+    InputError
+        A body is not in the track, or is not the only one.
+    """
+    ids = [body.id for body in header.bodies] if body_ids is None else body_ids
     return [
-        (device, Renderer(header, device, body_id=body.id))
-        for body in header.bodies
-        for device in devices
+        (device, Renderer(header, device, body_id=body_id)) for body_id in ids for device in devices
     ]
 
 
@@ -47,10 +54,12 @@ def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[st
 
 
 def renderers_of_track(
-    track: TrackReader, devices: Sequence[DeviceConfig]
+    track: TrackReader,
+    devices: Sequence[DeviceConfig],
+    body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
     """Renderers of :func:`renderers_of`, given a whole track, which is read once."""
-    renderers = renderers_of(track.header, devices)
+    renderers = renderers_of(track.header, devices, body_ids)
     for block in blocks(track.header, track.runs()) if renderers else ():
         for _, renderer in renderers:
             renderer.add(block)
