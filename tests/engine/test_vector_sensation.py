@@ -195,7 +195,7 @@ def test_a_track_of_the_first_version_knows_no_spots(tmp_path: Path) -> None:
             if name == "header.json":
                 content = content.replace(b'"version": 2', b'"version": 1')
             target.writestr(name, content)
-    with pytest.raises(InputError, match="'kind' is 'spot'"):
+    with pytest.raises(InputError, match='kind is "spot"'):
         TrackReader(old)
 
 
