@@ -45,8 +45,8 @@ from ..workers.script_process import ScriptProcess
 from .clock import SYSTEM, Clock
 from .device_thread import FREEZE_S, DeviceThread
 from .kept_accounts import KeptAccounts, identities
+from .opening import open_output
 from .output import Output
-from .outputs import open_output
 from .process_watch import await_end
 from .time_on import AccountUse
 from .waiting import MAX_OFFSET_S

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opening of a device: its encoder by its configuration, its port by the caller."""
+"""Opening of a device: its encoder by its configuration, its port by the caller, or a simulator."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from ..transports.csv_log import CsvLog
 from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder
 from .output import Output, OutputLostError
+from .simulator import Simulator
 
 KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
 
@@ -32,20 +33,21 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     Parameters
     ----------
     target : mapping
-        ``kind`` is one of :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket``
-        take ``host`` and ``port``, else those of the configuration, and ``unit``, which of several
-        devices of a server. ``csv`` needs ``path`` and
-        works for every device. ``audio`` takes ``interface`` and ``first_channel`` and works for
-        every device that vibrates.
+        ``kind`` is ``simulator``, with the ``path`` of a log if one is wanted, or one of
+        :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket`` take ``host`` and
+        ``port``, else those of the configuration, and ``unit``, which of several devices of a
+        server. ``csv`` needs ``path`` and works for every device. ``audio`` takes ``interface`` and
+        ``first_channel`` and works for every device that vibrates.
 
     Raises
     ------
     OutputLostError
         The target is not one, does not fit the device, or cannot be opened.
     """
-    kind = target.get("kind")
+    kind, path = target.get("kind"), target.get("path")
+    if kind == "simulator":
+        return Simulator(None if path is None else Path(str(path)))
     if kind == "csv":
-        path = target.get("path")
         if not isinstance(path, str | Path) or not str(path):
             raise OutputLostError("A CSV log needs the path of a new file.")
         return CsvLog(device, Path(path))

@@ -71,7 +71,7 @@ class LiveClient:
         configuration : str or Path
             As :func:`~hfx_blender.devices.configuration.load_device` takes it.
         output : mapping
-            As :func:`~hfx_blender.devices.host.outputs.open_output` takes it.
+            As :func:`~hfx_blender.devices.host.opening.open_output` takes it.
         folder : Path, optional
             Of the user's own configurations.
         script : mapping, optional

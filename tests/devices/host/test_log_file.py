@@ -17,8 +17,8 @@ import pytest
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host import simulator
+from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
-from hfx_blender.devices.host.outputs import open_output
 
 BAND = load_device("forearm_band_left")
 VALUES = np.tile([1.0, 100.0], 8)
