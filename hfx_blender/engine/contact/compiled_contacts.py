@@ -117,5 +117,5 @@ def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
 
 def _nothing() -> FoundContacts:
     none = np.zeros(0, np.int64)
-    nowhere = Details.empty(0)
+    nowhere = DetailArrays.empty(0, 0).of(none, none)
     return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), nowhere

@@ -25,28 +25,10 @@ class Details:
     entries: F64  # (3, total) where skin entered first
     ways: F64  # (3, total) how it moved then, for a whole time between samples
 
-    @classmethod
-    def empty(cls, *shape: int) -> Details:
-        return cls(
-            np.zeros((3, *shape)),
-            np.full(shape, np.nan),
-            np.zeros((3, *shape)),
-            np.zeros((3, *shape)),
-        )
-
-    def of(self, rows: I64, columns: I64) -> Details:
-        """Details of some contacts, by their rows and columns."""
-        return Details(
-            self.places[:, rows, columns],
-            self.since[rows, columns],
-            self.entries[:, rows, columns],
-            self.ways[:, rows, columns],
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class DetailArrays:
-    """Details of all contacts that may be, as the library fills them in."""
+    """Details of all contacts that may be, to be filled in row by row."""
 
     places: F64  # (rows, columns, 3)
     since: F64  # (rows, columns)

@@ -17,7 +17,7 @@ from ..arrays import I32, I64, Bool, Weights
 from ..native import library
 from ..volume.placing_matrix import inverse_placement
 from . import compiled_contacts, reference_contacts
-from .contact_details import Details
+from .contact_details import DetailArrays, Details
 from .contact_query import ContactQuery
 
 
@@ -82,13 +82,11 @@ def _by_definition(query: ContactQuery) -> Contacts:
     found = list(reference_contacts.contacts_at(query, rows, query.follows, query.reported))
     columns = np.flatnonzero(sum((each.weights > 0.0 for _, each in found), np.False_))
     weights: Weights = np.zeros((len(rows), len(columns)), query.falloff.precision)
-    details = None
-    if query.asks_details:
-        details = Details.empty(*weights.shape)
+    details = DetailArrays.empty(*weights.shape) if query.asks_details else None
     for k, felt in found:
         weights[k] = felt.weights[columns]
         for each in () if details is None else fields(details):
-            getattr(details, each.name)[..., k, :] = getattr(felt.details, each.name)[..., columns]
+            getattr(details, each.name)[k] = getattr(felt.details, each.name)[..., columns].T
     return _gathered(rows, columns.astype(np.int32), weights, details, query.own_sets)
 
 
@@ -96,7 +94,7 @@ def _gathered(
     rows: I64,
     columns: I32,
     weights: Weights,
-    details: Details | None,
+    details: DetailArrays | None,
     own_sets: bool,
 ) -> Contacts:
     felt = weights.any(axis=1)
@@ -105,13 +103,11 @@ def _gathered(
     if not own_sets:
         is_new[1:] = (weights[1:] != weights[:-1]).any(axis=1)
     owners, felt_columns = np.nonzero(weights[is_new])
-    if details is not None:
-        details = details.of(np.flatnonzero(felt)[owners], felt_columns)
     return Contacts(
         rows,
         np.cumsum(is_new) - 1,
         np.searchsorted(owners, np.arange(np.count_nonzero(is_new) + 1)),
         columns[felt_columns],
         weights[is_new][owners, felt_columns],
-        details,
+        None if details is None else details.of(np.flatnonzero(felt)[owners], felt_columns),
     )
