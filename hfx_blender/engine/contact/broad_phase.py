@@ -151,8 +151,8 @@ class CompiledBroadPhase:
         own : Outline or None
             Of the clusters' own vertices where the skin has others.
         groups : array of ``hfx_groups`` or None
-            See :meth:`..skin.cell_coverage.CellSizes.pointers`, for the clusters that are met; None
-            where nothing falls off or amplitudes must be exact.
+            See :meth:`..skin.cell_coverage.BodySkin.cell_groups`, for the clusters that are met;
+            None where nothing falls off or amplitudes must be exact.
         """
         count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):

@@ -59,8 +59,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
     target.find_meshes(bool(query.follows.any()))
     groups = None
     if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0 and bound:
-        assert skin.cell_sizes is not None
-        groups = skin.cell_sizes.pointers(met)
+        groups = skin.cell_groups(met)
     if bound is not None:
         assert pose.bones is not None
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)

@@ -82,7 +82,16 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
 
 
 class CellGroups:
-    """Groups of cells of the clusters of a skin; see :class:`..skin.cell_coverage.CellSizes`.
+    """Groups of cells of a skin on a body that bones move: bounds of their sizes in any pose.
+
+    The size of a cell is the mean distance from its vertex. Bones stretch skin and pull it apart
+    where they bend. Sizes are known for whole clusters from the bones alone, so that no skin is
+    posed to find out that its vertices tell enough of it.
+
+    With weights u of a place x of skin and v of its cell's vertex at y, and any matrix R,
+    sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at most
+    what bones stretch times the way at rest, the second how differently bones move the vertex
+    times how far the weights differ.
 
     Parameters
     ----------

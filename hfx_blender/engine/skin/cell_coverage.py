@@ -210,13 +210,23 @@ class BodySkin:
         return UsedBones(np.unique(np.concatenate(used)))
 
     @cached_property
-    def cell_sizes(self) -> CellSizes | None:
-        """Bounds of cell sizes in a pose; None where they are unknown without posing."""
-        if not isinstance(self.surface, SkinnedModel):
-            return None
-        own = self.vertices if self.is_grouped else None
-        assert own is None or isinstance(own, SkinnedModel)
-        return CellSizes(self.skin.table, self.surface, own)
+    def _groups(self) -> CellGroups:
+        return CellGroups(len(self.surface.clusters))
+
+    def cell_groups(self, clusters: I64) -> Any:
+        """Native table of bounds of cell sizes in a pose, with these clusters filled in; no skin
+        is filled in for it. For bodies that bones move.
+        """
+        new = self._groups.lacking(clusters)
+        if len(new):
+            assert isinstance(self.surface, SkinnedModel)
+            own = None
+            if self.is_grouped:
+                assert isinstance(self.vertices, SkinnedModel)
+                own = self.vertices.native_clusters(new)
+            table = self.skin.table
+            self._groups.add(new, table, table.mesh, self.surface.native_clusters(new), own)
+        return self._groups.table
 
     @property
     def is_grouped(self) -> bool:
@@ -231,42 +241,3 @@ def owners_of(clusters: list[I32], count: int) -> I64:
         np.arange(len(clusters)), [len(ids) for ids in clusters]
     )
     return owners
-
-
-class CellSizes:
-    """Upper bounds of the sizes of a skin's cells on a body that bones move, cluster by cluster.
-
-    The size of a cell is the mean distance from its vertex. Bones stretch skin and pull it apart
-    where they bend. Sizes are known for whole clusters from the bones alone, so that no skin is
-    posed to find out that its vertices tell enough of it.
-
-    With weights u of a place x of skin and v of its cell's vertex at y, and any matrix R,
-    sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at most
-    what bones stretch times the way at rest, the second how differently bones move the vertex
-    times how far the weights differ.
-
-    Parameters
-    ----------
-    table : SkinTable
-        The skin, none of which needs to be filled in.
-    surface : SkinnedModel
-        Binds the surface of the skin, in its outlines.
-    vertices : SkinnedModel, optional
-        Binds the model's own vertices, in the clusters of the skin, where its surface is that
-        of a finer model.
-    """
-
-    def __init__(
-        self, table: SkinTable, surface: SkinnedModel, vertices: SkinnedModel | None
-    ) -> None:
-        self._table, self._surface, self._vertices = table, surface, vertices
-        self._native = CellGroups(len(surface.clusters))
-
-    def pointers(self, clusters: I64) -> Any:
-        """Native table of all clusters, with these filled in."""
-        new = self._native.lacking(clusters)
-        if len(new):
-            surface = self._surface.native_clusters(new)
-            own = None if self._vertices is None else self._vertices.native_clusters(new)
-            self._native.add(new, self._table, self._table.mesh, surface, own)
-        return self._native.table

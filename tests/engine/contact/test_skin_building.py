@@ -305,7 +305,7 @@ def test_filling_leaves_what_others_look_at_where_it_is():
 
 
 def _cell_mean(groups, posed):
-    """Bound of an ``hfx_groups`` under the matrices (B, 3, 4) of bones; see ``CellSizes``."""
+    """Bound of an ``hfx_groups`` under the matrices (B, 3, 4) of bones; see ``CellGroups``."""
     starts = _read(groups.starts, np.int64, groups.count + 1)
     distances = _read(groups.distances, np.float64, groups.count)
     boxes = _read(groups.boxes, np.float64, groups.count, 2, 3)
@@ -334,10 +334,10 @@ def test_cells_are_no_larger_than_their_groups_say(modality):
     body, pose = scene.bodies[0], block.poses[0]
     skin = BoundSkins(load, STANDARD, Counters()).of(body, model.id)
     some = np.arange(len(skin.skin.clusters))[::23]
-    skin.cell_sizes.pointers(some[:2])
+    skin.cell_groups(some[:2])
     still = np.eye(4)[None, :3]
     posed = pose.to_world[2, :3, :3] @ np.concatenate([pose.bones[2], still])
-    groups = skin.cell_sizes.pointers(some)
+    groups = skin.cell_groups(some)
     bounds = np.array([_cell_mean(groups[cluster], posed) for cluster in some.tolist()])
     surface, own = (world_points(m, body.binding, pose, 2) for m in (skin.skin.surface, model))
     shares = []

@@ -235,7 +235,7 @@ def test_lists_of_clusters_are_those_of_the_pairs_and_their_bones_are_known(moda
         )
         met, sizes = broad.overlaps(), None
         if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
-            sizes = skin.cell_sizes.pointers(met)
+            sizes = skin.cell_groups(met)
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, sizes)
         _check_bones(reached, skin, pose, target)
         pairs = reached.pairs
