@@ -255,7 +255,8 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
         points, triangles = mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
         if carrier is not None:
-            names, weights = (carrier,), _rigid_weights(len(points))
+            count = len(points)
+            names, weights = (carrier,), _skin_weights(range(count + 1), [0] * count, [1.0] * count)
         else:
             weights = _weights(mesh, list(groups.values()))
     hidden = mesh_copies.hidden_vertices(mesh_object, triangles, points)
@@ -316,23 +317,20 @@ def _check_scale(obj: bpy.types.Object) -> None:
         )
 
 
-def _rigid_weights(count: int) -> SkinWeights:
-    """Weights of vertices that all follow one bone."""
+def _skin_weights(
+    offsets: Sequence[int], bones: Sequence[int], values: Sequence[float]
+) -> SkinWeights:
     import numpy as np
 
     from ..engine.body.model import SkinWeights
 
     return SkinWeights(
-        np.arange(count + 1, dtype=np.int32), np.zeros(count, np.int32), np.ones(count, np.float32)
+        np.array(offsets, np.int32), np.array(bones, np.int32), np.array(values, np.float32)
     )
 
 
 def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
     """Weights of a mesh's vertices in some vertex groups, in their order."""
-    import numpy as np
-
-    from ..engine.body.model import SkinWeights
-
     column = {group: number for number, group in enumerate(groups)}
     counts, bones, values = [0], [], []
     for vertex in mesh.vertices:
@@ -345,6 +343,4 @@ def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
         bones += [bone for bone, _ in row]
         values += [weight / total for _, weight in row]
         counts.append(len(bones))
-    return SkinWeights(
-        np.array(counts, np.int32), np.array(bones, np.int32), np.array(values, np.float32)
-    )
+    return _skin_weights(counts, bones, values)

@@ -15,6 +15,8 @@ from typing import Any, Final
 
 import bpy
 
+from ..blender import compat
+
 _ADD_ON: Final = "vrm_addon_extension"
 _EXTENSIONS: Final = ("VRMC_vrm", "VRM")
 _FEWEST: Final = 8
@@ -103,9 +105,7 @@ def _stored(owner: bpy.types.ID | bpy.types.Bone) -> Any:
     """Data that the add-on stores on something: properties, or plain data without it."""
     if hasattr(owner, _ADD_ON):
         return getattr(owner, _ADD_ON)
-    # Blender 5 keeps the data of registered properties apart from custom properties.
-    system = owner.bl_system_properties_get() if hasattr(owner, "bl_system_properties_get") else {}
-    return (system or {}).get(_ADD_ON) or owner.get(_ADD_ON)
+    return compat.stored_properties(owner).get(_ADD_ON) or owner.get(_ADD_ON)
 
 
 def _field(holder: Any, *path: str) -> Any:

@@ -92,12 +92,12 @@ def new_fcurve(
     return found or action.fcurves.new(data_path, index=index)
 
 
-def own_fcurve(owner: bpy.types.ID, data_path: str, title: str) -> bpy.types.FCurve:
+def own_fcurve(owner: bpy.types.ID, data_path: str, title: str, index: int = 0) -> bpy.types.FCurve:
     """An F-curve in a datablock's own action; without one an action of that title is made."""
     data = owner.animation_data or owner.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(f"{owner.name} {title}".rstrip())
-    return new_fcurve(owner, data.action, data_path)
+    return new_fcurve(owner, data.action, data_path, index)
 
 
 def set_keys(
@@ -153,14 +153,18 @@ def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:
 
 
 def properties(owner: bpy.types.ID) -> object:
-    """The add-on's properties of a datablock as plain values that can be compared.
+    """The add-on's properties of a datablock as plain values that can be compared."""
+    return _plain(stored_properties(owner).get("hfx")) or None
 
-    They are no custom properties since 5.0.
+
+def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
+    """Raw values that Blender stores behind the registered properties of a datablock or a bone.
+
+    Before 5.0 they are custom properties.
     """
     if hasattr(owner, "bl_system_properties_get"):
-        group = owner.bl_system_properties_get()
-        return None if group is None else _plain(group.get("hfx")) or None
-    return _plain(owner.get("hfx")) or None
+        return owner.bl_system_properties_get() or {}
+    return owner
 
 
 def _plain(value: Any) -> object:

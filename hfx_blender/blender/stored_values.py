@@ -15,6 +15,8 @@ from typing import Any
 
 import bpy
 
+from . import compat
+
 _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (int,)}
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
 _ENDLESS = 3e38
@@ -41,7 +43,7 @@ class BadValue:
 
 def bad_values(owner: bpy.types.ID) -> list[BadValue]:
     """The values of ``owner.hfx``, with all that is below it, that are not allowed."""
-    stored = _stored(owner).get("hfx")
+    stored = compat.stored_properties(owner).get("hfx")
     if stored is None:
         return []
     if not hasattr(stored, "keys"):
@@ -51,7 +53,7 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
 
 def stored_at(owner: bpy.types.ID, *names: str) -> Any:
     """Value below ``owner.hfx`` as it is stored; None where nothing is."""
-    value: Any = _stored(owner).get("hfx")
+    value: Any = compat.stored_properties(owner).get("hfx")
     for name in names:
         value = value.get(name) if hasattr(value, "keys") else None
     return value
@@ -67,13 +69,6 @@ def limited_row(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
     """A property of several numbers, each within its limits."""
     limits = group.bl_rna.properties[name]
     return tuple(min(max(v, limits.hard_min), limits.hard_max) for v in getattr(group, name))
-
-
-def _stored(owner: bpy.types.ID) -> Mapping[str, Any]:
-    """Raw values that Blender stores behind a datablock's registered properties."""
-    if hasattr(owner, "bl_system_properties_get"):  # 5.0 and later
-        return owner.bl_system_properties_get() or {}
-    return owner
 
 
 def _bad_of(

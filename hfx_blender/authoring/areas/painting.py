@@ -166,10 +166,8 @@ def store_all_painted() -> None:
 
 def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
     """Mesh on which an effect is being painted."""
-    for obj in bpy.data.objects:
-        if obj.get(PAINTED_EFFECT) == effect:
-            return obj
-    return None
+    found = (obj for obj in bpy.data.objects if obj.get(PAINTED_EFFECT) == effect)
+    return next(found, None)
 
 
 def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:

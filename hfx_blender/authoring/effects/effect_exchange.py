@@ -198,28 +198,12 @@ def _shape(
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
     fps = fps_of(scene)
-    _move(effect, volume, unit_m, frame, fps, origin)
+    for axis in range(3) if volume.path else ():
+        keys = [(frame + t * fps, origin[axis] + at[axis] / unit_m) for t, at in volume.path]
+        compat.set_keys(compat.own_fcurve(effect, "location", "Path", axis), keys)
     response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
     if volume.swarm is not None:
-        swarm = volume.swarm
-        swarms.add_swarm(scene, effect, swarm, unit_m, frame, fps, origin)
-
-
-def _move(
-    effect: bpy.types.Object,
-    volume: VolumeRecipe,
-    unit_m: float,
-    frame: float,
-    fps: float,
-    origin: Sequence[float],
-) -> None:
-    if not volume.path:
-        return
-    data = effect.animation_data or effect.animation_data_create()
-    data.action = bpy.data.actions.new(f"{effect.name} Path")
-    for axis in range(3):
-        keys = [(frame + t * fps, origin[axis] + at[axis] / unit_m) for t, at in volume.path]
-        compat.set_keys(compat.new_fcurve(effect, data.action, "location", axis), keys)
+        swarms.add_swarm(scene, effect, volume.swarm, unit_m, frame, fps, origin)
 
 
 def sensation_of(
