@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -94,25 +95,27 @@ def is_same(row: Row, block: AnimationBlock) -> bool:
     """Test that a block of one time equals what was read at that time."""
     for k, read_effect in row.effects.items():
         effect = block.effects[k]
-        matrix = None if effect.matrices is None else effect.matrices[0]
-        controls = None if effect.response is None else effect.response[0]
         other = EffectRow(
             float(effect.levels[0]),
             effect.parameters[0].tolist(),
-            matrix,
-            response=controls,
-            vertices=None if effect.vertices is None else effect.vertices[0],
-            place=None if effect.place is None else effect.place[0],
-            drive=None if effect.drive is None else effect.drive[0],
+            _first(effect.matrices),
+            response=_first(effect.response),
+            vertices=_first(effect.vertices),
+            place=_first(effect.place),
+            drive=_first(effect.drive),
         )
         if not effects_agree(read_effect, other):
             return False
     for k, pose in enumerate(block.poses):
         if not pose.valid[0]:
             continue
-        bones = None if pose.bones is None else pose.bones[0]
-        surface = None if pose.surface is None else pose.surface[0]
         read = row.poses[k]
-        if read is None or not read.nearly_equals(PoseRow(pose.to_world[0], bones, surface)):
+        other_pose = PoseRow(pose.to_world[0], _first(pose.bones), _first(pose.surface))
+        if read is None or not read.nearly_equals(other_pose):
             return False
     return True
+
+
+def _first(values: Any) -> Any:
+    """Values of the first time; None where there are none."""
+    return None if values is None else values[0]

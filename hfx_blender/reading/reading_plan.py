@@ -11,10 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from ..authoring.effects import effect_values
-from ..engine.scene import (
-    SceneDescription,
-    SurfaceBinding,
-)
+from ..engine.scene import SceneDescription, SurfaceBinding
 from .curves.animation_curves import NotModelledError
 from .curves.curve_reading import CurveBody, CurveEffect, is_steady
 from .curves.fcurve_kinematics import Parents
@@ -31,9 +28,7 @@ class Plan:
     bodies: dict[int, CurveBody] = field(default_factory=dict)
     reason: str = ""  # why not all of them; empty if all
     in_own_scene: bool = False
-    presampled: dict[int, PresampledRig] = field(
-        default_factory=dict
-    )  # bodies that only Blender can pose
+    presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies Blender has to pose
     in_one_go: bool = False  # the own scene is read from its first sample on, one after another
     is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -230,34 +231,19 @@ class EffectChunks:
         return self._chunks[number]
 
 
+_BY_TIME = ("levels", "parameters", "matrices", "response", "place", "drive")
+"""Arrays of an effect read from F-curves that have a row for each time, as far as it has them."""
+
+
 def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
-    return EffectBlock(
-        block.levels[rows],
-        block.parameters[rows],
-        matrices=None if block.matrices is None else block.matrices[rows],
-        vertices=block.vertices,
-        shapes=block.shapes,
-        response=None if block.response is None else block.response[rows],
-        place=None if block.place is None else block.place[rows],
-        drive=None if block.drive is None else block.drive[rows],
-    )
+    known = [name for name in _BY_TIME if getattr(block, name) is not None]
+    return replace(block, **{name: getattr(block, name)[rows] for name in known})
 
 
 def _joined(parts: list[EffectBlock]) -> EffectBlock:
-    matrices = [part.matrices for part in parts if part.matrices is not None]
-    controls = [part.response for part in parts if part.response is not None]
-    places = [part.place for part in parts if part.place is not None]
-    drives = [part.drive for part in parts if part.drive is not None]
-    return EffectBlock(
-        np.concatenate([part.levels for part in parts]),
-        np.concatenate([part.parameters for part in parts]),
-        matrices=np.concatenate(matrices) if matrices else None,
-        vertices=parts[0].vertices,
-        shapes=parts[0].shapes,
-        response=np.concatenate(controls) if controls else None,
-        place=np.concatenate(places) if places else None,
-        drive=np.concatenate(drives) if drives else None,
-    )
+    known = [name for name in _BY_TIME if getattr(parts[0], name) is not None]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in known}
+    return replace(parts[0], **columns)
 
 
 class CurveBody:

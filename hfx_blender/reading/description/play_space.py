@@ -35,7 +35,9 @@ def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
     frames = animation_frames(scene, sample_frames(time, np.arange(time.sample_count)))
     world = plain.world(frames, plain.values.sample(frames))
     world[:, :3, 3] *= unit_m
-    return _checked(world, space.name)
+    if not np.isfinite(world).all() or (np.abs(np.linalg.det(world)) < 1e-12).any():
+        raise InputError(f"Play space '{space.name}': its scale is 0, or its place no number.")
+    return world
 
 
 def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
@@ -46,9 +48,3 @@ def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) 
     matrix = np.array(space.evaluated_get(layer.depsgraph).matrix_world, np.float64)
     matrix[:3, 3] *= unit_m
     return matrix
-
-
-def _checked(matrices: F64, name: str) -> F64:
-    if not np.isfinite(matrices).all() or (np.abs(np.linalg.det(matrices)) < 1e-12).any():
-        raise InputError(f"Play space '{name}': its scale is 0, or its place no number.")
-    return matrices

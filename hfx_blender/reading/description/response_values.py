@@ -32,11 +32,11 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
     """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
     if each.kind != FilterKind.IMPACT:
         return 0.0
-    attack, decay = limited(each, "attack"), limited(each, "decay")
+    times_s = {name: limited(each, name) for name in ("attack", "decay")}
     data = effect.animation_data
     if data is None:
-        return longest_s(attack, decay)
-    for name in ("attack", "decay"):
+        return longest_s(*times_s.values())
+    for name in times_s:
         path = f"hfx.response[{place}].{name}"
         highest = each.bl_rna.properties[name].hard_max
         if any(driver.data_path == path for driver in data.drivers):
@@ -44,13 +44,8 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
         for curves in compat.curve_collections(effect):
             for curve in curves:
                 if curve.data_path == path:
-                    bound = min(highest_of(curve), highest)
-                    attack, decay = (
-                        (max(attack, bound), decay)
-                        if name == "attack"
-                        else (attack, max(decay, bound))
-                    )
-    return longest_s(attack, decay)
+                    times_s[name] = max(times_s[name], min(highest_of(curve), highest))
+    return longest_s(*times_s.values())
 
 
 def highest_of(curve: bpy.types.FCurve) -> float:

@@ -25,12 +25,13 @@ MOST_FILTERS = 64
 
 _OF_BODIES = frozenset({"follow", "avatar", "avatar_parts", "fit_kept", "bone_map", "uid"})
 _OF_NOBODY = frozenset({"envelope", "response_active", "bone_map_active", "bone_map_region"})
-_SIZES = {
-    "CUBOID": {"size"},
-    "SPHERE": {"radius"},
-    "CYLINDER": {"radius", "height"},
-    "CAPSULE": {"radius", "height"},
+SIZES = {
+    "CUBOID": ("size",),
+    "SPHERE": ("radius",),
+    "CYLINDER": ("radius", "height"),
+    "CAPSULE": ("radius", "height"),
 }
+"""Properties that the size of a volume follows from, by its shape."""
 
 _LARGEST = np.finfo(np.float32).max
 """Infinity, as Blender stores it in a key."""
@@ -158,7 +159,7 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
     if name in ("size", "radius", "height", "shape"):
         if hfx.kind == "SPOT":
             return name == "radius"
-        return hfx.kind == "VOLUME" and (name == "shape" or name in _SIZES.get(hfx.shape, ()))
+        return hfx.kind == "VOLUME" and (name == "shape" or name in SIZES.get(hfx.shape, ()))
     only = {"response": "VOLUME", "surface": "SURFACE", "path_position": "SPOT"}
     only |= {"drive": "ACTUATORS", "device": "ACTUATORS"}
     return hfx.kind == only[name] if name in only else True

@@ -44,14 +44,7 @@ class PoseRow:
 
     def nearly_equals(self, other: PoseRow) -> bool:
         """Test that two readings of the same time are equal up to rounding."""
-        return all(
-            _close(a, b)
-            for a, b in zip(
-                (self.to_world, self.bones, self.surface),
-                (other.to_world, other.bones, other.surface),
-                strict=True,
-            )
-        )
+        return _agree(self, other, ("to_world", "bones", "surface"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +73,12 @@ def effects_agree(one: EffectRow, two: EffectRow) -> bool:
         return False
     if not one.level > 0.0:
         return True
-    return all(
-        _close(a, b)
-        for a, b in (
-            (one.parameters, two.parameters),
-            (one.matrix, two.matrix),
-            (one.response, two.response),
-            (one.vertices, two.vertices),
-            (one.place, two.place),
-            (one.drive, two.drive),
-        )
-    )
+    return _agree(one, two, ("parameters", "matrix", "response", "vertices", "place", "drive"))
+
+
+def _agree(one: object, two: object, names: Sequence[str]) -> bool:
+    """Test that the attributes of these names are equal up to rounding, or missing in both."""
+    return all(_close(getattr(one, name), getattr(two, name)) for name in names)
 
 
 def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
@@ -121,17 +109,13 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
     for k, row in enumerate(rows):
         if row.shape is not None:
             which[k] = shapes.setdefault(row.shape, len(shapes))
-    controls = next((row.response for row in rows if row.response is not None), None)
-    response = None
-    if controls is not None:
-        response = np.stack([controls if row.response is None else row.response for row in rows])
     return EffectBlock(
         levels,
         parameters,
         matrices=np.stack([identity if row.matrix is None else row.matrix for row in rows]),
         shapes=tuple(shapes),
         shape_index=which,
-        response=response,
+        response=_stacked([row.response for row in rows]),
         vertices=joined([row.vertices for row in rows]),
     )
 
@@ -143,7 +127,7 @@ def silence(count: int, modality: str) -> EffectBlock:
 
 
 def _stacked(values: Sequence[F64 | None]) -> F64 | None:
-    """Rows (T, K); where one was not read, it may hold anything."""
+    """Rows (T, ...); where one was not read, it may hold anything."""
     known = next((each for each in values if each is not None), None)
     if known is None:
         return None

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from ...authoring import volumes
 from ...authoring.effects import effect_values
 from ...avatars import avatar_meshes, body_binding
-from ...blender import compat
 from ...engine.arrays import F64
 from ...engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ...engine.volume.shape import Shape
@@ -257,8 +256,4 @@ def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
 
 def _is_animated(effect: bpy.types.Object) -> bool:
     """Test for a curve or a driver that may change an effect's own settings."""
-    data = effect.animation_data
-    if data is None:
-        return False
-    curves = [curve for each in compat.curve_collections(effect) for curve in each]
-    return any("hfx" in curve.data_path for curve in (*curves, *data.drivers))
+    return any("hfx" in path for path in soundness.animated_paths(effect))

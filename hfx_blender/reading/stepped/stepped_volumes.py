@@ -19,17 +19,11 @@ from ...engine.arrays import F32, F64, I64, Bool
 from ...engine.scene import PoseBlock, SceneDescription
 from ..description.response_values import highest_of
 from ..description.scene_description import HapticObjects
-from .nearness import Box, SkinBoxes, swept_boxes
+from ..description.soundness import SIZES
+from ..description.visibility import is_keyed
+from .nearness import SkinBoxes, swept_boxes
 from .scene_rows import Places, Row
 from .stepping import Stepper
-
-_SIZES = {
-    "CUBOID": ("size",),
-    "SPHERE": ("radius",),
-    "CYLINDER": ("radius", "height"),
-    "CAPSULE": ("radius", "height"),
-}
-"""Properties that the size of a volume follows from."""
 
 
 class SteppedVolumes:
@@ -105,33 +99,6 @@ def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: i
     return flat
 
 
-def over_time(places: Sequence[Places]) -> Places:
-    """Placements at several times as one, its arrays (T, N, ...)."""
-    return Places(
-        np.array([each.there for each in places]),
-        np.array([each.matrices for each in places]),
-        np.array([each.boxes for each in places]),
-    )
-
-
-def swept(places: Places, unit_m: float) -> tuple[Box, F64]:
-    """Boxes (N, 3) around volumes :func:`over time <over_time>`, and between two times; their
-    matrices (T, N, 4, 4), metres."""
-    matrices = places.matrices.copy()
-    matrices[..., :3, :] *= unit_m
-    return swept_boxes(matrices, places.boxes, places.there), matrices
-
-
-def near(places: Places, unit_m: float, skins: Sequence[Box | None]) -> Bool:
-    """Volumes that may meet any of some boxes :func:`over time <over_time>`, (N,)."""
-    (low, high), _ = swept(places, unit_m)
-    # Not "and": a box that is no number may be anywhere.
-    found = np.zeros(len(low), np.bool_)
-    for skin in skins:
-        found |= skin is None or ~((low > skin[1]).any(axis=1) | (high < skin[0]).any(axis=1))
-    return found & places.there.any(axis=0)
-
-
 class FarVolumes:
     """Volumes that are stepped, and read in full only while they are near skin.
 
@@ -197,13 +164,25 @@ class FarVolumes:
         return found
 
     def places(self, rows: Iterable[Row]) -> Places:
-        """Their places over the times of a block."""
-        return over_time([row.places for row in rows if row.places is not None])
+        """Their places over the T times of a block, in arrays (T, N, ...)."""
+        read = [row.places for row in rows if row.places is not None]
+        return Places(
+            np.array([each.there for each in read]),
+            np.array([each.matrices for each in read]),
+            np.array([each.boxes for each in read]),
+        )
 
     def are_near(self, places: Places, poses: Sequence[PoseBlock]) -> Bool:
-        """Volumes that may meet the skin of any body, (N,)."""
-        skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
-        return near(places, self._unit_m, skins)
+        """Volumes that may meet the skin of any body at the times of a block, or between, (N,)."""
+        matrices = places.matrices.copy()
+        matrices[..., :3, :] *= self._unit_m
+        low, high = swept_boxes(matrices, places.boxes, places.there)
+        # Not "and": a box that is no number may be anywhere.
+        found = np.zeros(len(low), np.bool_)
+        for skin, pose in zip(self._skins, poses, strict=True):
+            box = skin.over(pose)
+            found |= box is None or ~((low > box[1]).any(axis=1) | (high < box[0]).any(axis=1))
+        return found & places.there.any(axis=0)
 
 
 def _boxes(corners: F64) -> F64:
@@ -223,7 +202,7 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
     where an effect can be felt: it is no volume, or has filters that go on ringing.
     """
     hfx = effect.hfx
-    if hfx.kind != "VOLUME" or responses.active(hfx) or _has_curves(effect, "shape"):
+    if hfx.kind != "VOLUME" or responses.active(hfx) or is_keyed(effect, "hfx.shape"):
         return None
     if hfx.shape == "MESH":
         is_read = effect.type == "MESH" and effect.mode != "EDIT"
@@ -243,16 +222,18 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
 def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
     """The largest values of the properties that the size of a shape follows from."""
     found = []
-    for name in _SIZES[shape]:
+    for name in SIZES[shape]:
         now = limited_row(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)
         most = max(now)
-        if _has_curves(effect, name):
+        path = f"hfx.{name}"
+        if is_keyed(effect, path):
             data = effect.animation_data
-            curves = [c for c in compat.fcurves(effect) if c.data_path == f"hfx.{name}"]
+            curves = [c for c in compat.fcurves(effect) if c.data_path == path]
             every = [c for each in compat.curve_collections(effect) for c in each]
-            if len(curves) < sum(c.data_path == f"hfx.{name}" for c in every):
+            if len(curves) < sum(c.data_path == path for c in every):
                 return None  # strips may add to each other
-            if data.action_blend_type != "REPLACE" or _is_driven(effect, name):
+            is_driven = any(each.data_path == path for each in data.drivers)
+            if data.action_blend_type != "REPLACE" or is_driven:
                 return None
             limits = effect.hfx.bl_rna.properties[name]
             default = max(limits.default_array) if name == "size" else limits.default
@@ -261,14 +242,3 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
             return None
         found += [most] * len(now) if most > max(now) else now
     return found
-
-
-def _has_curves(effect: bpy.types.Object, name: str) -> bool:
-    if effect.animation_data is None:
-        return False
-    curves = [curve for each in compat.curve_collections(effect) for curve in each]
-    return any(c.data_path == f"hfx.{name}" for c in curves) or _is_driven(effect, name)
-
-
-def _is_driven(effect: bpy.types.Object, name: str) -> bool:
-    return any(each.data_path == f"hfx.{name}" for each in effect.animation_data.drivers)
