@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handlers and timers of ours in Blender."""
+"""Handlers and timers of ours in Blender, and redrawing."""
 
 from __future__ import annotations
 
@@ -97,6 +97,14 @@ def announce(event: str, *arguments: Any) -> None:
     """Call the function that listens to an event, if there is one."""
     if event in _listeners:
         _listeners[event](*arguments)
+
+
+def redraw(*kinds: str) -> None:
+    """Have all areas of these types, such as ``VIEW_3D``, drawn again, their sidebars too."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in kinds:
+                area.tag_redraw()
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:

@@ -34,7 +34,7 @@ class Evaluation:
         self.fault = ""
         self.generation = 0
         self.with_positions = False  # whether a device needs to know where samples are
-        self.before_describing: Callable[[], None] = _nothing
+        self.before_describing: Callable[[], None] = lambda: None
         self._key: tuple[object, ...] = ()
         self._runs: list[SampleRun] | None = None
 
@@ -85,10 +85,6 @@ class Evaluation:
         if self._runs is None:
             self._runs = self.scene.runs()
         return self._runs
-
-
-def _nothing() -> None:
-    pass
 
 
 evaluation = Evaluation()

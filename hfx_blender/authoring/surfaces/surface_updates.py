@@ -13,7 +13,7 @@ import time
 
 import bpy
 
-from ...blender.events import call_soon, remove_timers
+from ...blender.events import call_soon, redraw, remove_timers
 from ...errors import HfxError
 
 DELAY_S = 0.3
@@ -116,7 +116,7 @@ def bake_outdated() -> float | None:
     for obj in check():
         if obj.hfx.surface.source == "IMAGE" or may_bake(obj):
             _make_one(obj, anew=True)
-    _redraw()
+    redraw("VIEW_3D", "IMAGE_EDITOR")
     return None
 
 
@@ -129,7 +129,7 @@ def make_waiting() -> None:
         obj = bpy.data.objects.get(name)
         if obj is not None and surfaces.is_surface(obj):
             _make_one(obj, anew=False)
-    _redraw()
+    redraw("VIEW_3D", "IMAGE_EDITOR")
 
 
 def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
@@ -143,13 +143,6 @@ def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
         _log.exception("surface '%s'", obj.name)
         obj.hfx.surface.note = f"{type(error).__name__}: {error}"
         obj.hfx.surface.is_faulty = True
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "IMAGE_EDITOR"):
-                area.tag_redraw()
 
 
 def register() -> None:

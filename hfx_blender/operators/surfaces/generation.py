@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.props import IntProperty
 
+from ...blender.events import redraw
 from ...errors import HfxError, InputError
 from ...processes import blender_session
 from ...version import __version__
@@ -138,7 +139,7 @@ class HFX_OT_generate_surface(HfxOperator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        _redraw(context)
+        redraw("VIEW_3D")
         if running is not None and running.is_running:
             return {"PASS_THROUGH"}
         self.cancel(context)
@@ -173,13 +174,6 @@ def _given(obj: bpy.types.Object, record: Path) -> str:
 
     material = generated_surfaces.apply(obj, record)
     return f"'{obj.name}' has the material '{material.name}'; {obj.hfx.surface.note}"
-
-
-def _redraw(context: bpy.types.Context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 class HFX_OT_cancel_generation(HfxOperator):

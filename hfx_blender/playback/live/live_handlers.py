@@ -8,37 +8,19 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import bpy
 from bpy.app.handlers import persistent
 
-from ...blender.events import add_handlers, call_soon, remove_handlers, remove_timers
+from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...errors import HfxError
 from ...reading.stepped import stepping
 
+if TYPE_CHECKING:
+    from .live import Live
+
 BEAT_S = 0.05
-
-
-class Listener(Protocol):
-    """Interface of what follows the open scene."""
-
-    @property
-    def is_armed(self) -> bool: ...
-
-    def touch(self) -> None: ...
-
-    def forget(self) -> None: ...
-
-    def describe(self, context: bpy.types.Context) -> None: ...
-
-    def update(self, scene: bpy.types.Scene) -> None: ...
-
-    def exchange_heartbeat(self) -> bool: ...
-
-    def stop_all(self, reason: str) -> None: ...
-
-    def fail(self, text: str) -> None: ...
 
 
 _log = logging.getLogger(__name__)
@@ -51,14 +33,9 @@ def is_playing() -> bool:
 
 
 class LiveHandlers:
-    """Handlers and timers of one listener.
+    """Handlers and timers by which live devices follow the open scene."""
 
-    Parameters
-    ----------
-    listener : Listener
-    """
-
-    def __init__(self, listener: Listener) -> None:
+    def __init__(self, listener: Live) -> None:
         self._listener = listener
         self._is_describing = False
         self._handlers = {
@@ -142,7 +119,7 @@ class LiveHandlers:
         """Give a sign of life; returns the seconds until the next one."""
         try:
             if self._listener.exchange_heartbeat():
-                _redraw()
+                redraw("VIEW_3D")
         except ReferenceError as error:  # something was deleted; the next change will describe it
             _log.info("live: %s", error)
             self._listener.forget()
@@ -157,13 +134,6 @@ class LiveHandlers:
     def _fail(self, error: Exception) -> None:
         _log.error("live", exc_info=error)
         self._listener.fail(f"{type(error).__name__}: {error}")
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 SLOW_S: Final = 0.2

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -42,25 +43,19 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     if not layers:
         return
     shader = card_shaders.skin()
-    writes = gpu.state.depth_mask_get()
-    gpu.state.blend_set("ALPHA_PREMULT")
-    gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
-    gpu.state.face_culling_set("BACK")
-    shader.bind()
-    shader.uniform_float("opacity", opacity)
-    for layer in layers:
-        batch = _skins[layer]
-        shader.uniform_float("above", layer.above)
-        with gpu.matrix.push_pop():
-            gpu.matrix.multiply_matrix(layer.matrix)
-            to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
-            shader.uniform_float("to_viewer", to_viewer)
-            submit(batch, shader)
-    gpu.state.face_culling_set("NONE")
-    gpu.state.depth_mask_set(writes)
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("NONE")
+    with _over_skin("ALPHA_PREMULT"):
+        gpu.state.face_culling_set("BACK")
+        shader.bind()
+        shader.uniform_float("opacity", opacity)
+        for layer in layers:
+            batch = _skins[layer]
+            shader.uniform_float("above", layer.above)
+            with gpu.matrix.push_pop():
+                gpu.matrix.multiply_matrix(layer.matrix)
+                to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
+                shader.uniform_float("to_viewer", to_viewer)
+                batch.draw(shader)
+        gpu.state.face_culling_set("NONE")
 
 
 def draw_discs(parts: Sequence[Discs]) -> None:
@@ -73,28 +68,32 @@ def draw_discs(parts: Sequence[Discs]) -> None:
     if not parts:
         return
     shader = card_shaders.discs()
+    with _over_skin("ALPHA"):
+        shader.bind()
+        for part in parts:
+            shader.uniform_float("above", part.above)
+            shader.uniform_float("scale", part.scale)
+            with gpu.matrix.push_pop():
+                gpu.matrix.multiply_matrix(part.matrix)
+                for first, batch, rows in _discs[part.looks]:
+                    rows.update(part.rows[first : first + MOST_DISCS])
+                    shader.uniform_block("rows", rows)
+                    batch.draw(shader)
+
+
+@contextmanager
+def _over_skin(blend: str) -> Iterator[None]:
+    """Context in which surfaces are drawn over the skin that they lie on."""
+    import gpu
+
     writes = gpu.state.depth_mask_get()
-    gpu.state.blend_set("ALPHA")
+    gpu.state.blend_set(blend)
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
-    shader.bind()
-    for part in parts:
-        shader.uniform_float("above", part.above)
-        shader.uniform_float("scale", part.scale)
-        with gpu.matrix.push_pop():
-            gpu.matrix.multiply_matrix(part.matrix)
-            for first, batch, rows in _discs[part.looks]:
-                rows.update(part.rows[first : first + MOST_DISCS])
-                shader.uniform_block("rows", rows)
-                submit(batch, shader)
+    yield
     gpu.state.depth_mask_set(writes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
-
-
-def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
-    """Submit a batch to the graphics card; the card does the drawing."""
-    batch.draw(shader)
 
 
 class _OnCard:
@@ -226,15 +225,9 @@ class ChartDrawing:
             for batch in self._batches:
                 batch.draw(shader)
             half = max(scale, 1.0)
-            line = [
-                (x - half, 0.0),
-                (x + half, 0.0),
-                (x - half, chart.height),
-                (x + half, chart.height),
-            ]
-            batch_for_shader(shader, "TRI_STRIP", {"pos": line, "color": [_PLAYHEAD] * 4}).draw(
-                shader
-            )
+            line = [(x + side, y) for y in (0.0, chart.height) for side in (-half, half)]
+            content = {"pos": line, "color": [_PLAYHEAD] * 4}
+            batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
         blf.size(0, 11.0 * scale)
         blf.color(0, *_TEXT[:3], 1.0 if fresh else 0.5)
         for label in chart.labels:

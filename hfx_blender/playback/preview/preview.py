@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.app.handlers import persistent
 
+from ...blender import events
 from ...blender.events import add_handlers, call_soon, remove_handlers, remove_timers
 from ...errors import HfxError
 from ...reading.description import unreported
@@ -181,10 +182,7 @@ class ViewportPreview:
 
     def redraw(self) -> None:
         """Have all 3D viewports drawn again, their sidebars too, and the clips in timelines."""
-        for window in bpy.context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type in ("VIEW_3D", "DOPESHEET_EDITOR"):
-                    area.tag_redraw()
+        events.redraw("VIEW_3D", "DOPESHEET_EDITOR")
 
     def draw_over(self, scene: bpy.types.Scene) -> None:
         """Draw colours and actuators into the viewport that is being drawn."""

@@ -105,12 +105,8 @@ class StrokePad:
         """Begin a stroke."""
         self._begin_s = time_s
         self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
-        self._rendered_s, self.now, self.fault = (
-            0.0,
-            StrokeState(height_m=self._height(point_m)),
-            "",
-        )
-        self.history = []
+        self.now = StrokeState(height_m=self._height(point_m))
+        self._rendered_s, self.fault, self.history = 0.0, "", []
 
     def move(self, time_s: float, point_m: tuple[float, float]) -> None:
         """Move the pointer; times that do not rise are left out."""

@@ -20,19 +20,11 @@ if TYPE_CHECKING:
 QUIET_S = 0.5
 """Quiet time after the last change, seconds; then pieces follow with pauses between them."""
 
-_CHANGES_NOTHING = (
-    "Scene",
-    "Screen",
-    "WindowManager",
-    "WorkSpace",
-    "Collection",
-    "Material",
-    "World",
-    "Camera",
-    "Light",
-    "Brush",
-    "Image",
+_CHANGES_NOTHING = frozenset(
+    "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush "
+    "Image".split()
 )
+"""Types of data whose changes are not felt."""
 
 
 class TimelineRecorder:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -112,10 +112,9 @@ def chart(
     positions, colours = _triangles(quads)
     if len(positions):
         positions[:, 1] = used - positions[:, 1]
-    for k, label in enumerate(labels):
-        labels[k] = Label(
-            label.text, 6.0 * scale, used - label.bottom - 10.0 * scale, label.values, label.unit
-        )
+    labels = [
+        replace(each, left=6.0 * scale, bottom=used - each.bottom - 10.0 * scale) for each in labels
+    ]
     time = found.time
     span = float(time.frame_first), float(time.frame_last + 1)
     return Chart(width, used, left, span, found.frames, positions, colours, labels, hidden)
@@ -147,15 +146,8 @@ def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> 
     ends = np.concatenate([cuts, [len(shares)]])
     kept = heights[starts] > 0.0
     starts, ends = starts[kept], ends[kept]
-    boxes = np.stack(
-        [
-            left + starts,
-            top + height - heights[starts],
-            left + ends,
-            np.full(len(starts), top + height),
-        ],
-        axis=1,
-    )
+    bottom = np.full(len(starts), top + height)
+    boxes = np.column_stack((left + starts, bottom - heights[starts], left + ends, bottom))
     return boxes, colours[starts]
 
 
