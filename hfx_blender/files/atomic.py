@@ -81,8 +81,6 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
 
     Parameters
     ----------
-    files : sequence of Path
-    folder : Path
     base : Path, optional
         Folder of the files: those below get folders below ``folder``, which are there.
         Without it, all come into ``folder`` itself.

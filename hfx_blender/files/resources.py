@@ -46,8 +46,7 @@ def user_body_models() -> Path:
 
     The environment variable ``HFX_BODY_MODELS`` names another one.
     """
-    named = os.environ.get(BODY_MODELS_VARIABLE)
-    return _expanded(named) if named else _user_data() / "body_models"
+    return _named_by(BODY_MODELS_VARIABLE) or _user_data() / "body_models"
 
 
 def user_devices() -> Path:
@@ -55,8 +54,7 @@ def user_devices() -> Path:
 
     The environment variable ``HFX_DEVICES`` names another one.
     """
-    named = os.environ.get(DEVICES_VARIABLE)
-    return _expanded(named) if named else _user_data() / "devices"
+    return _named_by(DEVICES_VARIABLE) or _user_data() / "devices"
 
 
 def user_effects() -> Path:
@@ -64,8 +62,7 @@ def user_effects() -> Path:
 
     The environment variable ``HFX_EFFECTS`` names another one.
     """
-    named = os.environ.get(EFFECTS_VARIABLE)
-    return _expanded(named) if named else _user_data() / "effects"
+    return _named_by(EFFECTS_VARIABLE) or _user_data() / "effects"
 
 
 def approved_scripts() -> Path:
@@ -102,9 +99,8 @@ def _user_data() -> Path:
     """Folder for our user data by the platform's convention, or by the variable
     ``HFX_USER_DATA``.
     """
-    named = os.environ.get(USER_DATA_VARIABLE)
-    if named:
-        return _expanded(named)
+    if named := _named_by(USER_DATA_VARIABLE):
+        return named
     if sys.platform == "win32":
         return Path(os.environ.get("APPDATA") or _home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":
@@ -112,8 +108,10 @@ def _user_data() -> Path:
     return Path(os.environ.get("XDG_DATA_HOME") or _home() / ".local" / "share") / "hfx"
 
 
-def _expanded(named: str) -> Path:
-    return Path(os.path.expanduser(named))
+def _named_by(variable: str) -> Path | None:
+    """Folder that an environment variable names; None where it is not set, or empty."""
+    named = os.environ.get(variable)
+    return Path(os.path.expanduser(named)) if named else None
 
 
 def _home() -> Path:

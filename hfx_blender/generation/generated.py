@@ -56,7 +56,6 @@ class Generated:
         Begin of its files' names.
     colour : (H, W, 3) uint8
         sRGB, bottom row first.
-    height : HeightField
     roughness : (H, W) float64
         0 smooth to 1 rough.
     map : HapticMap

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -50,13 +50,12 @@ class Steering:
 
     def clipped(self) -> Steering:
         """The same within the bounds of what a material bears."""
-        return Steering(
-            float(np.clip(self.scale, _LEAST, _MOST)),
-            float(np.clip(self.depth, _LEAST, _MOST)),
-            float(np.clip(self.wear, -1.0, 1.0)),
-            float(np.clip(self.roughness, -1.0, 1.0)),
-            self.direction_deg,
-            self.draft,
+        return replace(
+            self,
+            scale=float(np.clip(self.scale, _LEAST, _MOST)),
+            depth=float(np.clip(self.depth, _LEAST, _MOST)),
+            wear=float(np.clip(self.wear, -1.0, 1.0)),
+            roughness=float(np.clip(self.roughness, -1.0, 1.0)),
         )
 
 

@@ -125,7 +125,6 @@ class Worker:
 
         Parameters
         ----------
-        content : bytes
         is_awaited : bool
             Promise that the process has read all before: little is then written without a thread,
             as an empty pipe takes it.

@@ -56,10 +56,6 @@ class ReadingPass:
 
     Parameters
     ----------
-    plan : Plan
-    found : HapticObjects
-    scene : SceneDescription
-    reading : SteppedReading
     always_posed : bool
         Bodies are posed at all times, also while no effect needs them.
     stack : ExitStack

@@ -52,7 +52,6 @@ class SceneReader:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     frames : (first, last), optional
         Frames to read, both included; the scene's own range by default.
     rate_hz : Fraction, optional

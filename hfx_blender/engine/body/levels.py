@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import I32
+from ..arrays import I32, NPZ_DAMAGE
 from . import model_library
 from .mesh_edges import expand
 from .model import PerceptualModel, SkinWeights
@@ -135,6 +133,6 @@ def read_levels(path: Path) -> tuple[tuple[str, str], tuple[Level, ...]]:
         for number in range(1, len(arrays) // 3 + 1):
             names = (f"{number}.{name}" for name in ("vertices", "triangles", "coarse_of"))
             levels.append(Level(*(arrays[name].astype(np.int32) for name in names)))
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except NPZ_DAMAGE as error:
         raise InputError(f"{path}: not readable as levels of a model ({error}).") from error
     return (identity, content_hash), tuple(levels)

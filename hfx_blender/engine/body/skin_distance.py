@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from .nearest import barycentric
+from .surface_locator import barycentric
 
 _FAR: Final = 1e9  # metres: not reached; finite, so that nothing becomes a NaN
 _SETTLED_M: Final = 1e-6

@@ -7,8 +7,6 @@ is measured along the surface. The skin is sampled by the vertices of the pressu
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -16,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import I32
+from ..arrays import I32, NPZ_DAMAGE
 from . import model_library
 from .model import PerceptualModel
 
@@ -67,7 +65,7 @@ def _read(path: Path) -> tuple[tuple[str, str], str, I32]:
             owner = stored["owner"].astype(np.int32)
             identity, content_hash = (str(value) for value in stored["model"])
             fine = str(stored["fine"][0])
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except NPZ_DAMAGE as error:
         raise InputError(f"{path}: not readable as cells of skin ({error}).") from error
     owner.flags.writeable = False
     return (identity, content_hash), fine, owner

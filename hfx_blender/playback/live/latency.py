@@ -85,7 +85,6 @@ def recorded_runs(
 
     Parameters
     ----------
-    frames : mapping
     streams : sequence of Stream
         Of the live scene, in whose slots instances are put.
     """

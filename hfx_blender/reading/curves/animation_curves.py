@@ -151,7 +151,6 @@ class AnimatedValues:
 
     Parameters
     ----------
-    owner : bpy.types.ID
     default : callable
         (path, index) -> the value that a property has where no strip of the NLA plays.
     selects : callable

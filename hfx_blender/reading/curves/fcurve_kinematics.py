@@ -88,7 +88,6 @@ class PlainObject:
 
     Parameters
     ----------
-    obj : bpy.types.Object
     default : callable, optional
         What other properties than transforms have where no strip plays.
     parents : Parents, optional

@@ -29,7 +29,6 @@ class PresampledRig:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     obj : bpy.types.Object
         An armature.
     first, step : Fraction

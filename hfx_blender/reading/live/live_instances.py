@@ -24,13 +24,7 @@ FEWEST = 64
 
 
 class LiveInstances:
-    """Slots for the instances of one scene's volumes.
-
-    Parameters
-    ----------
-    found : HapticObjects
-    shapes : Shapes
-    """
+    """Slots for the instances of one scene's volumes."""
 
     def __init__(self, found: HapticObjects, shapes: Shapes) -> None:
         self._layer = found.layer

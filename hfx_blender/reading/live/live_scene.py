@@ -41,7 +41,6 @@ class LiveClock:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     now : callable
         Seconds of a clock that never goes back.
     """
@@ -86,10 +85,8 @@ class LiveScene:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     layer : bpy.types.ViewLayer
         Whose evaluated objects are read.
-    tolerance : Tolerance
     with_positions : bool
         Samples tell where they are, for devices that stand in the room.
 

@@ -124,8 +124,6 @@ class Sources:
 
     Parameters
     ----------
-    found : HapticObjects
-    shapes : Shapes
     faults : dict, optional
         Where it is told what went wrong, and at which samples.
     time : TimeBase, optional
@@ -258,9 +256,6 @@ class Instances:
 
     Parameters
     ----------
-    found : HapticObjects
-    time : TimeBase
-    shapes : Shapes
     faults : dict
         Where it is told what went wrong, and at which samples.
 

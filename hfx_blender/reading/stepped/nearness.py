@@ -29,7 +29,6 @@ class SkinBoxes:
 
     Parameters
     ----------
-    body : BodyDescription
     model_ids : set of str
         The perceptual models that these volumes are felt on.
     """

@@ -39,7 +39,6 @@ class Simulation:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     last : int
         The last frame of the animation that is needed.
     """

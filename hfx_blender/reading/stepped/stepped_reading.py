@@ -44,9 +44,6 @@ class SteppedReading:
 
     Parameters
     ----------
-    found : HapticObjects
-    scene : SceneDescription
-    shapes : Shapes
     keeps_settings : bool
         Settings of effects that no curve and no driver changes are read once. Not where a user
         edits them meanwhile, or a handler might change them.

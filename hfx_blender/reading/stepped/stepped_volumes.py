@@ -104,8 +104,6 @@ class FarVolumes:
 
     Parameters
     ----------
-    found : HapticObjects
-    scene : SceneDescription
     effects : sequence of int
         Effects that are stepped, and silent where they are far. Those whose place does not decide
         where they can be felt are left out.

@@ -122,9 +122,7 @@ def _body(
     necks = [child for child in rig.children[chest] if child not in arms]
     if len(necks) != 1:
         return None
-    neck = [necks[0]]
-    while len(rig.children[neck[-1]]) == 1:
-        neck.append(rig.children[neck[-1]][0])
+    neck = _straight(rig, necks[0])
     found = {"root": pelvis, "head": neck[min(1, len(neck) - 1)]}
     if len(neck) > 1:
         found["neck01"] = neck[0]

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ...arrays import F64, I64
-from ...body.nearest import barycentric
+from ...body.surface_locator import barycentric
 
 _PAIRS_AT_ONCE: Final = 1 << 17
 
