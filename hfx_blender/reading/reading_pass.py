@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,29 +26,6 @@ from .stepped.stepped_rows import SteppedRows, SteppedScenes
 from .stepped.stepped_volumes import FarVolumes
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Effects and bodies of a scene, by their numbers there and how a pass reads them.
-
-    What is neither stepped nor dormant is read from F-curves.
-    """
-
-    stepped_effects: tuple[int, ...]
-    stepped_bodies: tuple[int, ...]
-    dormant: tuple[int, ...]  # effects of which nothing is read
-    in_scene: frozenset[int]  # active effects that need the poses of bodies while they are on
-
-    @classmethod
-    def of(cls, found: HapticObjects, plan: Plan) -> Parts:
-        """Parts of a scene by its plan."""
-        return cls(
-            tuple(k for k in found.active if k not in plan.effects),
-            tuple(k for k in range(len(found.bodies)) if k not in plan.bodies),
-            tuple(sorted({*range(len(found.effects))}.difference(found.active))),
-            frozenset(k for k in found.active if found.effects[k].hfx.kind in IN_SCENE),
-        )
-
-
 class ReadingPass:
     """One pass through the times of a scene, or through few single ones (``spots``, ascending).
 
@@ -63,7 +40,13 @@ class ReadingPass:
 
     Attributes
     ----------
-    parts : Parts
+    stepped_effects, stepped_bodies : tuple of int
+        By their numbers in the scene, as all below; what is neither stepped nor dormant is read
+        from F-curves.
+    dormant : tuple of int
+        Effects of which nothing is read.
+    in_scene : frozenset of int
+        Active effects that need the poses of bodies while they are on.
     curves : EffectChunks
         Effects that are read from F-curves.
     rows : SteppedRows or None
@@ -85,7 +68,10 @@ class ReadingPass:
         with_far: bool = False,
     ) -> None:
         self.plan = plan
-        self.parts = parts = Parts.of(found, plan)
+        self.stepped_effects = tuple(k for k in found.active if k not in plan.effects)
+        self.stepped_bodies = tuple(k for k in range(len(found.bodies)) if k not in plan.bodies)
+        self.dormant = tuple(sorted({*range(len(found.effects))}.difference(found.active)))
+        self.in_scene = frozenset(k for k in found.active if found.effects[k].hfx.kind in IN_SCENE)
         self.always_posed = always_posed
         self.counters = reading.counters
         self.curves = EffectChunks(plan.effects, self._frames, spots=spots)
@@ -94,12 +80,12 @@ class ReadingPass:
         self._reading = reading
         is_judged = spots is None and not plan.is_sequential and not with_far
         # Of meshes only boxes are read where places and values are compared.
-        reading.far = frozenset(() if spots is None else parts.stepped_effects)
-        self.far_volumes = FarVolumes(found, scene, parts.stepped_effects if is_judged else ())
+        reading.far = frozenset(() if spots is None else self.stepped_effects)
+        self.far_volumes = FarVolumes(found, scene, self.stepped_effects if is_judged else ())
         self.rows = self._stepped_rows(stack)
 
     def _stepped_rows(self, stack: ExitStack) -> SteppedRows | None:
-        effects, bodies = self.parts.stepped_effects, self.parts.stepped_bodies
+        effects, bodies = self.stepped_effects, self.stepped_bodies
         if self.plan.in_own_scene:
             scenes = SteppedScenes.own(self.found, stack)
         elif effects or bodies:
@@ -124,7 +110,7 @@ class ReadingPass:
         in_full = self._in_full(may_be_on.any(axis=1))
         rows = self._rows(indices, wanted, in_full, may_be_on.any(axis=1))
         effects |= {k: self._effect_of(k, rows) for k in in_full}
-        effects |= {k: silence(count, self._modality(k)) for k in self.parts.dormant}
+        effects |= {k: silence(count, self._modality(k)) for k in self.dormant}
         wanted |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, wanted, rows)
         own = rows[history : len(rows) - future]
@@ -155,7 +141,7 @@ class ReadingPass:
     def _times_on(self, effects: dict[int, EffectBlock], count: int) -> Bool:
         """Times (T,) at which an effect that needs poses is on."""
         on = np.zeros(count, np.bool_)
-        for k in self.parts.in_scene & effects.keys():
+        for k in self.in_scene & effects.keys():
             on |= ~(effects[k].levels <= 0.0)
         return on
 
@@ -164,7 +150,7 @@ class ReadingPass:
         far = self.far_volumes
         far.in_full -= {k for k, on in zip(far.numbers, may_be_on, strict=True) if not on}
         left_out = {*far.numbers} - far.in_full
-        return [k for k in self.parts.stepped_effects if k not in left_out]
+        return [k for k in self.stepped_effects if k not in left_out]
 
     def _rows(
         self, indices: I64, wanted: Bool, in_full: Sequence[int], may_be_on: Bool
@@ -176,13 +162,13 @@ class ReadingPass:
         if self.rows is None:
             return [Row(index) for index in indices.tolist()]
         if in_full or may_be_on.any():
-            return self.rows.read(indices, wanted, in_full, self.parts.in_scene, may_be_on)
+            return self.rows.read(indices, wanted, in_full, self.in_scene, may_be_on)
         return self.rows.read_bodies(indices, wanted)
 
     def _poses(self, frames: F64, wanted: Bool, rows: list[Row]) -> list[PoseBlock]:
         """Bodies, posed where they are wanted."""
         poses = {k: body.read(frames, wanted) for k, body in self.plan.bodies.items()}
-        for k in self.parts.stepped_bodies:
+        for k in self.stepped_bodies:
             poses[k] = pose_block([row.poses.get(k) for row in rows])
         return [poses[k] for k in range(len(poses))]
 

@@ -188,11 +188,6 @@ class SceneReader:
         return self._reading.faults
 
     @property
-    def warnings(self) -> dict[str, int]:
-        """Faults while the scene was read, with the number of their samples."""
-        return {text: len(samples) for text, samples in self.faults.items()}
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on values that were corrected, or are likely to be meant otherwise."""
         surfaces = (effect for effect in self.found.effects if effect.hfx.kind == "SURFACE")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import bpy
 from bpy.app.handlers import persistent
@@ -317,21 +317,23 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
     preview.switched()
 
 
+_SWITCHES: Final = {
+    "hfx_preview": ("Show What Is Felt", "Colour the avatar where it feels something", True),
+    "hfx_show_actuators": (
+        "Show Actuators",
+        "Actuators of the chosen devices glow with their values",
+        True,
+    ),
+    "hfx_show_values": (
+        "Values over Time",
+        "Draw the values of each effect and each actuator over the whole timeline",
+        False,
+    ),
+}
+
+
 def register() -> None:
-    switches = {
-        "hfx_preview": ("Show What Is Felt", "Colour the avatar where it feels something", True),
-        "hfx_show_actuators": (
-            "Show Actuators",
-            "Actuators of the chosen devices glow with their values",
-            True,
-        ),
-        "hfx_show_values": (
-            "Values over Time",
-            "Draw the values of each effect and each actuator over the whole timeline",
-            False,
-        ),
-    }
-    for name, (label, description, is_on) in switches.items():
+    for name, (label, description, is_on) in _SWITCHES.items():
         switch = bpy.props.BoolProperty(
             name=label, description=description, default=is_on, update=_switched
         )
@@ -345,9 +347,8 @@ def register() -> None:
 def unregister() -> None:
     preview.end_drawing()
     preview.stop_listening()
-    del bpy.types.WindowManager.hfx_show_values
-    del bpy.types.WindowManager.hfx_show_actuators
-    del bpy.types.WindowManager.hfx_preview
+    for name in _SWITCHES:
+        delattr(bpy.types.WindowManager, name)
     preview.forget()
     if not bpy.app.background:
         from . import drawing

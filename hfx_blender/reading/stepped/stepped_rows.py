@@ -158,7 +158,7 @@ class SteppedRows:
         row = self.reading.read(index, stepper, effects, ())
         if self.volumes.numbers:
             counters, volumes = self.reading.counters, self.volumes
-            row.places = volumes.placements.read(stepper)
+            row.places = volumes.read(stepper)
             counters.places_read += len(volumes.numbers)
             if 0 <= index < self.sample_count:
                 on = volumes.seen_on(row.places.there, may_be_on, stepper)

@@ -6,7 +6,7 @@ A place and a box tell that a volume is near no skin; then nothing else of it is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import bpy
 import numpy as np
@@ -26,39 +26,52 @@ from .scene_rows import Places, Row
 from .stepping import Stepper
 
 
-class SteppedVolumes:
-    """Reads where volumes are in scenes that are stepped.
+class FarVolumes:
+    """Volumes that are stepped, and read in full only while they are near skin.
 
     Parameters
     ----------
-    effects : mapping of int to bpy.types.Object
-        By any number. Those whose place does not decide where they can be felt are left out.
+    effects : sequence of int
+        Effects that are stepped, and silent where they are far. Those whose place does not decide
+        where they can be felt are left out.
 
     Attributes
     ----------
     numbers : tuple of int
-        Of the volumes that are read, (N,).
+        Numbers of the effects, (N,).
+    in_full : set of int
+        Effects that were near at last, and of which more than a place is unknown: they are read
+        at once.
+    not_seen_on : set of int
+        Effects that were not on yet at any time.
     """
 
-    def __init__(self, effects: Mapping[int, bpy.types.Object]) -> None:
-        known = {k: half for k, each in effects.items() if (half := _half_size(each)) is not None}
+    def __init__(
+        self, found: HapticObjects, scene: SceneDescription, effects: Sequence[int]
+    ) -> None:
+        halves = {k: _half_size(found.effects[k]) for k in effects}
+        known = {k: half for k, half in halves.items() if half is not None}
         self.numbers = tuple(known)
-        self._effects = [effects[k] for k in known]
+        self._effects = [found.effects[k] for k in known]
         self._is_mesh = np.array([each.hfx.shape == "MESH" for each in self._effects], np.bool_)
         self._has_mesh = bool(self._is_mesh.any())
-        halves = np.array([*known.values()], np.float64).reshape(-1, 3)
-        self._still = np.stack([-halves, halves], axis=1)
+        corners = np.array([*known.values()], np.float64).reshape(-1, 3)
+        self._still = np.stack([-corners, corners], axis=1)
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
-
-    def __len__(self) -> int:
-        return len(self.numbers)
+        self.in_full: set[int] = set()
+        self.not_seen_on = {*self.numbers}
+        self._states = [found.activations[k] for k in self.numbers]
+        self._ids = [scene.effects[k].id for k in self.numbers]
+        self._unit_m = found.unit_m
+        model_ids = {scene.effects[k].model_id for k in self.numbers}
+        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self.numbers]
 
     def read(self, stepper: Stepper) -> Places:
         """Read their placements at the present time."""
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, listed, count)
-        there = np.full(len(self), True)
+        there = np.full(len(self.numbers), True)
         matrices = _all(listed, "matrix_world", count, 16).reshape(-1, 4, 4)[rows]
         matrices = matrices.transpose(0, 2, 1).astype(np.float64)
         boxes = self._still
@@ -89,53 +102,6 @@ class SteppedVolumes:
             known = count, np.maximum(np.array(found, np.int64), 0), missing
             self._listed[stepper] = known
         return known[1:]
-
-
-def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
-    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
-    flat = np.zeros(max(count, 1) * width, np.float32)
-    if count:
-        objects.foreach_get(name, flat)
-    return flat
-
-
-class FarVolumes:
-    """Volumes that are stepped, and read in full only while they are near skin.
-
-    Parameters
-    ----------
-    effects : sequence of int
-        Effects that are stepped, and silent where they are far. Those whose place does not decide
-        where they can be felt are left out.
-
-    Attributes
-    ----------
-    placements : SteppedVolumes
-        Reads their places.
-    in_full : set of int
-        Effects that were near at last, and of which more than a place is unknown: they are read
-        at once.
-    not_seen_on : set of int
-        Effects that were not on yet at any time.
-    """
-
-    def __init__(
-        self, found: HapticObjects, scene: SceneDescription, effects: Sequence[int]
-    ) -> None:
-        self.placements = SteppedVolumes({k: found.effects[k] for k in effects})
-        self.in_full: set[int] = set()
-        self.not_seen_on = {*self.numbers}
-        self._states = [found.activations[k] for k in self.numbers]
-        self._ids = [scene.effects[k].id for k in self.numbers]
-        self._effects = [found.effects[k] for k in self.numbers]
-        self._unit_m = found.unit_m
-        model_ids = {scene.effects[k].model_id for k in self.numbers}
-        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self.numbers]
-
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """Numbers of the effects, (N,)."""
-        return self.placements.numbers
 
     def may_be_on(self, frames: F64) -> Bool:
         """Volumes that may be on at frames of the animation, (N, T)."""
@@ -181,6 +147,14 @@ class FarVolumes:
             box = skin.over(pose)
             found |= box is None or ~((low > box[1]).any(axis=1) | (high < box[0]).any(axis=1))
         return found & places.there.any(axis=0)
+
+
+def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
+    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
+    flat = np.zeros(max(count, 1) * width, np.float32)
+    if count:
+        objects.foreach_get(name, flat)
+    return flat
 
 
 def _boxes(corners: F64) -> F64:

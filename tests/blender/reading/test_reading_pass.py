@@ -55,11 +55,11 @@ def _numbers(reading: ReadingPass) -> dict[str, int]:
 
 def test_parts_are_known_before_anything_is_read(reading: ReadingPass) -> None:
     number = _numbers(reading)
-    assert set(reading.parts.stepped_effects) == {number["Away"], number["Comes"]}
-    assert reading.parts.dormant == (number["Muted"],)
+    assert set(reading.stepped_effects) == {number["Away"], number["Comes"]}
+    assert reading.dormant == (number["Muted"],)
     assert [*reading.plan.effects] == [number["Plain"]]
-    assert reading.parts.stepped_bodies == ()
-    assert reading.parts.in_scene == {number[name] for name in ("Plain", "Away", "Comes")}
+    assert reading.stepped_bodies == ()
+    assert reading.in_scene == {number[name] for name in ("Plain", "Away", "Comes")}
 
 
 def test_what_comes_near_is_read_in_full_until_it_is_far_again(reading: ReadingPass) -> None:

@@ -162,7 +162,7 @@ def test_a_surface_that_changes_its_faces_is_told(scene_of_a_stroke: Any) -> Non
         array.keyframe_insert("count", frame=frame)
     scene_of_a_stroke.frame_set(0)
     reader, _ = felt(scene_of_a_stroke)
-    assert any("change its faces" in text for text in reader.warnings)
+    assert any("change its faces" in text for text in reader.faults)
 
 
 def test_a_surface_without_its_maps_is_told_by_name(scene_of_a_stroke: Any) -> None:

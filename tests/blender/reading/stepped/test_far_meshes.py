@@ -96,7 +96,7 @@ def test_a_mesh_without_an_inside_is_told_where_it_matters(scene: Any, blob: Any
     build.vertex_group = "Half"
     oracle.key(blob, "location", [(1, (20.0, 0.0, 1.2)), (24, (0.0, 0.0, 1.2))])
     evaluation = oracle.evaluate(scene, rate_hz=24)
-    assert any("'Blob'" in text for text in evaluation.reader.warnings)
+    assert any("'Blob'" in text for text in evaluation.reader.faults)
     assert evaluation.samples == {}
 
 

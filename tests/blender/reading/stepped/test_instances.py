@@ -236,8 +236,8 @@ def test_a_volume_that_is_to_be_a_mesh_and_is_none_costs_itself(ball: Any) -> No
     ball.location = BELLY
     runs, reader = _read()
     assert {run.stream.effect_id for run in runs} == {ball.hfx.uid}
-    ((fault, count),) = reader.warnings.items()
-    assert "'Ring'" in fault and "is a curve object" in fault and count == 10
+    ((fault, samples),) = reader.faults.items()
+    assert "'Ring'" in fault and "is a curve object" in fault and len(samples) == 10
     bpy.context.scene.collection.objects.unlink(ring)
     bpy.data.collections["Source"].objects.link(ring)
     _empty("Here", BELLY)
