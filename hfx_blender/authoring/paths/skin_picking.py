@@ -137,7 +137,7 @@ class Picker:
         return self._canonical(np.array(place), triangle)
 
     def _canonical(self, place: F64, triangle: int) -> F64:
-        from ...engine.body.nearest import barycentric
+        from ...engine.body.surface_locator import barycentric
 
         corners = self._triangles[triangle]
         (weights,) = barycentric(place[None], self._posed[corners][None])

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from ..body.nearest import barycentric
+from ..body.surface_locator import barycentric
 
 _LONGEST_EDGE_M: Final = 0.02
 """Larger triangles are cut up for the search, whose candidates are found by their centres."""

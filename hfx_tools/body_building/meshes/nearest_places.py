@@ -9,7 +9,7 @@ import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64
 from hfx_blender.engine.body.mesh_edges import expand
-from hfx_blender.engine.body.nearest import barycentric
+from hfx_blender.engine.body.surface_locator import barycentric
 
 from .mesh_edges import triangle_normals
 
