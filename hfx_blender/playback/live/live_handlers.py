@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import bpy
 from bpy.app.handlers import persistent
@@ -17,10 +17,28 @@ from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, 
 from ...errors import HfxError
 from ...reading.stepped import stepping
 
-if TYPE_CHECKING:
-    from .live import Live
-
 BEAT_S = 0.05
+
+
+class Listener(Protocol):
+    """Interface of what follows the open scene."""
+
+    @property
+    def is_armed(self) -> bool: ...
+
+    def touch(self) -> None: ...
+
+    def forget(self) -> None: ...
+
+    def describe(self, context: bpy.types.Context) -> None: ...
+
+    def update(self, scene: bpy.types.Scene) -> None: ...
+
+    def exchange_heartbeat(self) -> bool: ...
+
+    def stop_all(self, reason: str) -> None: ...
+
+    def fail(self, text: str) -> None: ...
 
 
 _log = logging.getLogger(__name__)
@@ -35,7 +53,7 @@ def is_playing() -> bool:
 class LiveHandlers:
     """Handlers and timers by which live devices follow the open scene."""
 
-    def __init__(self, listener: Live) -> None:
+    def __init__(self, listener: Listener) -> None:
         self._listener = listener
         self._is_describing = False
         self._handlers = {
