@@ -9,7 +9,7 @@ finger along gives no way at all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -329,23 +329,16 @@ def _none_yet() -> NearestPlaces:
     return NearestPlaces(nothing, nothing, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
+_PLACES: Final = tuple(each.name for each in fields(NearestPlaces))
+
+
 def _part(found: NearestPlaces, chosen: I64) -> NearestPlaces:
-    return NearestPlaces(
-        found.point[chosen],
-        found.triangle[chosen],
-        found.weights[chosen],
-        found.place[chosen],
-        found.distance[chosen],
-    )
+    return NearestPlaces(*(getattr(found, name)[chosen] for name in _PLACES))
 
 
 def _joined(parts: list[NearestPlaces]) -> NearestPlaces:
-    return NearestPlaces(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("point", "triangle", "weights", "place", "distance")
-        )
-    )
+    columns = ([getattr(part, name) for part in parts] for name in _PLACES)
+    return NearestPlaces(*map(np.concatenate, columns))
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:

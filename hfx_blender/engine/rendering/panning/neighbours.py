@@ -86,19 +86,14 @@ class SkinNeighbours:
     def _measure(self, pairs: set[tuple[int, int]]) -> None:
         left = sorted(pairs)
         if len(left) > _MEASURED_ONE_BY_ONE:
-            is_near = self._near_by_edges(np.array(left))
+            # A path along edges is never shorter than the skin's.
+            graph = edge_graph(self._model.vertices, self._model.triangles)
+            ends, allowed_m = self._anchors[np.array(left)], np.full(len(left), MAX_SPAN_M)
+            is_near = np.isfinite(along_edges_m(graph, ends, allowed_m)).tolist()
             self._measured |= {p: True for p, near in zip(left, is_near, strict=True) if near}
             left = [p for p, near in zip(left, is_near, strict=True) if not near]
         for pair in left:
             self._measured[pair] = self._is_near(*pair)
-
-    def _near_by_edges(self, pairs: I64) -> Bool:
-        """Test pairs for a path along edges, which is never shorter than the skin's, (k,) bool."""
-        allowed_m = np.full(len(pairs), MAX_SPAN_M)
-        lengths_m = along_edges_m(
-            edge_graph(self._model.vertices, self._model.triangles), self._anchors[pairs], allowed_m
-        )
-        return np.isfinite(lengths_m)
 
     def _is_near(self, one: int, other: int) -> bool:
         """Test for a short path along the skin: it stays in an ellipsoid round both."""
