@@ -13,6 +13,7 @@ from ..active_rows import followed, of_read, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
+from ..contact.contact_details import Contacts
 from ..contact.contact_query import ContactQuery
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
@@ -118,7 +119,7 @@ class AllocentricAreas:
         block: AnimationBlock,
         pose: PoseBlock,
         skin: BodySkin,
-        hits: contacts.Contacts,
+        hits: Contacts,
     ) -> SampleRun | None:
         """Make a run of samples from contacts."""
         if not len(hits.rows):

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..active_rows import posed_rows
 from ..arrays import F32, F64, I32, I64
-from ..contact.contact_details import Details
-from ..contact.contacts import Contacts
+from ..contact.contact_details import Contacts, Details
 from ..samples import Impact
 from ..scene import EffectBlock, PoseBlock, TimeBase
 from ..skin.posing import PosableModel

@@ -13,18 +13,15 @@ from collections.abc import Callable
 import numpy as np
 
 from ..active_rows import FARTHEST
-from ..arrays import F64, I32, I64, Weights
+from ..arrays import F64, I64
 from ..native import gathering
 from ..skin.skinned_model import SkinnedModel
 from . import narrow_phase as native
 from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
-from .contact_details import DetailArrays, Details
+from .contact_details import Contacts, DetailArrays
 from .contact_query import ContactQuery
 from .narrow_phase import drift_of
-
-FoundContacts = tuple[I64, I64, I64, I32, Weights, Details | None]
-"""Rows, sets, offsets, vertices, weights and details; see :class:`.contacts.Contacts`."""
 
 
 def placed(query: ContactQuery) -> PlacedTarget:
@@ -37,10 +34,10 @@ def placed(query: ContactQuery) -> PlacedTarget:
     )
 
 
-def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContacts]:
+def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     """Begin the contacts of a body with a volume, which is usable at all rows.
 
-    As :func:`.contacts.begin`; rows are places among those of the query.
+    As :func:`.contacts.begin`.
     """
     falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
@@ -78,14 +75,16 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], FoundContac
         *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )
 
-    def found() -> FoundContacts:
+    def found() -> Contacts:
         counters.vertices_posed += looked()
         own_sets = query.own_sets or arrays is not None
         felt = gathering.gathered(table, weights, columns, query.reported, own_sets)
-        if arrays is None:
-            return *felt, None
-        row, column = np.repeat(felt[0], np.diff(felt[2])), np.searchsorted(columns, felt[3])
-        return *felt, arrays.of(row, column)
+        at, sets, offsets, vertices, values = felt
+        details = None
+        if arrays is not None:
+            row, column = np.repeat(at, np.diff(offsets)), np.searchsorted(columns, vertices)
+            details = arrays.of(row, column)
+        return Contacts(rows[at], sets, offsets, vertices, values, details)
 
     return found
 
@@ -114,7 +113,7 @@ def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
     return native.Posing(skin.surface.native_clusters(reached.clusters), own, reached.bones)
 
 
-def _nothing() -> FoundContacts:
+def _nothing() -> Contacts:
     none = np.zeros(0, np.int64)
     nowhere = DetailArrays.empty(0, 0).of(none, none)
-    return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), nowhere
+    return Contacts(none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), nowhere)

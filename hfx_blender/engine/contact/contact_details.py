@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Place and beginning of contacts, for samples that record them."""
+"""Contacts, and their place and beginning for samples that record them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import F64, I64
+from ..arrays import F64, I32, I64, Weights
 from ..volume.shape import Shape
 
 
@@ -70,3 +70,15 @@ class DetailArrays:
             order = np.lexsort((-depths, columns[mine]))
             order = mine[order[np.flatnonzero(np.diff(columns[mine][order], prepend=-1))]]
             self.places[row, columns[order]] = samples[order]
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts of a body with a volume over some times; equal successive sets are stored once."""
+
+    rows: I64  # (n,) rows of the block at which anything is inside, ascending
+    sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
+    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
+    vertices: I32  # (total,) ascending within a set
+    weights: Weights  # (total,) in (0, 1]
+    details: Details | None  # where asked for; each row has its own set then

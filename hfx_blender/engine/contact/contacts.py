@@ -8,7 +8,7 @@ The compiled library finds them, :mod:`.compiled_contacts`; without it they are 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -17,20 +17,8 @@ from ..arrays import I32, I64, Bool, Weights
 from ..native import library
 from ..volume.placing_matrix import inverse_placement
 from . import compiled_contacts, reference_contacts
-from .contact_details import DetailArrays, Details
+from .contact_details import Contacts, DetailArrays
 from .contact_query import ContactQuery
-
-
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Contacts of a body with a volume over some times; equal successive sets are stored once."""
-
-    rows: I64  # (n,) rows of the block at which anything is inside, ascending
-    sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
-    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
-    vertices: I32  # (total,) ascending within a set
-    weights: Weights  # (total,) in (0, 1]
-    details: Details | None  # where asked for; each row has its own set then
 
 
 def begin(query: ContactQuery) -> Callable[[], Contacts]:
@@ -47,15 +35,9 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
         if not target.is_usable.all():
             query = _usable(query, target.is_usable)
             target = compiled_contacts.placed(query)
-        found = compiled_contacts.begin(query, target)
-        return lambda: _of_compiled(found(), query.rows)
+        return compiled_contacts.begin(query, target)
     contacts = _by_definition(query)
     return lambda: contacts
-
-
-def _of_compiled(found: compiled_contacts.FoundContacts, rows: I64) -> Contacts:
-    at, sets, offsets, vertices, weights, details = found
-    return Contacts(rows[at], sets, offsets, vertices, weights, details)
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:

@@ -57,7 +57,7 @@ def no_weights(table: Table, rows: int, columns: int, precision: Any) -> Weights
 def gathered(
     table: Table, weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
-    """Gather contacts row by row; see :class:`..contact.contacts.Contacts`.
+    """Gather contacts row by row; see :class:`..contact.contact_details.Contacts`.
 
     ``weights`` are those of :func:`no_weights`, and are not to be used any more.
 

@@ -10,6 +10,7 @@ import pytest
 from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.contact import contacts
+from hfx_blender.engine.contact.contact_details import Contacts
 from hfx_blender.engine.contact.contact_query import ContactQuery
 from hfx_blender.engine.contact.reachable_bounds import bounds_of
 from hfx_blender.engine.counters import Counters
@@ -74,7 +75,7 @@ def _find(
     posed: PoseBlock = POSE,
     counters: Counters | None = None,
     **options: Any,
-) -> contacts.Contacts:
+) -> Contacts:
     levels, parameters = np.ones(len(matrices)), np.zeros((len(matrices), 2))
     effect = EffectBlock(levels, parameters, matrices, shapes, which)
     rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
@@ -86,7 +87,7 @@ def _find(
     return contacts.begin(query)()
 
 
-def _dense(found: contacts.Contacts) -> np.ndarray:
+def _dense(found: Contacts) -> np.ndarray:
     """Weights by time and vertex, (T, V), after checking the sets' form."""
     weights = np.zeros((TIMES, len(BODY)))
     assert (np.diff(found.rows) > 0).all()
