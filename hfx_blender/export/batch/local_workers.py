@@ -27,6 +27,10 @@ RENEW_AFTER = 20
 """Units after which a worker is replaced by a new one."""
 
 START_LIMIT_S = 300.0
+"""Time for a worker to start Blender, seconds; a hanging one is replaced."""
+
+LIMITED_START_S = 60.0
+"""The same where units have a time limit, unless that is longer."""
 
 Progress = Callable[[float], None]
 
@@ -74,7 +78,7 @@ class UnitWorker:
         """
         if self._count >= RENEW_AFTER:
             self._end()
-        worker = self._worker or self._start()
+        worker = self._worker or self._start(limit_s)
         worker.send(json_message(unit.as_json()))
         end = None if limit_s is None else time.monotonic() + limit_s
         while "outcome" not in (answer := self._answer(worker, end)):
@@ -85,7 +89,7 @@ class UnitWorker:
             self._count = RENEW_AFTER
         return outcome
 
-    def _start(self) -> Worker:
+    def _start(self, limit_s: float | None) -> Worker:
         worker = Worker("export.batch.export_worker", variables=self._variables, keeps_errors=True)
         if not self._closed:
             worker.start()
@@ -93,7 +97,13 @@ class UnitWorker:
         if self._closed:  # perhaps meanwhile: closing missed the new process
             self._end(0.0)
             raise WorkerDiedError("was not started again")
-        answer = self._answer(worker, time.monotonic() + START_LIMIT_S)
+        start_s = START_LIMIT_S
+        if limit_s is not None:
+            start_s = min(start_s, max(limit_s, LIMITED_START_S))
+        try:
+            answer = self._answer(worker, time.monotonic() + start_s)
+        except TimeLimitError:
+            raise WorkerDiedError(f"did not start within {start_s:g} s") from None
         if "cannot_start" in answer:
             self._end(0.0)
             raise HfxError(answer["cannot_start"])

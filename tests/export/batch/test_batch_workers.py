@@ -227,3 +227,22 @@ blender_session.leave(3)
 def test_a_thread_that_waits_for_ever_keeps_nobody_from_leaving() -> None:
     done = subprocess.run([sys.executable, "-c", STUCK], env=start.environment(), timeout=60)
     assert done.returncode == 3
+
+
+@pytest.mark.parametrize("limit_s", (None, 0.5))
+def test_a_worker_that_hangs_while_it_starts_is_replaced(
+    make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit_s: float | None
+) -> None:
+    program, mark = tmp_path / "stand_in.py", tmp_path / "started"
+    begin = f"""
+import os, time
+if not os.path.exists({str(mark)!r}):
+    open({str(mark)!r}, "w").close()
+    time.sleep(1000)
+"""
+    program.write_text(begin + STAND_IN)
+    monkeypatch.setattr(
+        local_workers, "START_LIMIT_S" if limit_s is None else "LIMITED_START_S", 2.0
+    )
+    (outcome,) = batch.run(_units(tmp_path, "a"), make(1, limit_s))
+    assert outcome.get("error", "fine") == "fine"
