@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rendered_tracks import render
 
 from hfx_blender.commands.conversion import convert
 from hfx_blender.devices import script_rendering
@@ -29,6 +28,7 @@ from hfx_blender.engine.rendering import Raster
 from hfx_blender.engine.rendering.device import DeviceConfig
 from hfx_blender.engine.rendering.devices import renderers_of_track
 from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.stepwise import finish

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendered_tracks import render
 from skin_plane import plane
 
 from hfx_blender.engine.body.model import PerceptualModel
@@ -23,7 +22,7 @@ from hfx_blender.engine.rendering.device import (
     Scheme,
 )
 from hfx_blender.engine.rendering.raster import Raster, unrendered
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.render import Renderer, render
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     ActuatorArea,

@@ -44,7 +44,7 @@ def test_a_signal_ends_the_process_that_is_waited_for_and_lets_it_tidy(tmp_path:
     while not (tmp_path / "started").exists():
         assert time.monotonic() < until_s and parent.poll() is None
         time.sleep(0.01)
-    parent.send_signal(signal.SIGHUP)
+    parent.send_signal(signal.SIGTERM)
     out, _ = parent.communicate(timeout=PATIENCE_S)
-    assert out.split() == ["129"]
+    assert out.split() == ["143"]
     assert (tmp_path / "tidied").exists()

@@ -31,6 +31,38 @@ from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
 
+def render(
+    header: TrackHeader,
+    runs: Iterable[SampleRun],
+    device: DeviceConfig,
+    models: ModelLoader = load_model,
+    *,
+    body_id: str | None = None,
+) -> Raster:
+    """Render a whole track for one device.
+
+    Parameters
+    ----------
+    runs : iterable of SampleRun
+        Block after block in time; within a block in the order of ``header.streams``, as
+        ``TrackReader.runs()`` and ``Engine.evaluate`` yield them. One block is held at a time.
+    models : callable
+        Loads a perceptual model by its id.
+    body_id : str, optional
+        Who wears the device; may be left out if the track has one body.
+
+    Raises
+    ------
+    InputError
+        The wearer is not known, the device does not fit a model, or a model is not the one
+        that the track was recorded on.
+    """
+    renderer = Renderer(header, device, models, body_id=body_id)
+    for block in blocks(header, runs):
+        renderer.add(block)
+    return renderer.raster()
+
+
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
     """Cut a track's runs into blocks of time."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}

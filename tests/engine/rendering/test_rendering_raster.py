@@ -5,7 +5,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from rendered_tracks import render
 from rendering_synthetic import (
     EVERYWHERE,
     MODELS,
@@ -17,6 +16,7 @@ from rendering_synthetic import (
 
 from hfx_blender.engine.rendering import Renderer, unrendered
 from hfx_blender.engine.rendering.device import Substitution
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError
 

@@ -72,6 +72,7 @@ class SurfaceGains:
 
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
+    simplices: I64  # (S, 3) neighbouring actuators; an edge or a point repeats its last corner
     fade: F64  # (n,) included in the gains
     at: Callable[[F64], F64]  # places (m, 3) to gains (m, A), without the fade beyond the layout
 
@@ -91,7 +92,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     law : {"linear", "log", "power"}
     """
     points = model.vertices.astype(np.float64)
-    unique, place_of = np.unique(anchors, return_inverse=True)
+    unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
     graph = edge_graph(model.vertices, model.triangles)
     nearest, distance_m = _cells(graph, unique)
     cells = _meeting(model.triangles.astype(np.int64), nearest)
@@ -120,7 +121,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     near, fade = near[fade > 0.0], fade[fade > 0.0]
     gains = at(points[near])
     gains *= fade[:, None]
-    return SurfaceGains(near.astype(np.int32), gains, fade, at)
+    return SurfaceGains(near.astype(np.int32), gains, first[simplices], fade, at)
 
 
 def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
