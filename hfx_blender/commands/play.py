@@ -89,11 +89,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..files import resources
 
     names = list(dict.fromkeys(options.device))
-    one_each = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
-    if options.to == "log" and options.path is None:
-        raise UsageError("--to log: give the file with --path")
-    if len(names) > 1 and one_each:
-        raise UsageError(f"--{one_each[0]} is of one device; give one --device")
+    _check_outputs(options, names)
     with ExitStack() as stack:
         address_note, progress = "", console.progress(options.file.name)
         source, targets = _opened(options, names, stack)
@@ -139,6 +135,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
     result = {"file": str(options.file), "devices": names, "seconds": round(length_s, 3)}
     console.result({**result, "units": units} if any(units.values()) else result)
     return 0
+
+
+def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
+    """Refuse an incomplete output, and options of one device for several."""
+    of_one = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
+    if options.to == "log" and options.path is None:
+        raise UsageError("--to log: give the file with --path")
+    if len(names) > 1 and of_one:
+        raise UsageError(f"--{of_one[0]} is of one device; give one --device")
 
 
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:

@@ -259,6 +259,14 @@ class SceneExport:
         start = sample // BLOCK_SIZE * BLOCK_SIZE
         return self.reader.blocks((start, start + BLOCK_SIZE))
 
+    def _answering(self) -> set[str]:
+        """Ids of effects whose volume has a contact response."""
+        return {
+            each.id
+            for each in self.reader.description.effects
+            if isinstance(each.area, HapticVolume) and each.area.response
+        }
+
     def _finish(
         self,
         track: Path,
@@ -280,11 +288,7 @@ class SceneExport:
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
                 times=recorded.times,
-                answering={
-                    each.id
-                    for each in self.reader.description.effects
-                    if isinstance(each.area, HapticVolume) and each.area.response
-                },
+                answering=self._answering(),
                 seen_on=recorded.reading.get("on", {}),
             )
             if settings.per_clip:

@@ -165,30 +165,35 @@ class Host:
         else:
             threads = [x for x in (self.device_threads.get(message.device),) if x is not None]
         for thread in threads:
-            if kind is MessageKind.STOP:
-                thread.stop(message.body.decode(errors="replace") or "stopped by you")
-            elif kind is MessageKind.ARM:
-                thread.arm()
-            elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
-                thread.pause()
-            elif kind is MessageKind.VALUES:
-                thread.feed(decode_values(message.body), thread.question(read_s))
-            elif kind is MessageKind.HAPTICS and thread.script is not None:
-                question = thread.question(read_s)
-                thread.script.ask(message.body, partial(thread.feed, question=question))
-            elif kind is MessageKind.PULSE:
-                thread.pulse(int(decode_json(message.body).get("actuator", -1)))
-            elif kind is MessageKind.SETTINGS:
-                thread.set_offset(_offset_s(decode_json(message.body)))
-            elif kind is MessageKind.DISCONNECT:
-                self.device_threads.pop(thread.number, None)
-                thread.close("disconnected")
+            self._pass_on(thread, message, read_s)
         if kind is MessageKind.STOP:
             self._report("silent")
         elif kind is MessageKind.SCENE:
             self.rendering.describe(message.body)
         elif kind is MessageKind.ARM:
             self.rendering.restart()
+
+    def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
+        """Execute a message for one device."""
+        kind = message.kind
+        if kind is MessageKind.STOP:
+            thread.stop(message.body.decode(errors="replace") or "stopped by you")
+        elif kind is MessageKind.ARM:
+            thread.arm()
+        elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
+            thread.pause()
+        elif kind is MessageKind.VALUES:
+            thread.feed(decode_values(message.body), thread.question(read_s))
+        elif kind is MessageKind.HAPTICS and thread.script is not None:
+            question = thread.question(read_s)
+            thread.script.ask(message.body, partial(thread.feed, question=question))
+        elif kind is MessageKind.PULSE:
+            thread.pulse(int(decode_json(message.body).get("actuator", -1)))
+        elif kind is MessageKind.SETTINGS:
+            thread.set_offset(_offset_s(decode_json(message.body)))
+        elif kind is MessageKind.DISCONNECT:
+            self.device_threads.pop(thread.number, None)
+            thread.close("disconnected")
 
     def take_rendered(self, answer: Message, questions: Questions) -> None:
         """Forward rendered values to a device, or haptic data to its script."""

@@ -296,13 +296,10 @@ class _Held:
             now = self._touches.weighted_set(own)
             self.sets = {time: _merged(each, now) for time, each in self.sets.items()}
             self._merged = own
-        if own != self._own[0]:
-            self._own = own, self._touches.weighted_set(own) if own >= 0 else None
-        weighted = self._own[1]
-        if self.sets:
-            over = [time for time in self.sets if ringing.ends[time][place]]
-            for time in over:
-                del self.sets[time]
+        weighted = self._touched_set(own)
+        self.sets = {
+            time: each for time, each in self.sets.items() if not ringing.ends[time][place]
+        }
         if self.sets and self._shares[place] > 0.0:
             energies = [float(ringing.energies[time][place]) for time in self.sets]
             share = float(self._shares[place])
@@ -312,6 +309,12 @@ class _Held:
         if weighted is not None and len(weighted[0]) and level > 0.0:
             self.left = level, weighted
         return self.left if strongest is None else strongest
+
+    def _touched_set(self, number: int) -> WeightedSet | None:
+        """Set of weights of that number, which often is the one before; None for -1."""
+        if number != self._own[0]:
+            self._own = number, self._touches.weighted_set(number) if number >= 0 else None
+        return self._own[1]
 
     def _between(self, first: int, place: int) -> tuple[float, WeightedSet] | None:
         """Strongest moments of each vertex before the sample at ``place``; None if none is inside.

@@ -81,8 +81,8 @@ class HFX_OT_stroke_pad(HfxOperator):
 
     def _react(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         pad, now = self._pad, time.monotonic()
-        if context.window is None or context.window.screen != self._screen:
-            return {"PASS_THROUGH"}  # a file browser, or another workspace, is in its place
+        if not self._is_shown(context):
+            return {"PASS_THROUGH"}
         x, y = event.mouse_x - self._region.x, event.mouse_y - self._region.y
         if event.type == "ESC" and event.value == "PRESS":
             self._close(context)
@@ -115,6 +115,10 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._feel()
         self._region.tag_redraw()
         return {"RUNNING_MODAL"}
+
+    def _is_shown(self, context: bpy.types.Context) -> bool:
+        """Test that no file browser or other workspace is in the place of the pad."""
+        return context.window is not None and context.window.screen == self._screen
 
     def _feel(self) -> None:
         """Play new parts of the stroke as sound, and on connected devices."""
