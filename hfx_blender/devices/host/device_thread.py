@@ -363,8 +363,12 @@ class DeviceThread:
             self.silence()
             self._is_quiet.wait(PATIENCE_S)
             self.output = None
-            with suppress(Exception):
+            try:
                 output.close()
+            except OutputLostError as error:
+                self._report("lost", self.number, text=str(error))
+            except Exception:  # a foreign output; its port is its own affair
+                _log.exception("device '%s' cannot be closed", self.device.id)
             uses.close()
             self._report("closed", self.number)
 

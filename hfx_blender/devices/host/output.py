@@ -14,7 +14,7 @@ class OutputLostError(Exception):
 
 
 class Output(Protocol):
-    """Encoder and transport of one device together. No method ever waits for the hardware."""
+    """Encoder and transport of one device together. Only :meth:`close` waits."""
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,) from the guard; only the newest ones count.
@@ -28,7 +28,14 @@ class Output(Protocol):
         """Send the stop bytes, before anything that waits; never raises."""
 
     def close(self) -> None:
-        """Give the port back; never raises. The device has been stopped before."""
+        """Give the port back. The device has been stopped before; where the other side confirms
+        that, this waits for it, a few seconds at most.
+
+        Raises
+        ------
+        OutputLostError
+            The stop did not arrive. The port is given back all the same.
+        """
 
 
 @runtime_checkable

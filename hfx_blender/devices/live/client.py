@@ -109,6 +109,12 @@ class LiveClient:
         if known is not None:
             self.pipe.send(MessageKind.DISCONNECT, known.number)
 
+    def give_back(self, name: str) -> None:
+        """Stop a device and give its port back. Its state remains known: it becomes "closed", or
+        "lost" where the stop did not arrive.
+        """
+        self._command(MessageKind.DISCONNECT, name)
+
     def send(self, name: str, values: npt.ArrayLike) -> None:
         """Send a device's values (columns,); replaces unsent ones."""
         self._feed(name, MessageKind.VALUES, encode_values(values))

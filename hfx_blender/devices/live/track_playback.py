@@ -18,6 +18,9 @@ _STEPS_S: Final = (0.01, 0.05)
 _FADE_S: Final = 0.1
 """Time for the last ramp of a device, seconds."""
 
+_CLOSE_S: Final = 4.0
+"""Time limit for the confirmation of the last stop, seconds; an output has 3 s at most."""
+
 
 class ValueSource(Protocol):
     """Interface of a file that is played: a track, or a clip."""
@@ -78,9 +81,10 @@ def play(
         while time.monotonic() - ended < offset_s + _FADE_S:
             source.show(client, source.end_s + source.sample_s)  # of which nothing is felt
             _live_on(client, _STEPS_S[0])
-        return _failed(client)
+        failed = _failed(client)
     finally:
         client.stop_all("the end was reached")
+    return failed + _unstopped(client, [x for x in client.devices.values() if x not in failed])
 
 
 def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
@@ -110,6 +114,23 @@ def _refuse_silence(client: LiveClient) -> None:
 
 def _failed(client: LiveClient) -> list[DeviceState]:
     return [each for each in client.devices.values() if not each.is_armed]
+
+
+def _unstopped(client: LiveClient, states: list[DeviceState]) -> list[DeviceState]:
+    """Give devices back; returns those that did not confirm the stop."""
+    for state in states:
+        client.give_back(state.name)
+    deadline = time.monotonic() + _CLOSE_S
+    while any(each.state not in ("closed", "lost") for each in states):
+        if time.monotonic() > deadline:
+            for each in states:
+                if each.state not in ("closed", "lost"):
+                    each.state, each.text = "lost", "its output did not close in time"
+            break
+        client.heartbeat()
+        client.events()
+        time.sleep(_STEPS_S[0])
+    return [each for each in states if each.state != "closed"]
 
 
 def fault_of(state: DeviceState) -> str:

@@ -82,9 +82,18 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}), is_urgent=True)
 
     def close(self) -> None:
-        """Leave the Player."""
-        self._socket.close()
-        release(self._reserved)
+        """Leave the Player, when it has read the stop.
+
+        Raises
+        ------
+        OutputLostError
+            It has not read the stop.
+        """
+        try:
+            self._socket.finish()
+        finally:
+            self._socket.close()
+            release(self._reserved)
 
     def _off(self, position: str) -> dict[str, Any]:
         return {"Type": "turnOff", "Key": f"{self._key}-{position}"}

@@ -144,12 +144,13 @@ class Server:
         self.devices: list[ServedDevice] | None = None
         """The newest list that the server sent; None before the first."""
         self._fault = ""
+        self.unanswered: set[int] = set()  # numbers of the newest stop of each output
         self._received = threading.Condition()
         self.socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
         try:
             self._greet()
             self._request("RequestDeviceList")
-            self._answer(lambda: self.devices, "a list of devices")
+            self._answer(lambda: self.devices, "The server does not answer like a list of devices.")
         except BaseException:  # a server may say anything
             self.socket.close()
             raise
@@ -157,7 +158,9 @@ class Server:
     def _greet(self) -> None:
         self._request("RequestServerInfo", ClientName="HFX", ProtocolVersionMajor=4,
                   ProtocolVersionMinor=0)  # fmt: skip
-        info = self._answer(lambda: self._info, "a Buttplug server of version 4")
+        info = self._answer(
+            lambda: self._info, "The server does not answer like a Buttplug server of version 4."
+        )
         if info.get("ProtocolVersionMajor") != 4:
             raise OutputLostError("The server does not speak version 4 of Buttplug's protocol.")
         self._ping_s = _seconds(info.get("MaxPingTime"))
@@ -171,13 +174,27 @@ class Server:
     def _request(self, kind: str, **content: Any) -> None:
         self.socket.send(json.dumps([self.message(kind, **content)]))
 
-    def _answer(self, found: Callable[[], Any], named: str) -> Any:
+    def await_stop(self, number: int) -> None:
+        """Wait, at most :data:`ANSWER_S`, for the answer to a stop.
+
+        Raises
+        ------
+        OutputLostError
+            The connection is lost, or there is no answer.
+        """
+        if number in self.unanswered:
+            self._answer(
+                lambda: None if number in self.unanswered else True,
+                "The server does not confirm the stop.",
+            )
+
+    def _answer(self, found: Callable[[], Any], otherwise: str) -> Any:
         until = time.monotonic() + ANSWER_S
         with self._received:
             while found() is None:
                 self.check()
                 if time.monotonic() > until:
-                    raise OutputLostError(f"The server does not answer like {named}.")
+                    raise OutputLostError(otherwise)
                 self._received.wait(0.05)
         return found()
 
@@ -202,6 +219,8 @@ class Server:
         elif "DeviceList" in message:
             # Sent anew whenever a device appears or vanishes.
             self.devices = served_devices(dict(message["DeviceList"]["Devices"]))
+        elif "Ok" in message:
+            self.unanswered.discard(message["Ok"]["Id"])
         elif "Error" in message:
             reason = str(message["Error"].get("ErrorMessage", ""))[:200]
             self._fault = f"The server reports a fault: {reason}"
@@ -286,6 +305,7 @@ class ButtplugOutput:
         self._given: list[int | None] = []
         self._given_s = 0.0
         self._reserved: Keys = frozenset()
+        self._stop_number = 0  # of the newest stop
         self._is_closed = False
         key = server_key(host, port)
         # One after the other: of two devices that open together, the first takes the first.
@@ -330,12 +350,26 @@ class ButtplugOutput:
         self._given = [None] * len(self._given)
         with suppress(OutputLostError):
             command = self._server.message("StopCmd", DeviceIndex=self._device.index)
+            self._server.unanswered.discard(self._stop_number)
+            self._stop_number = int(command["StopCmd"]["Id"])
+            self._server.unanswered.add(self._stop_number)
             self._socket.send(json.dumps([command]), is_urgent=True)
 
     def close(self) -> None:
-        """Leave the server; without any device of ours it is disconnected, which stops them."""
-        if not self._is_closed:
-            self._is_closed = True
+        """Leave the server; without any device of ours it is disconnected, which stops them.
+
+        Raises
+        ------
+        OutputLostError
+            The server has not confirmed the stop.
+        """
+        if self._is_closed:
+            return
+        self._is_closed = True
+        try:
+            self._server.await_stop(self._stop_number)
+        finally:
+            self._server.unanswered.discard(self._stop_number)
             _leave(self._server)
             release(self._reserved)
 

@@ -33,6 +33,7 @@ MAX_WAITING: Final = 1 << 16
 STALLED_S: Final = 1.0
 """A server that reads nothing for so long is left: it then stops what we used."""
 
+_STALLED: Final = "the server does not read any more"
 _UPKEEP_S: Final = 0.05
 _RECEIVED: Final = 4096
 """Bytes that are read at once: the pongs that they may ask for are few."""
@@ -76,6 +77,7 @@ class WebSocket:
         self._message = bytearray()  # of fragments so far
         self._lost = ""
         self._is_closed = False
+        self._is_left = False  # by the server: it said goodbye, or sends nothing any more
         try:
             self._socket = socket.create_connection((host, port), timeout=OPEN_S)
         except OSError as error:
@@ -122,6 +124,25 @@ class WebSocket:
         """Raise ``OutputLostError`` if the connection is lost."""
         if self._lost or self._is_closed:
             raise OutputLostError(f"{self._name}: {self._lost or 'is closed'}.")
+
+    def finish(self) -> None:
+        """Say goodbye and wait, at most :data:`STALLED_S`, for the server's own goodbye, which
+        comes only after the server has read all messages. :meth:`close` follows.
+
+        Raises
+        ------
+        OutputLostError
+            The connection was lost before, or the server does not read.
+        """
+        with self._lock:
+            self.check()
+            self._protocol.send_close(1000)
+            self._write()
+        until = time.monotonic() + STALLED_S
+        while not self._lost and time.monotonic() < until:
+            time.sleep(0.002)
+        if self._waiting or not self._is_left:
+            raise OutputLostError(f"{self._name}: {self._lost or _STALLED}.")
 
     def close(self) -> None:
         """Close the connection, after pending data if that takes no time; may be called again."""
@@ -188,11 +209,12 @@ class WebSocket:
         content = self._socket.recv(_RECEIVED) if readable else b""
         self._take(content)
         if readable and not content:
+            self._is_left = True
             self._lost = self._lost or "the connection was closed by the server"
             return
         self._on_tick()
         if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
-            self._lost = "the server does not read any more"
+            self._lost = _STALLED
 
     def _take(self, content: bytes) -> None:
         """Take bytes of the server: answer its pings, and hand over its messages.
@@ -204,7 +226,8 @@ class WebSocket:
                 self._protocol.receive_data(content)
             frames = [each for each in self._protocol.events_received() if isinstance(each, Frame)]
             fault = self._protocol.parser_exc
-            if self._protocol.state is not State.OPEN:
+            if self._protocol.close_rcvd is not None:
+                self._is_left = True
                 self._lost = self._lost or "the server closed the connection"
             if isinstance(fault, PayloadTooBig):
                 self._lost = "the server sent too long a message"

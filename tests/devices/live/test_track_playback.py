@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_process import BAND, is_loud, rows_of
+from raw_server import RawServer
 from test_render_process import HEADER, STREAMS, felt, places
 
 from hfx_blender import cli
@@ -110,6 +111,26 @@ def test_a_serial_device_gets_its_bytes_and_its_stop(track: Path, tmp_path: Path
     os.close(slave)
     assert "m 1000\n" in sent
     assert sent.endswith("off\n" * 3)
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_a_stop_that_did_not_arrive_is_a_failure_of_the_device(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], reads: bool
+) -> None:
+    player = RawServer(reads=reads, says_goodbye=True)
+    device = tmp_path / "vest.json"
+    dots = [{"position": "VestFront", "index": 0}]
+    output = {
+        "encoder": {"kind": "bhaptics", "dots": dots},
+        "transport": {"kind": "websocket", "host": "127.0.0.1", "port": player.port},
+    }
+    device.write_text(json.dumps({**SERIAL, "output": output}))
+    track = written(tmp_path / "short.hfxtrack", 0.2, range(0, 4))
+    code = cli.run(["play", str(track), "--device", str(device)])
+    player.close()
+    printed = capfd.readouterr()
+    assert (code, "played" in printed.out) == ((0, True) if reads else (4, False)), printed
+    assert ("the server does not read any more" in printed.err) is not reads
 
 
 def test_a_failure_of_the_device_and_a_time_outside_have_their_exit_codes(

@@ -473,3 +473,57 @@ def test_any_bytes_of_a_server_end_the_connection_and_nothing_else(content):
     connection.close()
     server.close()
     assert all(isinstance(each, str) for each in heard)
+
+
+def deaf_intiface():
+    """A Buttplug server that answers until the first stop, then nothing."""
+    answer = intiface()
+
+    def until_a_stop(messages):
+        return () if "StopCmd" in messages[0] else answer(messages)
+
+    return until_a_stop
+
+
+def test_a_stop_that_buttplug_does_not_confirm_is_told_within_the_limit(serve, monkeypatch):
+    monkeypatch.setattr(buttplug, "ANSWER_S", 0.3)
+    server = serve(deaf_intiface())
+    output = lovense(server)
+    output.stop()
+    began = time.monotonic()
+    with pytest.raises(OutputLostError, match="does not confirm the stop"):
+        output.close()
+    assert 0.25 < time.monotonic() - began < 2.0
+    lovense(server).close()  # nothing is held any more, and no stop is awaited
+
+
+def test_a_confirmed_stop_is_closed_without_a_word(serve):
+    output = lovense(serve(intiface()))
+    output.stop()
+    output.close()
+
+
+def bhaptics_at(port):
+    how = BhapticsEncoder((("VestFront", 0), ("VestFront", 1)))
+    output = OutputConfig(how, WebsocketTransport("127.0.0.1", port))
+    return open_output(device(*TWO, output=output), {"kind": "websocket"})
+
+
+def test_a_stop_that_the_bhaptics_player_does_not_read_is_told(monkeypatch):
+    monkeypatch.setattr(websocket, "STALLED_S", 0.3)
+    server = RawServer(reads=False)
+    output = bhaptics_at(server.port)
+    output.stop()
+    began = time.monotonic()
+    with pytest.raises(OutputLostError, match="does not read any more"):
+        output.close()
+    assert 0.25 < time.monotonic() - began < 2.0
+    server.close()
+
+
+def test_a_stop_that_the_bhaptics_player_reads_is_closed_without_a_word(serve):
+    server = serve()
+    output = bhaptics_at(server.port)
+    output.stop()
+    output.close()
+    assert server.heard[-1]["Submit"][0]["Type"] == "turnOff"

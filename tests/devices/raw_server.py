@@ -21,7 +21,8 @@ RIGHT = (
 
 
 class RawServer:
-    """Server for one client: answers the handshake, sends bytes, and reads till the end.
+    """Server for one client: answers the handshake, sends bytes, and reads till the end, or, if
+    it says goodbye, till the client does so.
 
     Attributes
     ----------
@@ -36,12 +37,13 @@ class RawServer:
         *,
         ends: bool = False,
         reads: bool = True,
+        says_goodbye: bool = False,
     ) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._listener.getsockname()[1]
         self.received = bytearray()
         self._content, self._answer = content, answer
-        self._ends, self._reads = ends, reads
+        self._ends, self._reads, self._says_goodbye = ends, reads, says_goodbye
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -68,6 +70,9 @@ class RawServer:
             return
         while content := taken.recv(65536):
             self.received += content
+            # A client's close frame with a code of two bytes, behind whatever came before.
+            if self._says_goodbye and self.received[-8:-6] == b"\x88\x82":
+                return
 
     def connect(self, on_text: Any = lambda text: None, on_tick: Any = lambda: None) -> WebSocket:
         """Client of this server."""
