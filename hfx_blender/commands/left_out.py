@@ -53,7 +53,7 @@ def refuse(arguments: Sequence[str]) -> None:
 
 
 def _load_tools() -> bool:
-    """Import the package of tools; False where it is not installed."""
+    """Import the package ``hfx_tools``; return whether it lies beside this package."""
     if PACKAGE in sys.modules:
         return True
     # Beside this package only: elsewhere a package of that name is a stranger's. Beside an

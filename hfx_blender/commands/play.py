@@ -138,7 +138,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
-    """Refuse an incomplete output, and options of one device for several."""
+    """Refuse ``--to log`` without a file, and options of a single device beside several devices.
+
+    Raises
+    ------
+    UsageError
+        Names the option.
+    """
     of_one = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
         raise UsageError("--to log: give the file with --path")

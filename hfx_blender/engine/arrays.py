@@ -40,7 +40,7 @@ NPZ_DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""Exceptions of numpy, zipfile and zlib for damaged archives, as found by changing bytes."""
+"""Exceptions that numpy, zipfile and zlib raise for damaged .npz archives (found by fuzzing)."""
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:

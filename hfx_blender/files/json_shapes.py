@@ -45,7 +45,7 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """Allowed values in words."""
+        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
         if self.note or self.choices:
             return self.note or "one of " + ", ".join(map(str, self.choices))
         if self.lowest == self.highest:
@@ -71,7 +71,7 @@ class Text:
 
     @property
     def allowed(self) -> str:
-        """Allowed values in words."""
+        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
         if self.note:
             return self.note
         if self.choices:
@@ -109,7 +109,7 @@ class Items:
 
     @property
     def allowed(self) -> str:
-        """Allowed values in words."""
+        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
         if self.most is None:
             return f"a list of {self.least} or more items" if self.least else "a list"
         if self.least == self.most:

@@ -17,7 +17,7 @@ from typing import Final
 from ..errors import OutputError
 
 PATIENCE_S: Final = 5.0
-"""Longest wait for a lock, seconds."""
+"""Time limit for taking a lock that another process holds, seconds."""
 
 _RETRY_S: Final = 0.01
 

@@ -208,6 +208,6 @@ _STRICT: Final[dict[str, Any]] = {
     "parse_int": _whole,
     "parse_constant": _finite,
 }
-"""Arguments of ``json.loads``: no key twice, no number that is endless, too long or none."""
+"""Arguments of ``json.loads`` that refuse repeated keys, NaN, infinity and too long numbers."""
 
 _MARKING: Final[dict[str, Any]] = {key: _marked(hook) for key, hook in _STRICT.items()}

@@ -124,11 +124,11 @@ class FormatInfo:
 
     @property
     def is_of_device(self) -> bool:
-        """Test that it holds what one device plays, and nothing else."""
+        """Test that a file of this format holds the output of one device only."""
         return bool(self.write_raster or self.write_signals) and not self.write_track
 
     def plays_of(self, modalities: Iterable[str]) -> tuple[str, ...]:
-        """Modalities that it holds, of some."""
+        """Select the modalities that a file of this format can hold, in the given order."""
         return tuple(m for m in modalities if self.modalities is None or m in self.modalities)
 
 

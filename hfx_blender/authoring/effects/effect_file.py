@@ -81,7 +81,10 @@ class ClipRecipe:
 
 @dataclass(frozen=True)
 class PartsArea:
-    """Whole body parts, softened over some vertices: fits every perceptual model."""
+    """Painted area of whole body parts, which exists on every perceptual model.
+
+    The edge is softened over ``smooth`` steps from vertex to vertex.
+    """
 
     parts: tuple[str, ...]
     side: str = "both"

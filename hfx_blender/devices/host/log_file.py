@@ -71,7 +71,7 @@ class LogFile:
             raise OutputLostError(f"{self._path} cannot be written ({self._fault.strerror}).")
 
     def empty(self) -> None:
-        """Begin the log anew."""
+        """Remove the content of the log file."""
         self._file.seek(0)
         self._file.truncate()
 

@@ -111,7 +111,7 @@ class CellGroups:
         self._kept: list[npt.NDArray[Any]] = []
 
     def lacking(self, clusters: I64) -> I64:
-        """Clusters that are not filled in yet, ascending."""
+        """Sorted unique ids of clusters without an entry."""
         return lacking(self._is_known, clusters)
 
     def add(

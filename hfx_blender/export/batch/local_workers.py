@@ -44,7 +44,9 @@ class TimeLimitError(Exception):
 
 
 class UnitWorker:
-    """Worker that does units; used by one thread at a time, but closed by any.
+    """Worker process that exports units of a batch, started at the first unit.
+
+    One thread at a time may call :meth:`do`; any thread may call :meth:`close`.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _STRAIGHT: Final = 1e-9
 """Distance from the straight line between its neighbours at which a keyframe is needed."""
 
 _HOLD: Final = 3
-"""Rows of one value in a row that make a hold."""
+"""Number of successive rows with the same value from which on they are a hold."""
 
 PITCH_HZ: Final = 1.0
 """Largest error of the frequency of a vibration."""
@@ -166,7 +166,7 @@ def _wave_keyframes(
 
 
 def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tuple[I64, F64]:
-    """A simplified curve with its keyframes moved to whole ticks.
+    """Times and values of a simplified curve whose keyframes lie on whole ticks.
 
     Holds of the original, three rows of one value or more, stay exactly constant. Where a
     moved keyframe leaves the tolerance, the original's own rows beside it are taken: they are

@@ -300,7 +300,10 @@ def _path_pieces(
     dots: list[dict[str, Any]],
     lost: Counter[str],
 ) -> Iterator[tuple[int, Piece]]:
-    """Pieces of the dots nearest to a path; ``lost`` counts what is not played as intended."""
+    """Yield motor number and piece for the dots nearest to a path.
+
+    Counts deviations from bHaptics' own playback in ``lost``, by their description.
+    """
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
     for feedback in _feedbacks(mode, "pathMode"):

@@ -58,7 +58,7 @@ class Sent:
 
 
 class Live:
-    """The devices of this Blender.
+    """Connected devices of this Blender, and the source of the samples that they play.
 
     Attributes
     ----------

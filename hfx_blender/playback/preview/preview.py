@@ -38,7 +38,7 @@ _SHORT_S, _REST = 0.01, 10.0
 """Duration of a look for changes after which it rests, seconds, and rest as a multiple of it."""
 
 _PIECE_S = 0.004
-"""Duration of one slice of preparing the preview, seconds."""
+"""Time slice for preparing the preview between two events of Blender, seconds."""
 
 
 class ViewportPreview:

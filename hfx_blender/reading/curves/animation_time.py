@@ -26,7 +26,15 @@ MOST_SAMPLES = 2**24
 def time_base(
     scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
 ) -> TimeBase:
-    """Time base of a scene: its own frame range and rate by default."""
+    """Time base of a scene's samples.
+
+    Without ``frames`` (first and last, both included) or ``rate_hz``, the scene's own are taken.
+
+    Raises
+    ------
+    InputError
+        The frame range holds no frames.
+    """
     first, last = frames or (scene.frame_start, scene.frame_end)
     if last < first:
         raise InputError(

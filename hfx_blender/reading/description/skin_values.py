@@ -44,7 +44,7 @@ def drive(hfx: bpy.types.PropertyGroup) -> F64 | None:
 
 
 def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | None:
-    """Values of :func:`place` at many times, (T, 2)."""
+    """Position along the path and radius (m) at T times, (T, 2); None for other than a spot."""
     if hfx.kind != "SPOT":
         return None
     along, radius = (value(name) for name in PLACE)
@@ -52,7 +52,7 @@ def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | N
 
 
 def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
-    """Values of :func:`drive` at many times, (T, A)."""
+    """Strength of each actuator at T times, (T, A); None where the effect drives no actuator."""
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)
