@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import I32
-from ..native import clusters as native
+from ..native import cluster_bounds as native
 from ..native import library
 from .model import PerceptualModel
 

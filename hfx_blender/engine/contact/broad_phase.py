@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, U8, Bool
-from ..native.bounds import Outline
+from ..native.cluster_bounds import Outline
 from ..native.declarations import structure
 from ..native.library import f64, loaded
 from ..native.skin import PosedBones, UsedBones
@@ -88,7 +88,7 @@ class CompiledBroadPhase:
     rows : (m,) int64
         Of the block, ascending; those of the target are among them.
     boxes : tuple
-        The clusters' world boxes at these; see :meth:`..native.bounds.Outline.bounds`.
+        The clusters' world boxes at these; see :meth:`..native.cluster_bounds.Outline.bounds`.
     follows, reported : (n,) bool
         See :func:`.contacts.begin`.
     edge_m : float

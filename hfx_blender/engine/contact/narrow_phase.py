@@ -22,7 +22,7 @@ from ..kinematics.motion import Motion
 from ..native.declarations import structure
 from ..native.library import loaded
 from ..native.skin import Clusters, PosedBones
-from ..native.skin_table import Table, table_of
+from ..native.skin_arrays import SkinTableArrays, table_structure
 from ..volume.placing_matrix import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
@@ -47,7 +47,7 @@ class Posing:
 
 def narrow_phase(
     pairs: Pairs,
-    table: Table,
+    table: SkinTableArrays,
     posing: Posing,
     target: PlacedTarget,
     drifts: Mapping[int, tuple[F64, F64]],
@@ -61,7 +61,7 @@ def narrow_phase(
     Parameters
     ----------
     pairs : Pairs
-    table : Table
+    table : SkinTableArrays
         Filled for the clusters that are covered or followed.
     posing : Posing
     target : PlacedTarget
@@ -133,7 +133,7 @@ _WORTH: Final = 1 << 17
 much longer than the rest."""
 
 
-def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
+def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
     """Split pairs into parts with similar numbers of points, clusters kept whole."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
@@ -156,14 +156,14 @@ class NarrowPhaseCall:
     def __init__(
         self,
         pairs: Pairs,
-        table: Table,
+        table: SkinTableArrays,
         posing: Posing,
         target: PlacedTarget,
         drift: Any,
         weights: Weights,
         column_of: I64,
     ) -> None:
-        skin = table_of(table)
+        skin = table_structure(table)
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))

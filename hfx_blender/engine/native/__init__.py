@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bindings of the compiled inner loops. What contacts they find is defined by :mod:`..reference`.
+"""Bindings of the compiled inner loops.
 
-Where no library was built or it is switched off, exports compute that definition.
+Without a library, or with ``HFX_NATIVE=0``, exports evaluate the definitions of
+:mod:`..reference` instead.
 """

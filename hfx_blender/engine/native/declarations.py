@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arguments of the library's functions and fields of its structures, as the library tells them.
+"""Signatures and structures of the library, as ctypes types.
 
-They were read from its C sources when it was built (``release/native_interface.py``): in
-``hfx_turns(int64_t count, const double *before, ...)`` a number is a number, ``const double *``
-an array of float64 that is only read, ``double *`` one that is written, ``const hfx_tree *`` a
-structure. Each array and structure may be None.
+The build reads them from the C sources (``release/native_interface.py``) and the library returns
+them as JSON. ``int64_t`` and ``double`` become numbers, ``const double *`` a float64 array for
+reading, ``double *`` a float64 array for writing, ``const hfx_tree *`` a structure. Each array and
+structure may be None.
 """
 
 from __future__ import annotations
@@ -23,49 +23,63 @@ _RESULTS: Final = {**_NUMBERS, "void": None, "const char *": ctypes.c_char_p}
 _ARRAYS: Final[dict[str, tuple[Any, ...]]] = {
     **dict.fromkeys(("int64_t", "uint64_t"), (np.int64, np.uint64)),
     **dict.fromkeys(("int32_t", "uint32_t"), (np.int32, np.uint32)),
-    **dict.fromkeys(("double", "hfx_quad", "extent", "event"), (np.float64,)),  # all of doubles
+    **dict.fromkeys(("double", "hfx_quad", "extent", "event"), (np.float64,)),
     **{"float": (np.float32,), "uint8_t": (np.uint8, np.bool_), "void": ()},
 }
 
 _structures: dict[str, list[tuple[str, str, int]]] = {}
-"""Name, type and count of elements of each field of a structure; filled by :func:`declare`."""
+"""Fields of each structure: name, C type, element count; filled by :func:`declare`."""
 
 
 class ArrayOf:
-    """Argument or field: a contiguous array of one of some types, or None.
+    """Type of an argument or field that is an array or None.
 
-    An array that is only read is converted, within its kind of number. A call has its arguments
-    until it is over, and a structure what it is made of: so no array is gone before it was read.
+    A read-only array is made contiguous and converted within its kind of number; an array for
+    writing must have the right type and be contiguous. A call keeps its arguments until it returns
+    and a :class:`Structure` keeps its fields, so no memory is freed while C reads it.
+
+    Parameters
+    ----------
+    types : tuple of dtype
+        Accepted element types, the first of them for conversions; empty accepts any type.
+    is_written : bool
+        Whether C writes to the array.
     """
 
     def __init__(self, types: tuple[npt.DTypeLike, ...], is_written: bool) -> None:
-        self._types = tuple(np.dtype(each) for each in types)
+        self._types = tuple(np.dtype(kind) for kind in types)
         self._first = self._types[0] if types else None
         self._is_written = is_written
 
     def from_param(self, array: Any) -> Any:
-        """Array as an argument, as ctypes asks for it; see :meth:`address`."""
+        """Convert an array to a ctypes argument; None stays None.
+
+        Raises
+        ------
+        TypeError
+            See :meth:`address`.
+        """
         if array is None:
             return None
         if array.dtype is not self._first:
             array = self._of_type(array)
-        try:  # four times as fast as asking the array
+        try:  # four times as fast as ``array.ctypes``
             return _by_reference(_start(array))
         except (TypeError, ValueError):
             fitting = self._contiguous(array)
-        # As it is: what must not be written, and what is empty.
+        # The buffer protocol refuses read-only and empty arrays.
         if fitting is array:
             return ctypes.c_void_p(array.ctypes.data)
         return _by_reference(_start(fitting))
 
     def address(self, array: npt.NDArray[Any], kept: list[Any]) -> int:
-        """Address of an array; what it is converted to is added to what is kept.
+        """Memory address of an array; a converted copy is appended to ``kept``.
 
         Raises
         ------
         TypeError
-            It holds another kind of number, or is to be written and of another type or not
-            contiguous.
+            The array holds another kind of number; or it is for writing and has another type or is
+            not contiguous.
         """
         if array.dtype is self._first:
             try:
@@ -95,9 +109,10 @@ _start: Final[Callable[[Any], ctypes.c_char]] = ctypes.c_char.from_buffer
 
 
 class Structure(ctypes.Structure):
-    """Structure of the library, made of its fields in their order; those that are missing are 0.
+    """Structure of the library, from the values of its leading fields; missing fields are 0.
 
-    A field is a number, an array, a list of arrays, a structure or None. ``kept`` has all of them.
+    A value is a number, an array, a list of arrays, a structure or None. ``kept`` holds all values,
+    and so keeps their memory alive.
     """
 
     _kinds: dict[str, Any]
@@ -108,23 +123,23 @@ class Structure(ctypes.Structure):
         super().__init__(*[_stored(kind, value, self.kept) for kind, value in pairs])
 
     def put(self, name: str, value: Any) -> None:
-        """Set a field."""
+        """Set a field; see :class:`Structure` for its value."""
         self.kept.append(value)
         setattr(self, name, _stored(self._kinds[name], value, self.kept))
 
 
 def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
-    """A field as C has it."""
+    """Convert a field's value to its C type; converted arrays are appended to ``kept``."""
     if value.__class__ is np.ndarray:
         return kind.address(value, kept)
     if value.__class__ is list:
-        return (ctypes.c_void_p * len(value))(*[_stored(kind, each, kept) for each in value])
+        return (ctypes.c_void_p * len(value))(*[_stored(kind, item, kept) for item in value])
     return ctypes.pointer(value) if isinstance(value, Structure) else value
 
 
 @cache
 def structure(name: str) -> Any:
-    """Class of a structure, a :class:`Structure`; the library has to be loaded."""
+    """Subclass of :class:`Structure` for a C structure; a library must be loaded."""
     fields, kinds = [], {}
     for field, declared, count in _structures[name]:
         kinds[field] = kind = _kind(declared)
@@ -134,14 +149,14 @@ def structure(name: str) -> Any:
 
 
 def declare(library: ctypes.CDLL) -> None:
-    """Declare arguments and results of the library's functions.
+    """Set argument and result types of all functions of the library.
 
     Raises
     ------
     AttributeError
-        It lacks one of them.
+        The library lacks a function.
     ValueError
-        It does not tell them.
+        The library's interface is no JSON.
     """
     library.hfx_interface.restype = ctypes.c_char_p
     interface = json.loads(library.hfx_interface())
@@ -153,7 +168,10 @@ def declare(library: ctypes.CDLL) -> None:
 
 
 def _kind(declared: str) -> Any:
-    """Kind of an argument or a field, of its type in C."""
+    """Type of an argument or field from its C declaration.
+
+    ``T **`` is an array of addresses.
+    """
     name, stars = declared.removeprefix("const ").rstrip(" *"), declared.count("*")
     if not stars:
         return _NUMBERS[name]

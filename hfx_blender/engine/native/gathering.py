@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compaction of weights of cluster-row pairs into lists of contacts; ``gather.c``."""
+"""Compaction of cluster-row weights into contacts; ``gather.c``.
+
+A *column* is a vertex of the model that the examined clusters contain.
+"""
 
 from __future__ import annotations
 
@@ -11,59 +14,77 @@ import numpy.typing as npt
 
 from ..arrays import I32, I64, Bool, Weights
 from .library import loaded
-from .skin_table import Table
+from .skin_arrays import SkinTableArrays
 
 _MOST_COLUMNS: Final = 32
-_COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
+_COLUMNS: WeakKeyDictionary[SkinTableArrays, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
 
 _MOST_CLEARED: Final = 8
-_CLEARED: WeakKeyDictionary[Table, list[npt.NDArray[Any]]] = WeakKeyDictionary()
+_CLEARED: WeakKeyDictionary[SkinTableArrays, list[npt.NDArray[Any]]] = WeakKeyDictionary()
 
 
-def columns_of(clusters: I64, table: Table) -> tuple[I32, I64]:
-    """Columns of some clusters: their vertices, ascending, and the column of each of the table's
-    cells, valid for these clusters only. Not to be changed: they are kept."""
+def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
+    """Columns of some clusters; the result is cached and must not be changed.
+
+    Returns
+    -------
+    vertices : (C,) int32
+        Vertex of each column, ascending.
+    column_of : (cells,) int64
+        Column of each of the table's cells; valid for cells of these clusters only.
+    """
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
         if len(known) >= _MOST_COLUMNS:
             known.clear()
-        known[key] = _made_columns(clusters, table)
+        known[key] = _compute_columns(clusters, table)
     return known[key]
 
 
-def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
+def _compute_columns(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
     count = len(table.cells)
     is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
     columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
-    found = loaded().hfx_columns(
+    column_count = loaded().hfx_columns(
         *(len(clusters), clusters, len(table.unit_counts), table.cell_starts, count),
         *(table.cells, is_needed, place_of, columns, column_of),
     )
-    return columns[:found].copy(), column_of
+    return columns[:column_count].copy(), column_of
 
 
-def no_weights(table: Table, rows: int, columns: int, precision: Any) -> Weights:
-    """Weights (rows, columns) that are all 0, for clusters of a table.
+def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) -> Weights:
+    """Weights of 0 for clusters of a table, (rows, columns).
 
-    Those that :func:`gathered` has cleared are used again: new ones would be fetched page by page.
+    Memory cleared by :func:`gathered` is reused, because the operating system would map new memory
+    page by page.
     """
-    kept, size = _CLEARED.setdefault(table, []), rows * columns
-    fitting = (k for k, each in enumerate(kept) if each.size >= size and each.dtype == precision)
+    cleared, size = _CLEARED.setdefault(table, []), rows * columns
+    fitting = (k for k, room in enumerate(cleared) if room.size >= size and room.dtype == precision)
     which = next(fitting, None)
-    room = np.zeros(size, precision) if which is None else kept.pop(which)
+    room = np.zeros(size, precision) if which is None else cleared.pop(which)
     return room[:size].reshape(rows, columns)
 
 
 def gathered(
-    table: Table, weights: Weights, columns: I32, reported: Bool, own_sets: bool
+    table: SkinTableArrays, weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
-    """Gather contacts row by row; see :class:`..contact.contact_details.Contacts`.
+    """Collect contacts row by row; clears ``weights``, which must not be used afterwards.
 
-    ``weights`` are those of :func:`no_weights`, and are not to be used any more.
+    Parameters
+    ----------
+    weights : (n, C) float32 or float64
+        Result of :func:`no_weights`, filled in.
+    columns : (C,) int32
+        Vertex of each column.
+    reported : (n,) bool
+        Rows whose contacts are returned.
+    own_sets : bool
+        Store a vertex set for each row, even if equal to that of the row before.
 
     Returns
     -------
     rows, sets, offsets, vertices, weights
+        See :class:`..contact.contact_query.Contacts`; rows are indices into ``weights``.
     """
     count, width = weights.shape
     (at, sets), offsets = np.empty((2, count), np.int64), np.empty(count + 1, np.int64)
@@ -73,15 +94,15 @@ def gathered(
         *(count, width, weights, weights.dtype == np.float32, reported, columns, own_sets),
         *(at, sets, offsets, vertices, values, counts),
     )
-    kept = _CLEARED[table]
+    cleared = _CLEARED[table]
     assert weights.base is not None
-    kept.append(weights.base)
-    del kept[:-_MOST_CLEARED]
-    felt, set_count, total = counts.tolist()
-    # Copies, as a view would keep the memory of all possible contacts.
+    cleared.append(weights.base)
+    del cleared[:-_MOST_CLEARED]
+    row_count, set_count, total = counts.tolist()
+    # A view would keep the memory of all possible contacts alive.
     return (
-        at[:felt],
-        sets[:felt],
+        at[:row_count],
+        sets[:row_count],
         offsets[: set_count + 1],
         vertices[:total].copy(),
         values[:total].copy(),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones that follow their channels and parents, and the boxes and rotations of what moves;
-``kinematics.c``, ``placement.c``.
+"""Bone matrices from channels, boxes and rotations of placements.
+
+Bindings of ``kinematics.c`` and ``placement.c``.
 """
 
 from __future__ import annotations
@@ -12,60 +13,62 @@ from .library import library, loaded
 
 
 def from_quaternions(quaternions: F64) -> F64 | None:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4); None where there is no library.
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4), w first; None without a library.
 
-    Those of :func:`~hfx_blender.engine.kinematics.bone_hierarchy.from_quaternions`.
+    Quaternions are normalised; one of length 0 is half a turn about X, as in Blender.
     """
-    found = library()
-    if found is None:
+    native = library()
+    if native is None:
         return None
-    turned = np.empty((*quaternions.shape[:-1], 3, 3))
-    found.hfx_from_quaternions(turned.size // 9, quaternions, turned)
-    return turned
+    rotations = np.empty((*quaternions.shape[:-1], 3, 3))
+    native.hfx_from_quaternions(rotations.size // 9, quaternions, rotations)
+    return rotations
 
 
 def rig_pose(
     order: I64, parents: I64, rest: F64, inverse: F64, locations: F64, turned: F64, scales: F64
 ) -> F64 | None:
-    """Skinning matrices (T, B, 3, 4); None where there is no library.
+    """Skinning matrices (T, B, 3, 4), rest to armature space; None without a library.
 
     Parameters
     ----------
     order : (B,) int64
-        Of the bones, parents first.
+        Bones, parents before children.
     parents : (B,) int64
-        -1 for a root.
+        Parent of each bone; -1 for a root.
     rest, inverse : (B, 3, 4) float64
-        Bone to armature space in the rest pose, and back.
+        Bone to armature space in the rest pose, and its inverse.
     locations, scales : (T, B, 3) float64
     turned : (T, B, 3, 3) float64
+        Rotations of the bones' channels.
     """
-    found = library()
-    if found is None:
+    native = library()
+    if native is None:
         return None
     skinning = np.empty((*locations.shape[:2], 3, 4))
     arrays = (order, parents, rest, inverse, locations, turned, scales, skinning)
-    found.hfx_rig_pose(len(locations), len(order), *arrays)
+    native.hfx_rig_pose(len(locations), len(order), *arrays)
     return skinning
 
 
 def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
-    """World boxes of volumes over some rows.
+    """World boxes of volumes over all rows.
 
     Parameters
     ----------
     matrices : (E, T, 4, 4) float64
         Shape space to world, of each volume.
     levels : (E, T) float64
-        Where one is not above 0, its volume is off.
+        A volume is off, and left out, at rows with a level of 0 or less.
     bounds : (E, 2, 3) float64
         Lowest and highest corner in shape space.
 
     Returns
     -------
     low, high : (E, 3) float64
+        Metres; undefined where not sure.
     is_sure : (E,) bool
-        Else the volume may be anywhere.
+        False where a placement is not usable, so that the volume has no known box.
     """
     count, rows = levels.shape
     boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)

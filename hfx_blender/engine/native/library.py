@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finds and loads the compiled library, if there is one."""
+"""Search for and loading of the compiled library."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from . import sources
 from .declarations import declare
 
 SWITCH: Final = "HFX_NATIVE"
-"""Environment variable: 0 leaves the library out."""
+"""Environment variable; 0 disables the library."""
 
 NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
     sys.platform, "hfx_native.so"
@@ -29,28 +29,29 @@ NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """Library, loaded once; None without a fitting one."""
+    """Compiled library, loaded once; None where no usable file exists or ``HFX_NATIVE`` is 0."""
     return find_library()[0]
 
 
 def loaded() -> ctypes.CDLL:
-    """Library, which must be there."""
-    found = library()
-    assert found is not None
-    return found
+    """Compiled library; the caller has made sure that one exists."""
+    native = library()
+    assert native is not None
+    return native
 
 
 def is_there() -> bool:
-    """Test for the library; without it contacts are computed by :mod:`..reference`."""
+    """Test for the library; without it :mod:`..reference` computes contacts."""
     return library() is not None
 
 
 def require_in_time() -> None:
-    """Refuse to feel volumes while somebody waits for it, where the library is missing.
+    """Refuse live evaluation of volumes without the library.
 
     Raises
     ------
     InputError
+        There is no library.
     """
     if not is_there():
         raise InputError(
@@ -60,12 +61,18 @@ def require_in_time() -> None:
 
 
 def state() -> str:
-    """``compiled``, or ``numpy`` and why; for people."""
+    """Text for users: ``compiled``, or ``numpy`` and the reason in parentheses."""
     return find_library()[1]
 
 
 def find_library() -> tuple[ctypes.CDLL | None, str]:
-    """Library, or None, and its :func:`state`; loaded anew, whatever was loaded before."""
+    """Search for a library and load it, ignoring any library loaded before.
+
+    Returns
+    -------
+    CDLL or None, str
+        The library, and the text of :func:`state`.
+    """
     if os.environ.get(SWITCH) == "0":
         return None, f"numpy ({SWITCH}=0)"
     faults = []
@@ -78,55 +85,58 @@ def find_library() -> tuple[ctypes.CDLL | None, str]:
 
 
 def _places() -> Iterator[Path]:
-    """Existing files: beside this one, then in the module that a Blender extension brings.
+    """Existing library files: in this folder, then in the module that a Blender extension bundles.
 
-    That one is named after the sources' digest; nothing of it is imported.
+    The module is named after the digest of the sources; none of its code is imported.
     """
     folders = [Path(__file__).parent]
     try:
         spec = importlib.util.find_spec(f"{sources.MARK}_{sources.digest()}")
         folders += map(Path, (spec and spec.submodule_search_locations) or ())
     except (ImportError, ValueError, AttributeError):
-        pass  # something else of that name
+        pass  # another module has that name
     return (path for path in (folder / NAME for folder in folders) if path.is_file())
 
 
 def _load(path: Path) -> ctypes.CDLL:
-    """Load one file.
+    """Load a library file and declare its functions.
 
     Raises
     ------
     OSError
-        It is for another computer, cannot be read, or is damaged.
+        The file is for another platform, unreadable or damaged.
     AttributeError
-        It is something else.
+        The file is another library.
     ValueError
-        It fits another version of the package.
+        The library was built from other sources.
     """
+    # ``dlopen`` of a truncated file kills the process with SIGBUS, so the length is checked first.
     if _is_cut_off(path):
         raise OSError("the file is cut off")
-    found = ctypes.CDLL(str(path))
-    found.hfx_build.argtypes, found.hfx_build.restype = (), ctypes.c_char_p
-    build = found.hfx_build().decode(errors="replace").split()
+    native = ctypes.CDLL(str(path))
+    native.hfx_build.argtypes, native.hfx_build.restype = (), ctypes.c_char_p
+    build = native.hfx_build().decode(errors="replace").split()
+    # A digest that differs means arguments in another order: refuse before any call.
     own = sources.digest()
     if build and own and build[1:2] != [own]:
         raise ValueError("was built of other sources; install the package again")
-    declare(found)
-    return found
+    declare(native)
+    return native
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Test a library for Linux for a missing end: loading such a file would end the process."""
+    """Test a Linux library (ELF) for a missing end; False for other kinds of files."""
     with path.open("rb") as file:
         head = file.read(64)
         size = file.seek(0, os.SEEK_END)
     if head[:4] != b"\x7fELF":
         return False
-    table, one, count = (int.from_bytes(head[a:b], "little") for a, b in _SECTIONS)
-    return len(head) < 64 or size < table + one * count
+    table, entry_size, count = (int.from_bytes(head[a:b], "little") for a, b in _SECTIONS)
+    return len(head) < 64 or size < table + entry_size * count
 
 
-_SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # where the table at the end is, and how long
+_SECTIONS: Final = ((40, 48), (58, 60), (60, 62))
+"""Bytes of an ELF header: offset of the section table at the end, entry size and count."""
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones that move skin, and weights of models bound to them; ``skin.h``, ``skin_binding.c``."""
+"""Bones that move skin, and skin weights cluster by cluster; ``skin.h``, ``skin_binding.c``.
+
+A *place* is a vertex of a cluster's outline, a *pair* a cluster with one of its bones.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,24 @@ import numpy.typing as npt
 from ..arrays import F64, I32, I64, lacking
 from .declarations import structure
 from .library import i64, loaded
-from .skin_table import Table, table_of
+from .skin_arrays import SkinTableArrays, table_structure
 
 
 @dataclass(frozen=True, eq=False)
 class UsedBones:
-    """Bones that move anything, ascending; a bone missing in a pose is at rest."""
+    """Ascending ids of the bones with skin weights; a bone that a pose lacks stays at rest."""
 
     ids: I64  # (k,)
 
     def slots(self, given: int) -> I64:
-        """Index of each bone of a pose among these, (given + 1,); the last entry is the bone that
-        rests.
+        """Index into ``ids`` of each bone of a pose, (given + 1,); 0 for bones without weights.
+
+        Entry ``given`` stands for a bone beyond the pose. The result is cached.
+
+        Raises
+        ------
+        IndexError
+            A used bone has an id above ``given``, the number of bones of the pose.
         """
         if given not in self._slots:
             if len(self.ids) and self.ids[-1] > given:
@@ -39,23 +48,22 @@ class UsedBones:
 
 
 class PosedBones:
-    """Room for matrices of bones at some rows, from rest to target space, and for their stretch.
+    """Output arrays for bone matrices and stretches at some rows.
 
     Parameters
     ----------
     count : int
         Number of rows.
     bones : UsedBones
-        Those that matter.
     given : int
-        Number of bones of the pose; that bone is one that rests.
+        Number of bones of the pose; the bone of this index is at rest.
 
     Attributes
     ----------
     matrices : (n, k, 3, 4) float64
-        Rest to target space; only of bones that move anything that is near.
+        Rest to shape space; only filled for bones of clusters within reach.
     stretches : (n, k) float64
-        No less than what each matrix stretches any direction by.
+        Upper bound of the stretch of each matrix in any direction.
     pointers : Structure
         ``hfx_bones``.
     """
@@ -63,25 +71,31 @@ class PosedBones:
     def __init__(self, count: int, bones: UsedBones, given: int) -> None:
         self.matrices = np.empty((count, len(bones.ids), 3, 4))
         self.stretches = np.empty((count, len(bones.ids)))
-        found = self.matrices, self.stretches
-        self.pointers = structure("hfx_bones")(*found, bones.slots(given), len(bones.ids))
+        arrays = self.matrices, self.stretches
+        self.pointers = structure("hfx_bones")(*arrays, bones.slots(given), len(bones.ids))
 
 
 class BoundClusters:
-    """A model's weights and its clusters, none of which is empty.
+    """Skin weights of a model's vertices, and its clusters.
 
     Parameters
     ----------
     offsets : (V + 1,) int64
-        Each vertex's first weight.
+        First weight of each vertex.
     bones, values : (E,) int64 and float64
-        Of weights.
+        Bone and value of each weight.
     rest : (V, 4) float64
-        Homogeneous.
+        Homogeneous positions at rest.
     clusters : list of (n,) int32
-        Vertices.
+        Vertices of each cluster, at least one.
     bone_count : int
-        One more than the highest bone.
+        Highest bone plus 1.
+
+    Attributes
+    ----------
+    place_counts : (C,) int64
+    pointers : Structure
+        ``hfx_bound``.
     """
 
     def __init__(
@@ -110,30 +124,31 @@ class BoundClusters:
         return counts
 
     def bone_boxes(self) -> tuple[I64, I64, F64, F64]:
-        """Bones of clusters, and boxes of what each moves at rest.
+        """Compute each cluster's bones, and boxes at rest of the vertices that each bone moves.
 
         Returns
         -------
         starts : (C + 1,) int64
-            Each cluster's first pair: itself and a bone.
+            First pair of each cluster.
         bones : (P,) int64
-            Ascending in each cluster.
+            Bone of each pair, ascending within a cluster.
         low, high : (P, 3) float64
-            Corners of the boxes.
+            Corners of each pair's box, metres.
         """
         most = int(np.minimum(self.weight_counts, self.bone_count).sum())
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
         low, high = np.empty((2, most, 3))
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
         arrays = is_there, room, starts, bones, low, high
-        found = loaded().hfx_bone_boxes(self.pointers, *arrays)
-        return starts, bones[:found].copy(), low[:found].copy(), high[:found].copy()
+        pair_count = loaded().hfx_bone_boxes(self.pointers, *arrays)
+        return starts, bones[:pair_count].copy(), low[:pair_count].copy(), high[:pair_count].copy()
 
 
 class Clusters:
     """Per-cluster arrays of one model bound to bones, as the library reads them.
 
-    Arrays that it has are never changed: what is learnt of a cluster later has new ones.
+    Entries are computed on demand. Arrays are never changed afterwards, so that other threads may
+    read them; a new entry gets new arrays.
 
     Parameters
     ----------
@@ -143,9 +158,9 @@ class Clusters:
     Attributes
     ----------
     table : array of ``hfx_cluster``
-        Of all clusters; only those are filled in that :meth:`add` was given.
+        One entry for each cluster; zero until :meth:`add` fills it.
     most_bones : int
-        Of any cluster.
+        Largest number of bones of a cluster.
     """
 
     def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
@@ -157,11 +172,15 @@ class Clusters:
         self.most_bones = int(self._bone_counts.max(initial=0))
         most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
         self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
-        self._kept: list[npt.NDArray[Any]] = []
+        self._arrays: list[npt.NDArray[Any]] = []
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
-    def add(self, clusters: I64, table: Table | None) -> None:
-        """Fill in some clusters, and the neighbours of those whose skin is filled."""
+    def add(self, clusters: I64, table: SkinTableArrays | None) -> None:
+        """Compute missing entries of some clusters.
+
+        With a table, whose skin must be filled in there, also the distances and weight differences
+        between neighbouring units; these stay 0 otherwise.
+        """
         new = lacking(self._is_known, clusters)
         if len(new):
             self._bind(new)
@@ -171,6 +190,7 @@ class Clusters:
                 self._link(new, table)
 
     def _bind(self, clusters: I64) -> None:
+        """Compute bones, weights and rest positions of clusters."""
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]
         entry_at, first_at, place_at, pair_at = map(
             _starts, (self._bound.weight_counts[clusters], places + 1, places, bones)
@@ -185,26 +205,27 @@ class Clusters:
             *(self._bound.pointers, self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
-        none = np.zeros_like(places)
+        zeros = np.zeros_like(places)
         arrays = entry_bones, weights, firsts, rest, self._bones, moved, *2 * (self._unlinked,)
-        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, none, none
+        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, zeros, zeros
         self._point_to(clusters, dict(enumerate(zip(arrays, at, strict=True))))
         self._rows[clusters, len(arrays)] = bones
         self._is_known[clusters] = True
 
     def _point_to(self, clusters: I64, fields: dict[int, tuple[npt.NDArray[Any], I64]]) -> None:
-        """Point fields of clusters, by number, to arrays, from the given places on."""
+        """Store addresses in fields of clusters; maps field numbers to (array, first indices)."""
         for field, (array, at) in fields.items():
             self._rows[clusters, field] = array.ctypes.data + at[: len(clusters)] * array.strides[0]
-            self._kept.append(array)
+            self._arrays.append(array)
 
-    def _link(self, clusters: I64, table: Table) -> None:
+    def _link(self, clusters: I64, table: SkinTableArrays) -> None:
+        """Compute distances and weight differences of neighbouring units; fields 6 and 7."""
         units = table.unit_counts[clusters]
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
         distances, differences = (np.empty(last) for last in at[:, -1])
         room = np.empty(2 * self.most_bones)
         loaded().hfx_find_links(
-            *(table_of(table), self.table, len(clusters)),
+            *(table_structure(table), self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
         self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
@@ -212,5 +233,5 @@ class Clusters:
 
 
 def _starts(counts: I64) -> I64:
-    """Start of each run of the given lengths, and the end of the last, (n + 1,)."""
+    """Exclusive cumulative sum of counts with the total at the end, (n + 1,)."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of vertices as their changes, for a track, by ``source/track.c``."""
+"""Delta coding of a track's vertex sets; ``track.c``."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from .library import library
 
 
 def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | None:
-    """Changes from each set to the next; None without the library.
+    """Encode each vertex set as its difference from the set before; None without the library.
 
     Parameters
     ----------
     sizes : (m,) int64
+        Number of vertices of each set.
     vertices : (total,) int32
-        Set after set, ascending within each, none below 0.
+        Vertex ids set after set, ascending within each. None is returned for a negative id.
     weights : (total,) uint8
 
     Returns
     -------
     counts : (m,) uint32
-        How many ids enter or leave at each set, starting from none.
+        Number of ids that enter or leave at each set; the first set follows an empty one.
     gaps : (sum of counts,) uint32
-        Those ids, ascending in each set, as differences.
+        Entering and leaving ids of each set, ascending, as differences.
     changes : (total,) uint8
-        Weights minus the same vertex's weight before, modulo 256.
+        Weight minus the vertex's last stored weight (0 at first), modulo 256.
     """
-    found = library()
-    if found is None or (len(vertices) and int(vertices.min()) < 0):
+    native = library()
+    if native is None or (len(vertices) and int(vertices.min()) < 0):
         return None
     last = np.zeros(int(vertices.max(initial=0)) + 1, np.uint8)
     counts, gaps = np.zeros(len(sizes), np.uint32), np.zeros(2 * len(vertices), np.uint32)
     differences = np.zeros(len(vertices), np.uint8)
     arrays = sizes, vertices, weights, last, counts, gaps, differences
-    total = found.hfx_track_changes(len(sizes), *arrays)
+    total = native.hfx_track_changes(len(sizes), *arrays)
     return counts, gaps[:total], differences
 
 
 def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
-    """Sets that repeat the set before, as a mask; the first never does.
+    """Mask (m,) of sets equal to the set before; None without the library.
 
     Parameters
     ----------
@@ -51,15 +52,16 @@ def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | No
         Set j has the entries ``slice(offsets[j], offsets[j + 1])``.
     vertices : (total,) int32
     weights : (total,)
-        Of any type; compared bit by bit.
+        Any type; compared bit by bit.
 
     Returns
     -------
-    (m,) bool, or None where there is no library.
+    (m,) bool or None
+        False for the first set.
     """
-    found = library()
-    if found is None:
+    native = library()
+    if native is None:
         return None
     same = np.zeros(len(offsets) - 1, np.bool_)
-    found.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
+    native.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
     return same

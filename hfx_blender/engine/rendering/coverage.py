@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64
-from ..native import rendering as native
+from ..native.library import library
 from .device import Statistic
 
 DENSE_ENTRIES = 1 << 18
@@ -71,9 +71,15 @@ class ActuatorCells:
         """
         count = len(offsets) - 1
         if statistic == "strongest" and len(self.reached):
-            found = native.strongest(offsets, vertices, weights, *self._by_vertex, len(self.rows))
-            if found is not None:
-                return found
+            native = library()
+            if native is not None:
+                starts, reached, factors = self._by_vertex
+                gains = np.zeros((count, len(self.rows)))
+                native.hfx_strongest(
+                    *(count, offsets, vertices, weights, len(starts) - 1, starts, reached, factors),
+                    *(len(self.rows), gains),
+                )
+                return gains
         gains = np.zeros((count, len(self.rows)))
         if not len(self.reached):
             return gains

@@ -19,10 +19,9 @@ from ..arrays import F64, I32, I64, ramp, sorted_by
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..body.temperature_cells import cell_of_skin
-from ..native import clusters as native
+from ..native import cluster_bounds as native
 from ..native import library
-from ..native.bounds import Outline
-from ..native.clusters import CellGroups
+from ..native.cluster_bounds import CellGroups, Outline
 from ..native.skin import UsedBones
 from ..scene import SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
@@ -217,7 +216,7 @@ class BodySkin:
         """Native table of bounds of cell sizes in a pose, with these clusters filled in; no skin
         is filled in for it. For bodies that bones move.
         """
-        new = self._groups.lacking(clusters)
+        new = self._groups.missing(clusters)
         if len(new):
             assert isinstance(self.surface, SkinnedModel)
             own = None

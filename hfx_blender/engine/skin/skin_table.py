@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arrays import F32, F64, I32, I64, lacking, sorted_by
 from ..body.model import PerceptualModel
-from ..native import skin_table as native
+from ..native import skin_arrays as native
 from ..tolerance import Tolerance
 
 _LEAST_SHARE: Final = 0.01

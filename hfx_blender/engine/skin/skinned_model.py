@@ -12,8 +12,8 @@ from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..matmul import stacked_product
 from ..native import skin as native
-from ..native.bounds import Outline
-from ..native.skin_table import Table
+from ..native.cluster_bounds import Outline
+from ..native.skin_arrays import SkinTableArrays
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
 from .posing import runs
@@ -105,7 +105,9 @@ class SkinnedModel:
         """Bones that move anything, ascending; the number of bones stands for what rests."""
         return self._boxes.used
 
-    def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
+    def native_clusters(
+        self, clusters: I64, table: SkinTableArrays | None = None
+    ) -> native.Clusters:
         """Native table of all clusters, with these filled in.
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
-from ..native.mesh import NativeMesh
+from ..native.mesh_search import NativeMesh
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..native import mesh as native
+from ..native import mesh_search as native
 from ..native.library import library
 
 PAIRS_AT_ONCE: Final = 2**18

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64, Bool, ramp
 from ..native.library import library
-from ..native.mesh import NativeGrid, bounds_in_columns
+from ..native.mesh_search import NativeGrid, bounds_in_columns
 
 CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
 CELLS_PER_AXIS: Final = (4, 256)
@@ -76,7 +76,7 @@ class _Spans:
         )
 
     def packed(self) -> F64:
-        """All numbers of each triangle together, (F, 16), see :data:`native.mesh.SPAN`."""
+        """All numbers of each triangle together, (F, 16), see :data:`native.mesh_search.SPAN`."""
         nothing = np.zeros_like(self.y_low)
         of_x, of_z = (
             (starts[0], starts[2], *slopes)

@@ -19,7 +19,7 @@ from moving_scenes import moving_scene
 from hfx_blender.engine.body.clusters import clusters_of
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.native.skin_table import table_of
+from hfx_blender.engine.native.skin_arrays import table_structure
 from hfx_blender.engine.reference.cells import Fineness, Samples, Skin, cells_of
 from hfx_blender.engine.reference.pose import world_points
 from hfx_blender.engine.scene import SkinBinding
@@ -296,10 +296,10 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
 def test_filling_leaves_what_others_look_at_where_it_is():
     table = _skin("hfx-pressure-1").table
     table.need(np.array([0, 1]))
-    known, samples = table_of(table), table.samples
+    known, samples = table_structure(table), table.samples
     kept = samples.copy()
     table.need(np.arange(60))
-    assert table.samples is not samples and table_of(table) is not known
+    assert table.samples is not samples and table_structure(table) is not known
     np.testing.assert_array_equal(samples, kept)
     assert any(each is samples for each in known.kept) and known.samples == samples.ctypes.data
 

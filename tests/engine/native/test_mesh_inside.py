@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_twins import MESHES, needs_library, probes, twins
 
-from hfx_blender.engine.native.mesh import bounds_in_columns
+from hfx_blender.engine.native.mesh_search import bounds_in_columns
 from hfx_blender.engine.volume import mesh_inside
 
 pytestmark = needs_library

@@ -110,7 +110,7 @@ def test_the_strongest_weight_is_the_same_bit_by_bit(seed: int, pans: bool) -> N
         weights[random.integers(0, len(weights))] = random.choice([np.nan, np.inf, 0.0])
     found = cells.gains(offsets, vertices, weights, "strongest")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(coverage, "native", _NoLibrary())
+        patch.setattr(coverage, "library", lambda: None)
         with np.errstate(invalid="ignore"):
             expected = cells.gains(offsets, vertices, weights, "strongest")
     assert np.array_equal(found, expected, equal_nan=True)

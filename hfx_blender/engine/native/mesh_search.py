@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed meshes as volumes: inside test, tree of boxes, and distances; ``mesh.h``."""
+"""Inside tests, distances and crossings of closed meshes; ``mesh.h``."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from .declarations import structure
 from .library import f64, i64, loaded
 
 SPAN: Final = 16
-"""Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
-slopes in x of the edges low to high, low to middle, middle to high (3); the same in z (5); +1 or
--1, which way it faces; two unused."""
+"""Elements of a prepared triangle: y of its corners in ascending order (3); x of the lowest and of
+the middle corner (2), slopes in x of the edges low-high, low-middle and middle-high (3); z and its
+slopes (5); orientation +1 or -1 (1); padding (2)."""
 
 
 def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
-    """Bounds of listed triangles within their columns: eight bounds packed into one number each.
+    """Bounds of listed triangles within their columns, eight bounds packed into each int64.
 
     Parameters
     ----------
     corners : (F, 3, 3) float64
-        Triangle, corner, coordinate; in cells.
+        Triangle, corner, axis; in cells.
     listed, columns : (n,) int64
-        Triangles, and the column that each is listed for.
+        Triangle, and column in which it is listed.
     cells : (3,) int64
-        How many there are.
+        Number of cells along each axis.
     margin : float
-        In cells: far above rounding.
+        Growth of the bounds, in cells.
 
     Returns
     -------
     (n,) int64
-        As the compiled test reads them.
+        Opaque; read by the compiled inside test.
     """
     bounds = np.empty(len(listed), np.int64)
     loaded().hfx_mesh_bounds(
@@ -44,30 +44,30 @@ def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margi
 
 
 class NativeGrid:
-    """Voxels and runs of triangles, as the compiled test reads them.
+    """Voxel grid for inside tests, with the triangles of each run of mixed voxels; ``hfx_grid``.
 
     Parameters
     ----------
     box : (2, 3) float64
-        Lowest and highest corner; what is beyond is outside.
+        Lowest and highest corner; points beyond are outside.
     axes : (3,) int64
-        Which of a point's coordinates is x, y, z of the cells.
+        Coordinate of a point that becomes x, y and z of the grid.
     scale : (3,) float64
         Cells per length.
     cells : (3,) int64
-        How many there are.
+        Number of cells along each axis.
     codes : (X * Y * Z,) int64
-        Of each cell: its run, -1 outside, -2 inside.
+        Run of each voxel; -1 for outside, -2 for inside.
     offsets : (runs + 1,) int64
-        Where the triangles of each run begin.
+        First listed triangle of each run.
     beyond : (runs,) int64
-        Winding number beyond its upper end.
+        Winding number above the upper end of each run.
     listed : (n,) int64
-        Triangles, run after run.
+        Triangles, run by run.
     bounds : (n,) int64
-        Where the listed triangles are in their columns, see :func:`bounds_in_columns`.
+        See :func:`bounds_in_columns`.
     spans : (F, 16) float64
-        Of the triangles, see :data:`SPAN`.
+        Prepared triangles, see :data:`SPAN`.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class NativeGrid:
         )
 
     def contains(self, points: F64) -> Bool:
-        """Inside test of points (3, N), (N,) bool; NaN is outside."""
+        """Test points (3, N) for being inside, (N,) bool; NaN is outside."""
         inside = np.empty(points.shape[1], np.bool_)
         loaded().hfx_mesh_inside(self.pointers, points, points.shape[1], inside)
         return inside
@@ -105,7 +105,11 @@ FRAME: Final = 16
 
 
 def leaf_order(corners: F64) -> I64:
-    """Triangles as leaves (2^k,), of corners (F, 3, 3); as ``mesh_distance.leaf_order``."""
+    """Triangles (F, 3, 3) sorted into the leaves of a balanced tree, (2^k,) int64.
+
+    Groups are halved at the median centroid along their longest axis. Some triangles occur twice,
+    to fill the leaves.
+    """
     count = len(corners)
     size = 1 << (count - 1).bit_length()
     order, spare = np.empty(size, np.int64), np.empty(size, np.int64)
@@ -115,22 +119,22 @@ def leaf_order(corners: F64) -> I64:
 
 
 class NativeTree:
-    """Triangles and the boxes over them, as the compiled searches read them.
+    """Bounding-box tree over triangles; ``hfx_tree``.
 
     Parameters
     ----------
     corners : (F, 3, 3) float64
-        Triangle, corner, coordinate.
+        Triangle, corner, axis.
     order : (2^k,) int64
-        Triangles as leaves.
+        Triangle of each leaf, see :func:`leaf_order`.
 
     Attributes
     ----------
     boxes : (2^(k + 1), 6) float64
-        Lowest and highest corner of each node: 1 is the root, 2 n and 2 n + 1 are the halves
-        of n, the leaves come last.
+        Lowest and highest corner of each node: 1 is the root, 2 n and 2 n + 1 are the children of
+        n; the leaves are last.
     frames : (2^k, 16) float64
-        The triangle of each leaf, in a plane of its own.
+        Frame of each leaf's triangle in its own plane.
     pointers : Structure
         ``hfx_tree``.
     """
@@ -151,39 +155,45 @@ class NativeTree:
         return self.boxes[1, :3], self.boxes[1, 3:]
 
     def nearest(self, points: F64, reach: float = np.inf) -> tuple[I64, F64]:
-        """Leaf and distance of the triangle nearest to each point of (3, N), both (N,): -1 and
-        infinity beyond ``reach``, -1 and NaN where not finite."""
+        """Leaf and distance of the triangle nearest to each point of (3, N), both (N,).
+
+        -1 and infinity beyond ``reach``; -1 and NaN for points that are not finite.
+        """
         count = points.shape[1]
         leaves, distances = np.empty(count, np.int64), np.empty(count)
         loaded().hfx_mesh_nearest(self.pointers, points, count, reach, leaves, distances)
         return leaves, distances
 
     def distances_beyond(self, points: F64, limit: float, slack: float, width: int) -> F64:
-        """``TriangleTree.distances_beyond`` for finite points (3, N); ``width`` boxes are followed
-        for a first guess."""
-        found = np.empty(points.shape[1])
+        """Approximate distances (N,) of finite points (3, N), too large by at most share ``slack``.
+
+        A result within ``limit`` only says that the distance is within it. ``width`` is the number
+        of boxes followed down the tree for the first upper bound.
+        """
+        distances = np.empty(points.shape[1])
         nodes, away = np.empty(2 * width, np.int64), np.empty(2 * width)
         loaded().hfx_mesh_distances_beyond(
-            *(self.pointers, points, points.shape[1], limit, slack, width, nodes, away, found)
+            *(self.pointers, points, points.shape[1], limit, slack, width, nodes, away, distances)
         )
-        return found
+        return distances
 
 
-_SLACK: Final = 1e-12  # of the largest coordinate: boxes of a tree are that much too small
+_SLACK: Final = 1e-12  # rounding error of a tree's boxes, share of the largest coordinate
 
 
 class NativeMesh:
-    """Cells and triangles of a mesh, as the library reads them.
+    """Closed mesh for the compiled contact; ``hfx_mesh``.
 
     Parameters
     ----------
     grid : NativeGrid
+        In shape space.
     tree : NativeTree
-        About the middle.
+        In shape space moved by ``-middle``.
     middle : (3,) float64
-        Of the mesh, shape space.
+        Centre of the mesh's box, shape space.
     depth : float
-        Radius of the largest ball inside; 0 where nobody asks for it.
+        Radius of the largest inscribed ball; 0 without falloff, which alone needs it.
 
     Attributes
     ----------
@@ -197,21 +207,20 @@ class NativeMesh:
         self.pointers = structure("hfx_mesh")(*parts, slack, depth)
 
     def clearances(self, points: F64) -> F64:
-        """Bound of the distance to the boundary of points (3, N), shape space, (N,).
+        """Signed lower bounds of the distance to the boundary of points (3, N), shape space, (N,).
 
-        Within less than its absolute value all points are on the same side of the boundary: it is
-        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
-        for NaN.
+        Positive outside, negative inside; all points nearer than the absolute value are on the same
+        side. 0 where no bound is known without a search, NaN for NaN.
         """
-        found = np.empty(points.shape[1])
-        loaded().hfx_mesh_clearances(self.pointers, points, points.shape[1], found)
-        return found
+        clearances = np.empty(points.shape[1])
+        loaded().hfx_mesh_clearances(self.pointers, points, points.shape[1], clearances)
+        return clearances
 
     def passages(self, starts: F64, ends: F64) -> tuple[F64, F64]:
         """First and last time at which points in straight, even motion are inside, (N,) each.
 
-        From 0 at the ``starts`` (3, N) to 1 at the ``ends``; infinite, and minus infinity, where a
-        point is never inside. In between a point may leave the mesh for a while.
+        Time is 0 at ``starts`` (3, N) and 1 at ``ends``; infinity and -infinity for a point that is
+        never inside. A point may leave the mesh in between.
         """
         first, last = np.empty((2, starts.shape[1]))
         loaded().hfx_mesh_passages(self.pointers, starts, ends, len(first), first, last)
