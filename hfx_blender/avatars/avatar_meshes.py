@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes of a user's avatar: selection, and reading for a fit.
 
-An avatar may be one mesh or several (body, head, hands, clothes). The one that covers most is
-``hfx.avatar``, the others are ``hfx.avatar_parts``; together they are one surface, whose vertices
-are numbered mesh after mesh in that order.
+An avatar is one mesh or several (body, head, hands, clothes). The mesh that covers most of the body
+is ``hfx.avatar``, further meshes are ``hfx.avatar_parts``. Together they form one surface, with
+vertices numbered mesh after mesh in that order.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 
 def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes that show a haptic body, in the order in which their vertices are numbered."""
+    """Meshes of a haptic body's avatar, in the order of their vertex numbering; may be empty."""
     parts = (part.mesh for part in body.hfx.avatar_parts)
     return [mesh for mesh in (body.hfx.avatar, *parts) if mesh is not None]
 
 
-def keep_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Store the meshes that show a haptic body, the main one first."""
+def store_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
+    """Replace the stored meshes of a haptic body's avatar; the main mesh comes first."""
     body.hfx.avatar = meshes[0] if meshes else None
     body.hfx.avatar_parts.clear()
     for mesh in meshes[1:]:
@@ -44,28 +44,30 @@ def keep_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> N
         part.mesh = mesh
 
 
-def meshes_on(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Visible meshes that an armature deforms or carries, by name; ours are left out."""
+def visible_meshes(
+    context: bpy.types.Context, armature: bpy.types.Object
+) -> list[bpy.types.Object]:
+    """Visible meshes deformed or carried by an armature, sorted by name, without model meshes."""
     below = set(armature.children_recursive)
-    found = [
+    meshes = [
         obj
         for obj in context.view_layer.objects
         if obj.type == "MESH"
         and obj.visible_get(view_layer=context.view_layer)
         and obj.hfx.role == "NONE"
-        and not is_ours(obj)
+        and not is_model_mesh(obj)
         and (obj in below or armature_of(obj) == armature)
     ]
-    return sorted(found, key=lambda obj: obj.name)
+    return sorted(meshes, key=lambda obj: obj.name)
 
 
-def is_ours(obj: bpy.types.Object) -> bool:
-    """Test for a mesh that shows a perceptual model for painting or viewing."""
+def is_model_mesh(obj: bpy.types.Object) -> bool:
+    """Test for a mesh that displays a perceptual model, for painting or viewing."""
     return "hfx_painted_effect" in obj or "hfx_shown_body" in obj
 
 
 def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
-    """Armature that deforms a mesh."""
+    """Armature of a mesh's first Armature modifier with an object; None without one."""
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE" and modifier.object is not None:
             return modifier.object
@@ -73,37 +75,38 @@ def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
-    """Bone that a mesh hangs on as a rigid piece; None if it is deformed, or hangs on no bone."""
-    at: bpy.types.Object | None = mesh
-    while at is not None and armature_of(at) is None:
-        if at.parent == armature and at.parent_type == "BONE" and at.parent_bone:
-            return str(at.parent_bone)
-        at = at.parent
+    """Name of the bone that carries a mesh by parenting; None for a deformed or loose mesh."""
+    obj: bpy.types.Object | None = mesh
+    while obj is not None and armature_of(obj) is None:
+        if obj.parent == armature and obj.parent_type == "BONE" and obj.parent_bone:
+            return str(obj.parent_bone)
+        obj = obj.parent
     return None
 
 
 def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
-    """Test for an object that a constraint holds to an armature, and no bone deforms or carries."""
+    """Test for a mesh constrained to an armature, and neither deformed nor carried by its bones."""
     if armature_of(mesh) is not None or bone_of(armature, mesh) is not None:
         return False
     targets = [
         target
-        for each in mesh.constraints
-        for target in (each, *getattr(each, "targets", ()))
-        if not each.mute
+        for constraint in mesh.constraints
+        for target in (constraint, *getattr(constraint, "targets", ()))
+        if not constraint.mute
     ]
     return any(getattr(target, "target", None) == armature for target in targets)
 
 
-def choosing(
+def choosing_skin(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Choose the meshes of an armature that together show the body, or its skin if that layer is
-    chosen, in steps.
+    """Choose the meshes that together show the body, or the skin layer alone if chosen, in steps.
+
+    The result is cached, and has at least one mesh. Less than two meshes are returned as they are.
     """
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import props, skin_parts
-    from . import kept_fits
+    from . import fit_cache
 
     if len(meshes) < 2:
         return list(meshes)
@@ -111,41 +114,41 @@ def choosing(
     for number, mesh in enumerate(meshes):
         yield 0.5 * number / len(meshes)
         targets.append(read_mesh(armature, mesh))
-    body = _of_the_body(armature, dict(zip(meshes, targets, strict=True)), mapping)
+    body = _without_accessories(armature, dict(zip(meshes, targets, strict=True)), mapping)
     meshes, layer = list(body), layer_of(armature)
     targets, _ = props.without_props(load_avatar(), list(body.values()), mapping)
-    key = kept_fits.key_of("meshes", targets, mapping, layer)
-    kept = kept_fits.read(key)
-    if kept is None:
+    key = fit_cache.key_of("meshes", targets, mapping, layer)
+    cached = fit_cache.read(key)
+    if cached is None:
         choice = skin_parts.skin_of(load_avatar(), targets, mapping, layer)
-        found = yield from within(choice, 0.5, 1.0)
-        kept_fits.write(key, {"found": found}, {})
+        numbers = yield from within(choice, 0.5, 1.0)
+        fit_cache.write(key, {"found": numbers}, {})
     else:
-        found = kept[0]["found"]
-    # Where nothing follows the bones, the largest is tried, and its fault is reported.
+        numbers = cached[0]["found"]
+    # Without a mesh that follows the bones, fitting the largest one reports its fault.
     largest = max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))
-    return [meshes[k] for k in found] or [largest]
+    return [meshes[k] for k in numbers] or [largest]
 
 
 def layer_of(armature: bpy.types.Object) -> Layer:
-    """Layer that is felt where clothes lie over skin."""
+    """Layer for haptics where clothes cover skin."""
     return "skin" if armature.hfx.felt_layer == "SKIN" else "visible"
 
 
-def _of_the_body(
+def _without_accessories(
     armature: bpy.types.Object,
     targets: dict[bpy.types.Object, TargetAvatar],
     mapping: BoneMapping,
 ) -> dict[bpy.types.Object, TargetAvatar]:
-    """Leave out rigid pieces (swords, hats) beside skin; of a body of pieces only what it holds."""
+    """Leave out rigid accessories (swords, hats); of a robot, keep rigid pieces on mapped bones."""
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
     skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}
     skinned = {
         target.bone_names[bone] for target in skin.values() for bone in set(target.weights.bones)
     }
     limbs = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")
-    wanted = {mapping.bones.get(f"{limb}.{side}") for limb in limbs for side in "LR"} - {None}
-    if not rigid or len(wanted & skinned) > 0.5 * len(wanted):
+    limb_bones = {mapping.bones.get(f"{limb}.{side}") for limb in limbs for side in "LR"} - {None}
+    if not rigid or len(limb_bones & skinned) > 0.5 * len(limb_bones):
         return skin or targets
     bones = armature.data.bones
     body = {
@@ -158,7 +161,7 @@ def _of_the_body(
     }
 
 
-def reading(
+def reading_meshes(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]
 ) -> Generator[float, None, list[TargetAvatar]]:
     """Read all meshes of an avatar in the rest space of its armature, in steps.
@@ -166,8 +169,8 @@ def reading(
     Raises
     ------
     InputError
-        Armature or mesh are being edited, or scaled by zero or a negative number; one of
-        several meshes has no faces or follows no bone.
+        Armature or mesh is in Edit Mode, or its scale is zero or negative; one of several meshes
+        has no faces or follows no bone.
     """
     targets = []
     for number, mesh in enumerate(meshes):
@@ -187,7 +190,7 @@ def reading(
 
 
 def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
-    """The bones of an armature at rest."""
+    """Bones of an armature in rest pose, armature space."""
     from ..engine.body.rigs.mapping import RigBone
 
     return tuple(
@@ -203,29 +206,30 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 
 def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
-    """Places (n, 3) of visible skin that mostly follows each bone, rest space of the armature."""
+    """Visible vertices (n, 3) with a weight above 0.5 on a bone, armature rest space, by bone."""
     import numpy as np
 
-    found: dict[str, list[np.ndarray]] = {}
-    for mesh in meshes_on(bpy.context, armature):
+    pieces: dict[str, list[np.ndarray]] = {}
+    for mesh in visible_meshes(bpy.context, armature):
         try:
             target = read_mesh(armature, mesh)
-        except InputError:  # told where the mesh is fitted to
+        except InputError:  # reported when the mesh is fitted
             continue
         owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
         shown = np.zeros(len(target.vertices), np.bool_)
         shown[target.triangles] = True
-        mostly = (target.weights.values > 0.5) & shown[owners]
-        places, bones = target.vertices[owners[mostly]], target.weights.bones[mostly]
+        is_dominant = (target.weights.values > 0.5) & shown[owners]
+        places, bones = target.vertices[owners[is_dominant]], target.weights.bones[is_dominant]
         for number in np.unique(bones):
-            found.setdefault(target.bone_names[number], []).append(places[bones == number])
-    return {name: np.concatenate(places) for name, places in found.items()}
+            pieces.setdefault(target.bone_names[number], []).append(places[bones == number])
+    return {name: np.concatenate(places) for name, places in pieces.items()}
 
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
-    """Read a mesh in the rest space of its armature, with the shape keys that are always on.
+    """Read a mesh in the rest space of its armature, with its unanimated shape keys applied.
 
-    Pieces that modifiers hide have vertices, but no triangles.
+    Pieces hidden by modifiers keep their vertices, but have no triangles. Raises InputError for
+    another type of object, Edit Mode, or a zero or negative scale.
     """
     import numpy as np
 
@@ -272,29 +276,26 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
 
 
 def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
-    """Matrix from a mesh's local space to its armature's, with all bones at rest."""
+    """Matrix from a mesh's local space to its armature's, with all bones in rest pose."""
     if bone_of(armature, mesh) is None:
         return armature.matrix_world.inverted() @ mesh.matrix_world
-    matrix, at = Matrix(), mesh
-    while at.parent != armature or at.parent_type != "BONE":
-        matrix = at.matrix_parent_inverse @ at.matrix_basis @ matrix
-        at = at.parent
-    bone = armature.data.bones[at.parent_bone]
-    along = Matrix.Translation((0.0, compat.place_along_parent_bone(at) * bone.length, 0.0))
+    matrix, obj = Matrix(), mesh
+    while obj.parent != armature or obj.parent_type != "BONE":
+        matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
+        obj = obj.parent
+    bone = armature.data.bones[obj.parent_bone]
+    along = Matrix.Translation((0.0, compat.place_along_parent_bone(obj) * bone.length, 0.0))
     # With Relative Parenting a child keeps its place in the armature while the bone rests.
     at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ along
-    return at_bone @ at.matrix_parent_inverse @ at.matrix_basis @ matrix
+    return at_bone @ obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
 
 
 def rest_surface(
     mesh_object: bpy.types.Object, shape: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (A, 3) and triangles (F, 3) of a mesh before its armature deforms it, local space.
+    """Vertices (A, 3) and triangles (F, 3) of a mesh before its Armature modifier, local space.
 
-    Parameters
-    ----------
-    shape : mapping of str
-        Values of its shape keys; the others are 0.
+    ``shape`` holds values of shape keys; keys that are not given are 0.
     """
     from ..blender import mesh_arrays
     from . import mesh_copies
@@ -330,7 +331,7 @@ def _skin_weights(
 
 
 def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
-    """Weights of a mesh's vertices in some vertex groups, in their order."""
+    """Weights of a mesh's vertices, normalised per vertex; bones are positions in ``groups``."""
     column = {group: number for number, group in enumerate(groups)}
     counts, bones, values = [0], [], []
     for vertex in mesh.vertices:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic bodies in the scene: the built-in avatar, marking an armature, walking it."""
+"""Haptic bodies in the scene: the built-in avatar, marking an armature, a walk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_ava
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
-from . import avatar_meshes, body_binding, bone_table, model_mesh, retargeting
+from . import avatar_meshes, body_binding, bone_table, model_mesh, stored_fits
 
 _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
@@ -30,32 +30,33 @@ _LARGE_BONES = (
 _PACKAGES = ("scipy.sparse.linalg", "scipy.spatial", "trimesh.grouping", "trimesh.geometry")
 
 _INSIDE_M = 0.02
-"""Shortening of the head bone, metres: its end would show as a dot over the crown."""
+"""Shortening of the head bone, metres, to keep its end inside the head; also the tolerance of
+overlapping boxes."""
 
 
 def add_avatar(
     context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
 ) -> tuple[bpy.types.Object, bpy.types.Object]:
-    """The built-in avatar, as a haptic body: its armature and its mesh.
+    """Add the built-in avatar as a haptic body; return its armature and its mesh.
 
     Parameters
     ----------
     avatar_id : str
-        That of an installed variant makes another person of it. Effects and devices go on
-        speaking of the canonical models, which stand on the variant's skin.
+        An installed variant gives another person. Effects and devices refer to the canonical models
+        in any case, which are fitted to the variant's skin.
 
     Raises
     ------
     InputError
-        There is no such avatar, or a model of the variant is missing.
+        The avatar or a model of the variant is missing.
     """
     avatar = load_avatar(avatar_id)
-    placed = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
+    fitted_models = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
     armature.scale = [1.0 / metres_of(context.scene)] * 3  # as tall as a person in any unit
     mesh = _skin(context, avatar, armature, f"{name} Skin")
-    if placed:
-        retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))
+    if fitted_models:
+        stored_fits.store(armature, stored_fits.Fit((mesh,), tuple(fitted_models)))
     mark_body(armature, [mesh])
     return armature, mesh
 
@@ -66,34 +67,34 @@ def adding_body(
     parts: Sequence[bpy.types.Object] = (),
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[str]]:
-    """Make an avatar a haptic body, in steps: the perceptual models are fitted to it.
+    """Make an avatar a haptic body by fitting the perceptual models to it, in steps.
 
-    The canonical armature needs no fit. Nothing is changed if the avatar cannot be used. A body
-    that is fitted again keeps its id, and with the vertex ids what is painted on it.
+    The canonical armature needs no fit. Nothing is changed if an error is raised. A refitted body
+    keeps its id, and painted areas keep their vertex ids.
 
     Parameters
     ----------
     avatar : Object or None
-        The mesh that shows the body, or the first of several.
+        The main mesh of the avatar.
     parts : sequence of Object
-        Further meshes of an avatar that is in several pieces.
+        Further meshes of the avatar.
     mapping_of : callable
-        Finds the bone mapping of an armature; a cache where the meshes were chosen by it.
+        Returns the bone mapping of an armature; a cached one after :func:`choosing_meshes`.
 
     Returns
     -------
     list of str
-        What a user should check.
+        Notes and warnings for the user.
 
     Raises
     ------
     InputError
-        The avatar cannot become a haptic body; says why.
+        The avatar cannot become a haptic body.
     """
     check_armature(armature)
     meshes = [mesh for mesh in dict.fromkeys((avatar, *parts)) if mesh is not None]
-    if body_binding.from_canonical(armature) is None:
-        retargeting.forget(armature)
+    if body_binding.canonical_difference(armature) is None:
+        stored_fits.clear(armature)
         mark_body(armature, meshes)
         return []
     if not meshes:
@@ -104,12 +105,12 @@ def adding_body(
     check_scipy()
     mapping = mapping_of(armature)
     yield from _importing()
-    # Fitting has half of this module's imports, and Blender's start must not wait for it.
+    # Half of this module's import time: imported on use, to keep Blender's start quick.
     from .fitting import fitting
 
     fit = yield from fitting(armature, meshes, mapping)
-    retargeting.store(armature, fit)
-    bone_table.keep(armature, mapping, is_automatic=not bone_table.is_corrected(armature))
+    stored_fits.store(armature, fit)
+    bone_table.show_mapping(armature, mapping, is_automatic=not bone_table.is_corrected(armature))
     mark_body(armature, fit.meshes)
     return [*fit.notes, *fit.warnings]
 
@@ -119,49 +120,50 @@ def choosing_meshes(
     armature: bpy.types.Object,
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Choose the meshes to fit a body to, in steps: the selected ones, or those that form the skin.
+    """Choose the meshes to fit a body to, in steps: the selected meshes, or the avatar's skin.
 
-    Without a selection these are, of the visible meshes that the armature deforms or carries,
-    those that show the body: clothes and the skin beside them, or the skin alone if that layer is
-    chosen; no hair over a head. For a body that was fitted before they are the same again.
-
-    Raises
-    ------
-    InputError
-        Several meshes are there, and no human bones tell what they cover.
+    Selected props that a constraint holds are left out. Without selected meshes, see
+    :func:`choosing_again`.
     """
     selected = [
         obj
         for obj in context.selected_objects
-        if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
+        if obj.type == "MESH" and not avatar_meshes.is_model_mesh(obj)
     ]
     if selected:
         skin = [mesh for mesh in selected if not avatar_meshes.is_held(armature, mesh)]
         return _largest_first(skin or selected)
-    return (yield from choosing_again(context, armature, mapping_of))
+    return (yield from choosing_skin_meshes(context, armature, mapping_of))
 
 
-def choosing_again(
+def choosing_skin_meshes(
     context: bpy.types.Context,
     armature: bpy.types.Object,
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Take the meshes of a body; without any, or if another layer was chosen since, choose those
-    that show it, in steps.
+    """Return a body's stored meshes, or choose the visible meshes of its skin, in steps.
+
+    Stored meshes are not returned if the layer was changed after the fit. Clothes and uncovered
+    skin are chosen, or skin alone by the armature's layer; hair is not.
+
+    Raises
+    ------
+    InputError
+        There are several meshes, and no recognisable human bones.
     """
-    known = avatar_meshes.meshes_of(armature)
-    if known and armature.hfx.role == "BODY" and not retargeting.is_of_other_layer(armature):
-        return known
-    found = avatar_meshes.meshes_on(context, armature)
-    if len(found) < 2 or body_binding.from_canonical(armature) is None:
-        return _largest_first(found)[:1]
+    stored = avatar_meshes.meshes_of(armature)
+    if stored and armature.hfx.role == "BODY" and not stored_fits.is_of_other_layer(armature):
+        return stored
+    visible = avatar_meshes.visible_meshes(context, armature)
+    if len(visible) < 2 or body_binding.canonical_difference(armature) is None:
+        return _largest_first(visible)[:1]
     mapping = mapping_of(armature)
     yield from _importing()
-    return (yield from avatar_meshes.choosing(armature, found, mapping))
+    return (yield from avatar_meshes.choosing_skin(armature, visible, mapping))
 
 
 def _importing() -> Generator[float, None, None]:
-    """Import packages for fitting one by one: the first time, all together take seconds."""
+    """Import the packages for a fit one at a time, as all imports together take seconds."""
     for name in _PACKAGES:
         import_module(name)
         yield 0.0
@@ -172,7 +174,7 @@ def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def check_scipy() -> None:
-    """Raise an error with instructions if scipy is missing."""
+    """Raise InputError with installation instructions if scipy is missing."""
     if find_spec("scipy") is None:
         raise InputError(
             "Fitting the body to an avatar needs the Python package scipy, which this Blender "
@@ -182,7 +184,7 @@ def check_scipy() -> None:
 
 
 def check_armature(armature: bpy.types.Object) -> None:
-    """Reject objects that are no armature, or cannot store our properties."""
+    """Raise InputError for an object that is no armature, or is linked without an override."""
     if armature.type != "ARMATURE":
         raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
     if armature.library is not None:
@@ -193,29 +195,31 @@ def check_armature(armature: bpy.types.Object) -> None:
 
 
 def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Make an armature a haptic body, shown by meshes; nothing is fitted."""
+    """Make an armature a haptic body with the given meshes, without a fit; an existing id stays."""
     check_armature(armature)
     armature.hfx.role = "BODY"
     armature.hfx.uid = armature.hfx.uid or uuid.uuid4().hex
-    avatar_meshes.keep_meshes(armature, meshes)
+    avatar_meshes.store_meshes(armature, meshes)
 
 
 def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector:
-    """Location of a new avatar beside what stands at the 3D cursor, as near as possible.
+    """Free location for a new avatar, nearest to the 3D cursor along the x axis.
 
-    In the scene that Blender starts with the avatar would stand inside the cube.
+    Returns the 3D cursor itself if no free location lies within five avatar widths.
     """
     cursor = context.scene.cursor.location
     context.view_layer.update()
-    own = {armature, *armature.children_recursive}
-    taken = [_box(o) for o in context.visible_objects if o.type == "MESH" and o not in own]
+    avatar_objects = {armature, *armature.children_recursive}
+    taken = [
+        _box(o) for o in context.visible_objects if o.type == "MESH" and o not in avatar_objects
+    ]
     low, high = _box(armature.children[0])
     width = high[0] - low[0]
     for step in range(40):
-        shift = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
-        there = cursor + Vector((shift, 0.0, 0.0))
-        if not any(_overlap((low + there, high + there), each) for each in taken):
-            return there
+        offset = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
+        shift = cursor + Vector((offset, 0.0, 0.0))
+        if not any(_overlap((low + shift, high + shift), box) for box in taken):
+            return shift
     return cursor.copy()
 
 
@@ -225,28 +229,28 @@ def _box(obj: bpy.types.Object) -> tuple[F64, F64]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _overlap(one: tuple[F64, F64], other: tuple[F64, F64]) -> bool:
-    """Test that two boxes share room; a floor under the feet does not count."""
-    return bool((one[0] < other[1] - _INSIDE_M).all() and (other[0] < one[1] - _INSIDE_M).all())
+def _overlap(a: tuple[F64, F64], b: tuple[F64, F64]) -> bool:
+    """Test for boxes that overlap by more than 2 cm: a floor under the feet does not count."""
+    return bool((a[0] < b[1] - _INSIDE_M).all() and (b[0] < a[1] - _INSIDE_M).all())
 
 
 def _collection_for_body(context: bpy.types.Context) -> bpy.types.Collection:
-    """Collection of a new body: the active one, if it can be seen and takes objects."""
+    """Collection of a new body: the active one if visible and editable, else the scene's."""
     active = context.view_layer.active_layer_collection
-    found = active.collection
-    is_ours = found.library is None and found.override_library is None
-    return found if is_ours and active.is_visible else context.scene.collection
+    collection = active.collection
+    is_ours = collection.library is None and collection.override_library is None
+    return collection if is_ours and active.is_visible else context.scene.collection
 
 
 def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     _collection_for_body(context).objects.link(armature)
-    for other in context.selected_objects:
-        other.select_set(False)
+    for selected in context.selected_objects:
+        selected.select_set(False)
     context.view_layer.objects.active = armature
     armature.select_set(True)
     bpy.ops.object.mode_set(mode="EDIT")
-    made = []
+    edit_bones = []
     for bone_name, parent, rest, length in zip(
         skeleton.bone_names, skeleton.parents, skeleton.rest, skeleton.lengths_m, strict=True
     ):
@@ -255,8 +259,8 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         bone.matrix = Matrix(rest.tolist())
         bone.length = length - (_INSIDE_M if bone_name == "head" else 0.0)
         if parent >= 0:
-            bone.parent = made[parent]
-        made.append(bone)
+            bone.parent = edit_bones[parent]
+        edit_bones.append(bone)
     bpy.ops.object.mode_set(mode="OBJECT")
     armature.data.display_type = "STICK"
     _hide_small_bones(armature.data)
@@ -264,7 +268,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
 
 
 def _hide_small_bones(armature: bpy.types.Armature) -> None:
-    """Sort the bones, and hide those that show as dots on the skin: face, fingers and so on."""
+    """Sort bones into two collections, and hide the small bones of face, fingers and so on."""
     large = armature.collections.new("Body")
     small = armature.collections.new("Small Bones")
     for bone in armature.bones:
@@ -286,7 +290,7 @@ def _skin(
 
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
-    """Make a mesh of the avatar in its rest pose, with its UV map."""
+    """Mesh of an avatar in rest pose, with its UV map and smooth shading."""
     mesh = mesh_arrays.mesh_of(name, avatar.vertices, avatar.faces)
     layer = mesh.uv_layers.new(name="UVMap")
     corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
@@ -302,21 +306,26 @@ def add_walk(
     frame_start: int,
     frame_end: int,
 ) -> None:
-    """Walk a body from place to place at an even speed.
+    """Animate a body to walk from place to place at constant speed.
 
-    The way is a few keys on the object; the walk cycle is one NLA strip, repeated as often as
-    the distance holds strides, so that both can be changed by hand.
+    The path is keyframed on the object. The walk cycle is one NLA strip, repeated once per stride
+    length; both can be edited.
 
     Parameters
     ----------
     places : sequence of (x, y, z)
-        World space; the body faces the way that it goes.
+        At least two, world space. The body faces its direction of motion.
+
+    Raises
+    ------
+    InputError
+        Less than two places, no frames, or no distance between the places.
     """
     if len(places) < 2 or frame_end <= frame_start:
         raise InputError(f"Body '{armature.name}': a walk needs two places and some frames.")
     walk = load_walk()
-    way = np.array(places, np.float64)
-    moves = np.diff(way, axis=0)
+    positions = np.array(places, np.float64)
+    moves = np.diff(positions, axis=0)
     lengths = np.linalg.norm(moves, axis=1)
     distance = float(lengths.sum())
     if not 0.0 < distance < np.inf:
@@ -334,7 +343,7 @@ def add_walk(
     action = data.action = bpy.data.actions.new(f"{armature.name} Way")
     for axis in range(3):
         curve = compat.new_fcurve(armature, action, "location", axis)
-        compat.set_keys(curve, zip(frames, way[:, axis], strict=True))
+        compat.set_keys(curve, zip(frames, positions[:, axis], strict=True))
     # Rest space faces -Y. The body turns round each corner within half a second.
     headings = np.unwrap(np.arctan2(moves[:, 0], -moves[:, 1]))
     turn = [(frames[0], headings[0])]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Binding of a haptic body to its avatar: to its bones, or to its evaluated surface.
 
-Bones alone are exact where the avatar is deformed by one plain armature modifier, and cheap.
-Whatever else deforms it (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and
-the perceptual vertices ride on that surface.
+Bones alone are exact, and cheap, for an avatar deformed by one plain Armature modifier. Further
+deformation (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and the perceptual
+vertices are anchored to the evaluated surface.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ..engine.body.model import PerceptualModel, load_model, load_skeleton
 from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from ..errors import InputError
-from . import avatar_meshes, evaluated_skin, mesh_copies, retargeting
+from . import avatar_meshes, evaluated_skin, mesh_copies, stored_fits
 
 REST_TOLERANCE_M = 1e-4
 
 _BEYOND = 0.25
-"""Tolerance of a foot beyond an edge of its triangle, as a barycentric weight: enough for the rest
-pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
+"""Largest distance of an anchor beyond an edge of its triangle, as a barycentric weight: anchors on
+a convex ridge then reproduce the rest pose exactly."""
 
 
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
-    """Binding of a body, for the models that the scene's effects need.
+    """Binding of a body, with the fits or anchors of the given models.
 
     Raises
     ------
@@ -39,18 +39,15 @@ def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBindin
         The armature is neither the canonical one nor fitted, or the avatar cannot be followed.
     """
     fitted: dict[str, FittedModel] = {}
-    if retargeting.is_fitted(body):
-        found = (retargeting.fitted_model(body, each) for each in _with_skins(model_ids))
-        fitted = {model.model_id: model for model in found}
-    else:
-        difference = from_canonical(body)
-        if difference is not None:
-            raise InputError(f"Body '{body.name}': {difference}")
-    reason = why_surface(body)
-    if reason is not None:
-        _beyond_bones(body)  # the surface is measured
+    if stored_fits.is_fitted(body):
+        models = (stored_fits.fitted_model(body, model) for model in _with_skins(model_ids))
+        fitted = {model.model_id: model for model in models}
+    elif (difference := canonical_difference(body)) is not None:
+        raise InputError(f"Body '{body.name}': {difference}")
+    reason = surface_reason(body)
     if reason is None:
         return SkinBinding(tuple(bone.name for bone in body.pose.bones), fitted)
+    _deformation_reason(body)  # measures the surface that read_surface() needs
     return SurfaceBinding(
         {
             model_id: _fitted_anchors(body, fitted[model_id])
@@ -63,7 +60,7 @@ def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBindin
 
 
 def _with_skins(model_ids: Collection[str]) -> list[str]:
-    """Ids of the models, and of those that sample their skin, as temperature cells need."""
+    """Sorted ids of the models, and of the finer models that temperature cells are sampled by."""
     models = [load_model(model_id) for model_id in model_ids]
     fine = [cell_of_skin(model)[0] for model in models if model.modality == "temperature"]
     return sorted({model.id for model in models}.union(fine))
@@ -71,19 +68,19 @@ def _with_skins(model_ids: Collection[str]) -> list[str]:
 
 def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
     """Anchors of a model's vertices on the avatar's meshes, numbered mesh after mesh."""
-    fitted = retargeting.fitted_model(body, model_id)
+    fitted = stored_fits.fitted_model(body, model_id)
     return _anchors(body, load_model(model_id)) if fitted is None else _fitted_anchors(body, fitted)
 
 
-def why_surface(body: bpy.types.Object) -> str | None:
-    """Reason why a body follows its avatar's evaluated surface; None if it follows its bones.
+def surface_reason(body: bpy.types.Object) -> str | None:
+    """Reason for following the avatar's evaluated surface; None if the body follows its bones.
 
     Raises
     ------
     InputError
-        The surface was chosen, but there is none.
+        *Surface* was chosen for a body without a mesh.
     """
-    if retargeting.is_by_bones(body):
+    if stored_fits.is_by_bones(body):
         return None
     follow = body.hfx.follow
     if follow == "SURFACE":
@@ -93,25 +90,25 @@ def why_surface(body: bpy.types.Object) -> str | None:
                 "choose Automatic or Bones, or add the haptic body with a mesh selected."
             )
         return "that is chosen for it"
-    return None if follow == "BONES" else _beyond_bones(body)
+    return None if follow == "BONES" else _deformation_reason(body)
 
 
 def warning_of(body: bpy.types.Object) -> str | None:
-    """Warning of an export about how a body is followed; None if nothing is lost."""
-    reason = why_surface(body)
+    """Export warning about a body's binding; None for an exact binding to bones."""
+    reason = surface_reason(body)
     if reason is not None:
         return f"body '{body.name}' follows its avatar's evaluated surface, because {reason}"
-    beyond = _beyond_bones(body) if body.hfx.follow == "BONES" else None
-    if beyond is None:
+    lost_reason = _deformation_reason(body) if body.hfx.follow == "BONES" else None
+    if lost_reason is None:
         return None
     return (
-        f"body '{body.name}' follows its bones, because that is chosen for it, although {beyond}: "
-        "what this adds to the avatar's shape is not felt"
+        f"body '{body.name}' follows its bones, because that is chosen for it, although "
+        f"{lost_reason}: what this adds to the avatar's shape is not felt"
     )
 
 
-def from_canonical(body: bpy.types.Object) -> str | None:
-    """Difference of an armature from the canonical one in rest pose; None if there is none."""
+def canonical_difference(body: bpy.types.Object) -> str | None:
+    """Difference of an armature's rest pose from the canonical one, in words; None if equal."""
     skeleton = load_skeleton()
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
@@ -121,8 +118,8 @@ def from_canonical(body: bpy.types.Object) -> str | None:
             f"skeleton, '{missing[0]}' first. Add the built-in avatar, or mark the armature of "
             "your own as a haptic body."
         )
-    found = np.array([bones[name].head_local for name in skeleton.bone_names], np.float64)
-    distance = np.linalg.norm(found - skeleton.rest[:, :3, 3], axis=1)
+    heads = np.array([bones[name].head_local for name in skeleton.bone_names], np.float64)
+    distance = np.linalg.norm(heads - skeleton.rest[:, :3, 3], axis=1)
     if distance.max() > REST_TOLERANCE_M:
         bone = skeleton.bone_names[int(distance.argmax())]
         return (
@@ -133,36 +130,36 @@ def from_canonical(body: bpy.types.Object) -> str | None:
 
 
 def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAnchors:
-    """The fit's anchors, their heights in the avatar's own unit."""
+    """Anchors of a fit, with heights converted from armature units to units of the main mesh."""
     to_avatar = body.hfx.avatar.matrix_world.inverted_safe() @ body.matrix_world
     scale = float(np.cbrt(abs(to_avatar.determinant())))
     return replace(fitted.anchors, offset_m=scale * fitted.anchors.offset_m)
 
 
-def _beyond_bones(body: bpy.types.Object) -> str | None:
-    """Reason why bones alone would pose an avatar wrongly; None if they would not."""
-    reasons = [_mesh_beyond_bones(body, mesh) for mesh in avatar_meshes.meshes_of(body)]
+def _deformation_reason(body: bpy.types.Object) -> str | None:
+    """First reason against posing an avatar's meshes by bones alone; None if bones suffice."""
+    reasons = [_mesh_deformation_reason(body, mesh) for mesh in avatar_meshes.meshes_of(body)]
     return next(filter(None, reasons), None)
 
 
-def _mesh_beyond_bones(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
+def _mesh_deformation_reason(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
     is_deformed = avatar_meshes.bone_of(body, mesh) is None
     if is_deformed and not _armatures(body, mesh):
         return f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'"
     suspects = _suspects(body, mesh)
     if not suspects:
-        evaluated_skin.forget(body, mesh)
+        evaluated_skin.drop_measurement(body, mesh)
         return None
-    shape = retargeting.shape_of(body, mesh)
-    return evaluated_skin.measured(body, mesh, suspects, shape).reason
+    shape = stored_fits.shape_of(body, mesh)
+    return evaluated_skin.cached_measurement(body, mesh, suspects, shape).reason
 
 
 def is_measured(body: bpy.types.Object) -> bool:
-    """Test for an avatar of which all that may pose its skin beside the bones was measured."""
+    """Test for up-to-date measurements of every suspected deformation of a body's meshes."""
     return all(
-        not suspects or evaluated_skin.known(body, mesh, suspects) is not None
+        not mesh_suspects or evaluated_skin.valid_measurement(body, mesh, mesh_suspects) is not None
         for mesh in avatar_meshes.meshes_of(body)
-        for suspects in (_suspects(body, mesh),)
+        for mesh_suspects in (_suspects(body, mesh),)
     )
 
 
@@ -173,14 +170,12 @@ def _armatures(body: bpy.types.Object, mesh: bpy.types.Object) -> list[bpy.types
 
 
 def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
-    """Reasons for which bones alone may pose a mesh wrongly: by the name of a modifier, or
-    "armature", "bones", "keys".
-    """
+    """Suspected causes of a pose beyond bones, by modifier name, "armature", "bones" or "keys"."""
     armatures = _armatures(body, mesh)
-    suspects = _of_armatures(body, mesh, armatures) if armatures else {}
-    own = [*armatures, *mesh_copies.mirrors_of(mesh)]
+    suspects = _armature_suspects(body, mesh, armatures) if armatures else {}
+    exact = [*armatures, *mesh_copies.mirrors_of(mesh)]  # exact with bones
     for modifier in mesh.modifiers:
-        if modifier.show_viewport and modifier not in own:
+        if modifier.show_viewport and modifier not in exact:
             suspects[modifier.name] = f"modifier '{modifier.name}' deforms it too"
     keys = mesh.data.shape_keys
     if keys is not None and any(
@@ -188,15 +183,15 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
         for key in keys.key_blocks[1:]
     ):
         suspects["keys"] = "shape keys deform it"
-    elif retargeting.shape_of(body, mesh):
+    elif stored_fits.shape_of(body, mesh):
         suspects["keys"] = "its shape keys are not those that the body was fitted to"
     return suspects
 
 
-def _of_armatures(
+def _armature_suspects(
     body: bpy.types.Object, mesh: bpy.types.Object, armatures: list[bpy.types.Modifier]
 ) -> dict[str, str]:
-    """Reasons that lie in the Armature modifiers of a mesh, at least one, and in its bones."""
+    """Suspects in the Armature modifiers of a mesh (at least one), and in its bones."""
     suspects: dict[str, str] = {}
     modifier = armatures[0]
     if modifier.use_deform_preserve_volume:
@@ -214,10 +209,12 @@ def _of_armatures(
 
 
 def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
-    """Nearest point of the avatar's undeformed meshes to each perceptual vertex."""
+    """Nearest points of the avatar's undeformed meshes to each vertex of a model."""
     avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
     rest = [avatar_meshes.rest_surface(mesh, {}) for mesh in meshes]
-    vertices = _in_one_space([points for points, _ in rest], [mesh.matrix_world for mesh in meshes])
+    vertices = _joined_vertices(
+        [points for points, _ in rest], [mesh.matrix_world for mesh in meshes]
+    )
     starts = np.cumsum([0] + [len(points) for points, _ in rest[:-1]])
     triangles = np.concatenate(
         [faces + start for (_, faces), start in zip(rest, starts, strict=True)]
@@ -230,26 +227,31 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
     nearest = [tree.find_nearest(place)[2] for place in places]
     corners = triangles[nearest].astype(np.int32)
     shape = vertices.astype(np.float64)[corners]
-    weights, offsets = _over_triangles(np.array(places, np.float64), shape)
+    weights, offsets = _project_on_triangles(np.array(places, np.float64), shape)
     return SurfaceAnchors(corners, weights, offsets)
 
 
-def _in_one_space(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
+def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
     """Join the vertices of several meshes in the local space of the first."""
-    moved = [vertices[0]]
+    joined = [vertices[0]]
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
         to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)
-        moved.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
-    return np.concatenate(moved)
+        joined.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
+    return np.concatenate(joined)
 
 
-def _over_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric weights (n, 3) of points' feet on triangles (n, 3, 3), and heights over them."""
+def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Project points onto the planes of triangles (n, 3, 3).
+
+    Returns barycentric weights (n, 3), clipped near the triangle, and signed heights (n,). A
+    degenerate triangle gives its first corner and height 0.
+    """
     along = corners[:, 1:] - corners[:, :1]
     products = along @ along.transpose(0, 2, 1)
     onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
     area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
     flat = np.where(area > 0.0, area, np.inf)
+    # Cramer's rule on the normal equations of point = corner + u * edge 1 + v * edge 2.
     u = (products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat
     v = (products[:, 0, 0] * onto[:, 1] - products[:, 0, 1] * onto[:, 0]) / flat
     u = np.clip(u, -_BEYOND, 1.0 + _BEYOND)
@@ -268,35 +270,30 @@ def read_surfaces(
 ) -> np.ndarray:
     """Evaluated vertices of all meshes of an avatar, (A, 3) float32.
 
-    They are numbered mesh after mesh, in the local space of the main mesh, which is where the
-    anchors of :func:`binding_of` refer to.
-
-    Parameters
-    ----------
-    evaluated : callable
-        An object as it is at the time that is read.
+    Vertices are numbered mesh after mesh, in the local space of the main mesh, as in the anchors of
+    :func:`binding_of`. ``evaluated`` returns the evaluated object at the time of reading.
     """
     meshes = avatar_meshes.meshes_of(body)
-    found = [evaluated(mesh) for mesh in meshes]
-    surfaces = [read_surface(body, *pair) for pair in zip(meshes, found, strict=True)]
-    return _in_one_space(surfaces, [mesh.matrix_world for mesh in found])
+    copies = [evaluated(mesh) for mesh in meshes]
+    surfaces = [read_surface(body, *pair) for pair in zip(meshes, copies, strict=True)]
+    return _joined_vertices(surfaces, [copy.matrix_world for copy in copies])
 
 
 def read_surface(
     body: bpy.types.Object, mesh: bpy.types.Object, evaluated: bpy.types.Object
 ) -> np.ndarray:
-    """Evaluated places of a mesh's own vertices, (A, 3) float32, its local space.
+    """Evaluated positions of a mesh's own vertices, (A, 3) float32, local space.
 
-    Vertices that modifiers add are left out; those that are hidden or merged are held by the
-    nearest skin that is left.
+    Vertices added by modifiers are left out. Hidden or merged vertices follow the nearest visible
+    triangle.
 
     Raises
     ------
     InputError
-        The number of evaluated vertices changes with time, or with the pose.
+        The number of evaluated vertices changes with time or pose.
     """
     points = mesh_arrays.positions(evaluated.data)
-    surface, count = evaluated_skin.latest(body, mesh), len(mesh.data.vertices)
+    surface, count = evaluated_skin.last_surface_map(body, mesh), len(mesh.data.vertices)
     is_known = len(points) == count if surface is None else surface.fits(len(points))
     if not is_known:
         raise InputError(
@@ -304,4 +301,4 @@ def read_surface(
             f"{len(points)}, not always alike, so its surface cannot be followed; apply "
             "that modifier, move it above the Armature modifier, or turn it off in viewports."
         )
-    return points if surface is None else surface.places(points)
+    return points if surface is None else surface.positions(points)

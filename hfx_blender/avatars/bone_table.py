@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Table in which a user sees and corrects the mapping from joints to an avatar's bones.
+"""Bone mapping table: the user's view and correction of the mapping from joints to bones.
 
-It is kept on the armature object (``hfx.bone_map``, one row for each canonical bone) and used by
-the next fit; it can be saved as JSON and loaded for another avatar with the same bones.
+The table is stored on the armature object (``hfx.bone_map``, one row per canonical bone) and is
+used by the next fit. It can be saved as JSON, and loaded for another avatar with the same bone
+names.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ _is_filling = False
 
 
 def is_corrected(armature: bpy.types.Object) -> bool:
-    """Test for a table that the user changed."""
+    """Test for rows that differ from the automatic mapping."""
     return any(row.bone != row.found for row in armature.hfx.bone_map)
 
 
-def automatic(armature: bpy.types.Object) -> BoneMapping:
-    """Mapping that is found from an armature's bones.
+def detected_mapping(armature: bpy.types.Object) -> BoneMapping:
+    """Mapping detected from an armature's bones, their skin and VRM labels.
 
     Raises
     ------
     InputError
-        No human bones are recognisable.
+        No human bones were recognised.
     """
     try:
         labels = human_bones_of(armature)
@@ -55,52 +56,57 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
 
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
-    """Mapping for the next fit: the table if a user corrected it, else found anew.
+    """Mapping for the next fit: the corrected table, or the detected mapping without corrections.
 
     Raises
     ------
     InputError
-        Nothing is mapped, a bone is not there, or one stands for two joints.
+        The mapping is empty, names a missing bone, or assigns a bone to two joints.
     """
     if not is_corrected(armature):
-        return automatic(armature)
+        return detected_mapping(armature)
     bones = {row.name: row.bone for row in armature.hfx.bone_map if row.bone}
     _check_bones(armature, bones)
     return _mapping(armature.hfx.bone_map_convention, bones)
 
 
 def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
-    """Fill the table with the automatic mapping.
+    """Fill the table with the detected mapping; with ``keep_corrections``, corrected rows stay.
 
     Raises
     ------
     InputError
-        No human bones are recognisable; the table is there nevertheless, to be filled by hand.
+        No human bones were recognised. The table is filled with the corrections alone.
     """
-    kept = {
+    corrections = {
         row.name: row.bone
         for row in armature.hfx.bone_map
         if keep_corrections and row.bone != row.found
     }
     try:
-        found = automatic(armature)
+        detected = detected_mapping(armature)
     except InputError:
-        _write(armature, BY_HAND, {}, kept)
+        _write(armature, BY_HAND, {}, corrections)
         raise
-    _write(armature, found.convention, found.bones, found.bones | kept)
+    _write(armature, detected.convention, detected.bones, detected.bones | corrections)
 
 
-def keep(armature: bpy.types.Object, mapping: BoneMapping, *, is_automatic: bool = False) -> None:
-    """Show a mapping; what of it is not automatic, unless all is, are corrections."""
+def show_mapping(
+    armature: bpy.types.Object, mapping: BoneMapping, *, is_automatic: bool = False
+) -> None:
+    """Fill the table with a mapping. Rows unlike the detected mapping count as corrections.
+
+    With ``is_automatic`` no row does; if no bones are recognised, all do.
+    """
     try:
-        found = (mapping if is_automatic else automatic(armature)).bones
+        detected = (mapping if is_automatic else detected_mapping(armature)).bones
     except InputError:
-        found = {}
-    _write(armature, mapping.convention, found, mapping.bones)
+        detected = {}
+    _write(armature, mapping.convention, detected, mapping.bones)
 
 
 def refresh(armature: bpy.types.Object) -> None:
-    """Update, for each joint without a bone, the bone that its skin follows."""
+    """Update the column *follows*: the joint that moves the skin of a joint without a bone."""
     if _is_filling:
         return
     rows = armature.hfx.bone_map
@@ -111,7 +117,7 @@ def refresh(armature: bpy.types.Object) -> None:
 
 
 def save(armature: bpy.types.Object, path: Path) -> int:
-    """Write the mapping as JSON; how many bones it maps."""
+    """Write the mapping as JSON; return its number of bones. Errors of :func:`mapping_of`."""
     mapping = mapping_of(armature)
     with atomic_file(path) as file:
         file.write((to_json(mapping) + "\n").encode())
@@ -119,13 +125,13 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 
 
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
-    """Load a saved mapping into the table; returns notes for the user.
+    """Load a saved mapping into the table; return notes for the user, one if bones are missing.
 
     Raises
     ------
     InputError
-        The file cannot be read, is no bone mapping, or maps none of this armature's bones; the
-        table is as it was.
+        The file is unreadable, is no bone mapping, or maps none of this armature's bones. The table
+        is unchanged.
     """
     refuse_no_file(path)
     try:
@@ -140,31 +146,33 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
         raise InputError(f"{path}: is no bone mapping (not a JSON text).") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    there = armature.data.bones
-    bones = {name: bone for name, bone in mapping.bones.items() if bone in there}
-    absent = [bone for bone in mapping.bones.values() if bone not in there]
+    armature_bones = armature.data.bones
+    bones = {name: bone for name, bone in mapping.bones.items() if bone in armature_bones}
+    missing_bones = [bone for bone in mapping.bones.values() if bone not in armature_bones]
     if not bones:
         raise InputError(
             f"{path}: it maps {len(mapping.bones)} bones, none of which '{armature.name}' has "
-            f"('{absent[0]}' first); it was saved for another kind of rig."
-            if absent
+            f"('{missing_bones[0]}' first); it was saved for another kind of rig."
+            if missing_bones
             else f"{path}: it maps no bone."
         )
     _check_bones(armature, bones)
-    keep(armature, _mapping(mapping.convention, bones))
-    if not absent:
+    show_mapping(armature, _mapping(mapping.convention, bones))
+    if not missing_bones:
         return []
     return [
-        f"'{armature.name}' lacks {len(absent)} of {len(mapping.bones)} bones of '{path.name}' "
-        f"('{absent[0]}' first); those joints were left open"
+        f"'{armature.name}' lacks {len(missing_bones)} of {len(mapping.bones)} bones of "
+        f"'{path.name}' ('{missing_bones[0]}' first); those joints were left open"
     ]
 
 
 def _mapping(convention: str, bones: dict[str, str]) -> BoneMapping:
+    """Mapping with fallbacks for joints without a bone."""
     return with_corrections(BoneMapping(convention or BY_HAND, {}, {}, ()), bones)
 
 
 def _check_bones(armature: bpy.types.Object, bones: dict[str, str]) -> None:
+    """Raise InputError for an empty mapping, a missing bone, or a bone of several joints."""
     if not bones:
         raise InputError(
             f"Armature '{armature.name}': no bone is assigned in its table; find or assign them "
@@ -186,17 +194,19 @@ def _check_bones(armature: bpy.types.Object, bones: dict[str, str]) -> None:
 
 
 def _write(
-    armature: bpy.types.Object, convention: str, found: dict[str, str], bones: dict[str, str]
+    armature: bpy.types.Object, convention: str, detected: dict[str, str], bones: dict[str, str]
 ) -> None:
+    """Replace all rows of the table, and update the column *follows* once."""
     global _is_filling
     rows = armature.hfx.bone_map
+    # Each assignment to a row calls the property's update, which is refresh().
     _is_filling = True
     try:
         rows.clear()
         for name in canonical_parents():
             row = rows.add()
             row.name = name
-            row.found = found.get(name, "")
+            row.found = detected.get(name, "")
             row.bone = bones.get(name, "")
     finally:
         _is_filling = False

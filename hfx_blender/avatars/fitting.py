@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fits body models to a user's own avatar, in steps; an avatar that was fitted before is read."""
+"""Fits body models to a user's avatar, or reads the fit from the cache."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..engine.retargeting.quality import PartQuality, Quality, joint_faults
 from ..engine.retargeting.target import TargetAvatar
 from ..engine.stepwise import within
 from ..errors import InputError
-from . import avatar_meshes, kept_fits
-from .retargeting import Fit, arrays_of, fitted_of, model_ids, worst_first
+from . import avatar_meshes, fit_cache
+from .stored_fits import Fit, arrays_of, model_ids, model_of_arrays, worst_first
 
 _ONLY_BONES = (
     "felt by its bones only, because {reason}: the haptic body has the standard shape, stretched "
@@ -33,158 +33,184 @@ _ONLY_BONES = (
 def fitting(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, Fit]:
-    """Fit all perceptual models to an avatar, in steps; nothing in the scene is changed.
+    """Fit all perceptual models to an avatar, in steps; the scene is not changed.
 
     Parameters
     ----------
     meshes : sequence of Object
-        The avatar's skin, in the order in which their vertices are numbered.
+        The avatar's skin, in the order of their vertex numbering.
+
+    Yields
+    ------
+    float
+        Progress, 0 to 1.
 
     Raises
     ------
     InputError
         The avatar cannot be fitted to.
     """
-    targets = yield from within(avatar_meshes.reading(armature, meshes), 0.0, 0.1)
-    targets, notes = _facing_out(meshes, targets)
+    targets = yield from within(avatar_meshes.reading_meshes(armature, meshes), 0.0, 0.1)
+    targets, normal_notes = _face_outwards(meshes, targets)
     targets, left_out = props.without_props(load_avatar(), targets, mapping)
-    carried = _named(meshes, targets, left_out)
-    shown = [number for number, target in enumerate(targets) if len(target.triangles)]
-    if shown and left_out:  # meshes that are props as a whole are no part of the avatar's skin
-        meshes, targets = [meshes[k] for k in shown], [targets[k] for k in shown]
+    prop_notes = _prop_notes(meshes, targets, left_out)
+    skin_numbers = [number for number, target in enumerate(targets) if len(target.triangles)]
+    if (
+        skin_numbers and left_out
+    ):  # meshes that are props as a whole are no part of the avatar's skin
+        meshes, targets = [meshes[k] for k in skin_numbers], [targets[k] for k in skin_numbers]
     rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
     names, layer = [mesh.name for mesh in meshes], avatar_meshes.layer_of(armature)
     hashes = [load_model(model_id).content_hash for model_id in model_ids()]
-    key = kept_fits.key_of("fit", targets, mapping, names, rigid, layer, hashes)
-    found = _read(key)
-    if found is None:
+    key = fit_cache.key_of("fit", targets, mapping, names, rigid, layer, hashes)
+    fit = _read_cached(key)
+    if fit is None:
         try:
-            steps = _fitted(targets, names, rigid, mapping, layer)
-            found = yield from within(steps, 0.1, 1.0)
+            steps = _fitting_models(targets, names, rigid, mapping, layer)
+            fit = yield from within(steps, 0.1, 1.0)
         except InputError as error:
             raise InputError(f"Armature '{armature.name}': {error}") from None
-        _keep(key, found)
-    warnings = (*(() if found.by_bones else notes), *carried, *found.warnings)  # bones: no normals
-    return replace(found, meshes=tuple(meshes), warnings=warnings, notes=mapping.report)
+        _write_cached(key, fit)
+    warnings = (
+        *(() if fit.by_bones else normal_notes),
+        *prop_notes,
+        *fit.warnings,
+    )  # bones: no normals
+    return replace(fit, meshes=tuple(meshes), warnings=warnings, notes=mapping.report)
 
 
-def _fitted(
+def _fitting_models(
     targets: Sequence[TargetAvatar],
     names: Sequence[str],
     rigid: Sequence[bool],
     mapping: BoneMapping,
     layer: Layer,
 ) -> Generator[float, None, Fit]:
-    """Fit all models, in steps; the result has neither the meshes nor notes."""
+    """Fit all models to the surface, or to the bones alone if the surface is unusable, in steps.
+
+    Meshes and notes of the result are empty.
+    """
     avatar, target = load_avatar(), skin_parts.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-    no_surface = retarget_target.check(target, name) or _why_rigid(targets, rigid)
+    no_surface = retarget_target.check(target, name) or _rigid_reason(targets, rigid)
     models = [load_model(model_id) for model_id in model_ids()]
     qualities: list[Quality] = []
     if no_surface is None:
         warping = retarget.warping(avatar, target, mapping, layer)
-        warped = yield from within(warping, 0.0, 0.8)
+        warped_avatar = yield from within(warping, 0.0, 0.8)
         fits = []
         for number, model in enumerate(models):
             yield 0.8 + 0.2 * number / len(models)
-            fits.append(retarget.fit(model, warped))
+            fits.append(retarget.fit(model, warped_avatar))
         qualities = [quality for _, quality in fits]
-        if (lost := by_bones.lost_part(qualities)) is not None:
+        # A fit can converge on the wrong limb (a mesh without arms, a cloak). A part that lies
+        # mostly elsewhere makes the whole surface unusable.
+        if (lost_part := by_bones.lost_part(qualities)) is not None:
             no_surface = (
-                f"only {100 * lost.in_place:.0f} % of its {lost.part.replace('_', ' ')} is "
-                f"found on that part of '{name}'"
+                f"only {100 * lost_part.in_place:.0f} % of its "
+                f"{lost_part.part.replace('_', ' ')} is found on that part of '{name}'"
             )
     if no_surface is None:
         fitted = tuple(model for model, _ in fits)
-        return Fit((), fitted, tuple(qualities), tuple(_folded(qualities)))
+        return Fit((), fitted, tuple(qualities), tuple(_fault_lines(qualities)))
     placed = by_bones.fit_by_bones(models, avatar, target, mapping)
     return Fit((), tuple(placed), (), (_ONLY_BONES.format(reason=no_surface),), by_bones=True)
 
 
-def _read(key: str) -> Fit | None:
-    """A fit that was kept; None if there is none."""
-    kept = kept_fits.read(key)
-    if kept is None:
+def _read_cached(key: str) -> Fit | None:
+    """Fit from the cache; None if there is no entry."""
+    cached = fit_cache.read(key)
+    if cached is None:
         return None
-    values, arrays = kept
+    values, arrays = cached
     bones = tuple(values["bones"])
     models = tuple(
-        fitted_of(model_id, model_hash, bones, {n: arrays[f"{model_id} {n}"] for n in values["of"]})
+        model_of_arrays(
+            model_id, model_hash, bones, {n: arrays[f"{model_id} {n}"] for n in values["of"]}
+        )
         for model_id, model_hash in values["models"]
     )
-    qualities = tuple(_quality_of(each) for each in values["quality"])
+    qualities = tuple(_quality_of(quality) for quality in values["quality"])
     return Fit((), models, qualities, tuple(values["warnings"]), by_bones=values["by_bones"])
 
 
 def _quality_of(values: Mapping[str, Any]) -> Quality:
+    """Fit quality from the JSON values of a cache entry."""
     parts = tuple(PartQuality(**part) for part in values["parts"])
     return Quality(**{**values, "parts": parts})
 
 
-def _keep(key: str, found: Fit) -> None:
-    arrays = {model.model_id: arrays_of(model) for model in found.models}
+def _write_cached(key: str, fit: Fit) -> None:
+    """Write a fit into the cache."""
+    arrays = {model.model_id: arrays_of(model) for model in fit.models}
     values = {
-        "models": [(model.model_id, model.model_hash) for model in found.models],
-        "bones": found.models[0].bone_names,
-        "of": list(arrays[found.models[0].model_id]),
-        "quality": [asdict(quality) for quality in found.quality],
-        "warnings": found.warnings,
-        "by_bones": found.by_bones,
+        "models": [(model.model_id, model.model_hash) for model in fit.models],
+        "bones": fit.models[0].bone_names,
+        "of": list(arrays[fit.models[0].model_id]),
+        "quality": [asdict(quality) for quality in fit.quality],
+        "warnings": fit.warnings,
+        "by_bones": fit.by_bones,
     }
-    flat = {f"{each} {name}": array for each, own in arrays.items() for name, array in own.items()}
-    kept_fits.write(key, values, flat)
+    flat = {
+        f"{model_id} {name}": array
+        for model_id, model_arrays in arrays.items()
+        for name, array in model_arrays.items()
+    }
+    fit_cache.write(key, values, flat)
 
 
-def _facing_out(
+def _face_outwards(
     meshes: Sequence[bpy.types.Object], targets: Sequence[TargetAvatar]
 ) -> tuple[list[TargetAvatar], list[str]]:
-    """Turn meshes whose faces look inwards, for the fit; with a sentence about each."""
-    turned, notes = [], []
+    """Targets with outward normals, and a note for each mesh with flipped triangles."""
+    outward_targets, notes = [], []
     for mesh, target in zip(meshes, targets, strict=True):
         outwards, share = retarget_target.faced_out(target)
-        turned.append(outwards)
+        outward_targets.append(outwards)
         if share:
             notes.append(
                 f"the normals of '{mesh.name}' point inwards on {max(100 * share, 1):.0f} % of its "
                 "surface: it was read turned outwards; correct it with Mesh > Normals > "
                 "Recalculate Outside"
             )
-    return turned, notes
+    return outward_targets, notes
 
 
-def _named(
-    meshes: Sequence[bpy.types.Object], targets: Sequence[TargetAvatar], held: Sequence[props.Prop]
+def _prop_notes(
+    meshes: Sequence[bpy.types.Object],
+    targets: Sequence[TargetAvatar],
+    left_out: Sequence[props.Prop],
 ) -> list[str]:
-    """Sentences about props that are loose pieces of a mesh, one for each bone."""
+    """Notes on props left out of a mesh, one per bone."""
     return [
         f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
         f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "
         "are held or carried and no skin"
-        for prop in held
+        for prop in left_out
         if len(targets[prop.mesh].triangles)
     ]
 
 
-def _why_rigid(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
-    """Reason that rigid pieces are no skin, where they are most of an avatar's surface."""
+def _rigid_reason(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
+    """Reason against a surface fit, if rigid pieces have half of its area or more; else None."""
     areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
     if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
         return None
     return f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
 
 
-def _folded(qualities: Sequence[Quality]) -> list[str]:
-    """Faults of a fit, one line for each body part, the worst part first."""
+def _fault_lines(qualities: Sequence[Quality]) -> list[str]:
+    """Faults of a fit: of the whole body, of body parts (worst first), of joints, then advice."""
     lines = [
         f"{part.part.replace('_', ' ')} {', '.join(part.faults)}"
         for part in worst_first(qualities)
         if part.faults
     ]
     lines += joint_faults(qualities)
-    whole = dict.fromkeys(fault for quality in qualities for fault in quality.whole_faults)
+    whole_faults = dict.fromkeys(fault for quality in qualities for fault in quality.whole_faults)
     if lines:
         lines.append(
             "look at these parts with Show Perceptual Model; other meshes (select them first) or "
             "corrected bones may fit better"
         )
-    return [*whole, *lines]
+    return [*whole_faults, *lines]

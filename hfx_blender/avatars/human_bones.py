@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VRM's table of human bones, where an armature holds one: which bone is the left upper arm.
+"""Human bones of VRM avatars, stored with an armature by the VRM add-on or a glTF file.
 
-It is read from the VRM add-on's own data (``Armature.vrm_addon_extension``, also where the add-on
-that stored it is not there), from the file's extension ``VRMC_vrm`` (1.0) or ``VRM`` (0.x) kept as
-a custom property, and from the custom property for each human bone of the add-on's early editions.
+Sources, in this order: the VRM add-on's data (``Armature.vrm_addon_extension``, readable without
+the add-on too), the glTF extension ``VRMC_vrm`` (1.0) or ``VRM`` (0.x) stored as a custom property,
+and the custom properties per human bone of early editions of the add-on.
 """
 
 from __future__ import annotations
@@ -31,27 +31,29 @@ _HUMAN_BONE: Final = re.compile(
 
 
 def human_bones_of(armature: bpy.types.Object) -> dict[str, str]:
-    """Names of the human bones, by the armature's bones; empty without a table."""
-    sources = (_of_add_on, _of_file, _of_properties)
-    found = (_sound(armature, source(armature)) for source in sources)
-    return next((table for table in found if len(table) >= _FEWEST), {})
+    """VRM names of human bones by the armature's bone names; empty without a table of 8 bones."""
+    sources = (_rows_of_add_on, _rows_of_gltf, _rows_of_properties)
+    tables = (_valid_rows(armature, source(armature)) for source in sources)
+    return next((table for table in tables if len(table) >= _FEWEST), {})
 
 
-def _sound(armature: bpy.types.Object, pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
-    """Bone to human bone, the first row of each, of rows that name what is there."""
+def _valid_rows(armature: bpy.types.Object, pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
+    """Human bones by bone name, from (human bone, bone) rows. Unknown names and repetitions go."""
     bones: dict[str, str] = {}
-    for human, bone in pairs:
-        if isinstance(human, str) and isinstance(bone, str) and bone in armature.data.bones:
-            if _HUMAN_BONE.fullmatch(_key(human)) and bone not in bones.values():
-                bones.setdefault(human, bone)
-    return {bone: human for human, bone in bones.items()}
+    for human_bone, bone in pairs:
+        if isinstance(human_bone, str) and isinstance(bone, str) and bone in armature.data.bones:
+            if _HUMAN_BONE.fullmatch(_key(human_bone)) and bone not in bones.values():
+                bones.setdefault(human_bone, bone)
+    return {bone: human_bone for human_bone, bone in bones.items()}
 
 
-def _key(human: str) -> str:
-    return human.replace("_", "").lower()
+def _key(human_bone: str) -> str:
+    """Name of a human bone in lower case without underscores, equal in all versions of VRM."""
+    return human_bone.replace("_", "").lower()
 
 
-def _of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
+def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
+    """Rows (human bone, bone) of the add-on's chosen VRM version, or of another complete one."""
     extension = _stored(armature.data)
     uuids = {
         _field(group, "uuid"): bone.name
@@ -68,14 +70,23 @@ def _of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
         else:
             rows = [(_field(row, "bone"), row) for row in bones]
         tables[version] = [
-            (human, _bone_of(_field(row, "node"), uuids)) for human, row in rows if row is not None
+            (human_bone, _bone_of(_field(row, "node"), uuids))
+            for human_bone, row in rows
+            if row is not None
         ]
-    chosen = str(_field(extension, "spec_version"))[:1]
-    filled = [version for version in tables if sum(bool(b) for _, b in tables[version]) >= _FEWEST]
-    return tables[chosen if chosen in filled else filled[0]] if filled else []
+    spec_version = str(_field(extension, "spec_version"))[:1]
+    usable_versions = [
+        version for version in tables if sum(bool(b) for _, b in tables[version]) >= _FEWEST
+    ]
+    return (
+        tables[spec_version if spec_version in usable_versions else usable_versions[0]]
+        if usable_versions
+        else []
+    )
 
 
 def _bone_of(node: Any, uuids: dict[Any, str]) -> str | None:
+    """Bone name of a node, stored by name or by a bone's uuid; None for an empty node."""
     for field in ("bone_name", "value"):
         if isinstance(name := _field(node, field), str) and name:
             return name
@@ -83,32 +94,36 @@ def _bone_of(node: Any, uuids: dict[Any, str]) -> str | None:
     return uuids.get(uuid) if uuid else None
 
 
-def _of_file(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
-    """Rows of a kept glTF extension; a node may be a bone's name, not a number of the file."""
+def _rows_of_gltf(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
+    """Rows (human bone, node) of a stored glTF extension; a numeric node names no bone."""
     for holder in (armature, armature.data, bpy.context.scene):
         for name in _EXTENSIONS:
-            kept = _json(holder.get(name)) or _field(_json(holder.get("extensions")), name)
-            bones = _field(_json(kept), "humanoid", "humanBones")
+            extension = _json(holder.get(name)) or _field(_json(holder.get("extensions")), name)
+            bones = _field(_json(extension), "humanoid", "humanBones")
             if bones is None:
                 continue
             if hasattr(bones, "keys"):
-                return [(human, _field(bones, human, "node")) for human in bones.keys()]
+                return [
+                    (human_bone, _field(bones, human_bone, "node")) for human_bone in bones.keys()
+                ]
             return [(_field(row, "bone"), _field(row, "node")) for row in bones]
     return []
 
 
-def _of_properties(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
+def _rows_of_properties(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
+    """Custom properties of an armature as rows (name, value)."""
     return [(name, value) for holder in (armature.data, armature) for name, value in holder.items()]
 
 
 def _stored(owner: bpy.types.ID | bpy.types.Bone) -> Any:
-    """Data that the add-on stores on something: properties, or plain data without it."""
+    """The add-on's data of a datablock or bone: properties, or a dictionary without the add-on."""
     if hasattr(owner, _ADD_ON):
         return getattr(owner, _ADD_ON)
     return compat.stored_properties(owner).get(_ADD_ON) or owner.get(_ADD_ON)
 
 
 def _field(holder: Any, *path: str) -> Any:
+    """Nested value by a path of attributes or dictionary keys; None if a step is missing."""
     for name in path:
         if hasattr(holder, "bl_rna"):
             holder = getattr(holder, name, None)
@@ -118,10 +133,12 @@ def _field(holder: Any, *path: str) -> Any:
 
 
 def _fields(holder: Any) -> list[str]:
+    """Names of the properties or dictionary keys of a value."""
     return list(holder.bl_rna.properties.keys() if hasattr(holder, "bl_rna") else holder.keys())
 
 
 def _json(value: Any) -> Any:
+    """Parsed JSON of a string, None if invalid; other values as they are."""
     if not isinstance(value, str):
         return value
     try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Copies of an avatar's meshes in a scratch scene: the mesh at rest, and what modifiers hide of it.
+"""Copies of an avatar's meshes in a scratch scene: the rest mesh, and pieces hidden by modifiers.
 
-Vertices of a copy carry their number as an attribute, which Blender copies along: each evaluated
-vertex is known to be an original one (or a duplicate of one), or to be new.
+Vertices of a copy store their number as an attribute, which Blender's modifiers propagate: so an
+evaluated vertex is recognised as an original vertex (or its duplicate), or as new.
 """
 
 from __future__ import annotations
@@ -25,49 +25,56 @@ _CHECK: Final = "hfx_vertex_check"
 
 @contextmanager
 def scratch() -> Iterator[list[bpy.types.ID]]:
-    """New scene, the first of a list of datablocks that are removed at the end."""
-    made: list[bpy.types.ID] = [bpy.data.scenes.new(".HFX Measurement")]
+    """Yield a list with a new scene. All datablocks in the list are removed at the end."""
+    datablocks: list[bpy.types.ID] = [bpy.data.scenes.new(".HFX Measurement")]
     try:
-        yield made
+        yield datablocks
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command``.
-        bpy.data.batch_remove(made)
+        bpy.data.batch_remove(datablocks)
 
 
-def copy_in(
-    made: list[bpy.types.ID], source: bpy.types.Object, data: bpy.types.ID | None
+def copy_into(
+    datablocks: list[bpy.types.ID], source: bpy.types.Object, data: bpy.types.ID | None
 ) -> bpy.types.Object:
-    """Copy of an object in a scratch scene, where nothing moves it."""
+    """Copy an object into a scratch scene, without parent, constraints and animation.
+
+    Copy and data are added to ``datablocks``. ``data`` becomes the copy's data and is not copied.
+    """
     copy = source.copy()
-    made += [each for each in (copy, data) if each is not None and each not in made]
+    datablocks += [new for new in (copy, data) if new is not None and new not in datablocks]
     copy.data = data
     copy.animation_data_clear()
     copy.constraints.clear()
     copy.parent = None
     copy.matrix_world = source.matrix_world
     copy.hide_viewport = copy.hide_render = False
-    made[0].collection.objects.link(copy)
+    datablocks[0].collection.objects.link(copy)
     return copy
 
 
-def numbered(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
-    """Copy of a mesh whose vertices hold their number, and a second one that proves it."""
+def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
+    """Copy of a mesh with vertex attributes: a number, and a check number derived from it."""
     copy = mesh.copy()
     numbers = np.arange(len(copy.vertices))
-    for name, values in ((_VERTEX, numbers), (_CHECK, _proof(numbers))):
+    for name, values in ((_VERTEX, numbers), (_CHECK, _check_numbers(numbers))):
         if name in copy.attributes:
             copy.attributes.remove(copy.attributes[name])
         copy.attributes.new(name, "INT", "POINT").data.foreach_set("value", values.astype(np.int32))
     return copy
 
 
-def _proof(numbers: I64) -> I64:
-    """Second number of a vertex: a mean of several ones does not fit to the mean of the first."""
+def _check_numbers(numbers: I64) -> I64:
+    """Check numbers of vertices.
+
+    An interpolated vertex has the mean number of its sources, but not the check number of that
+    mean.
+    """
     return (numbers * 2654435761 + 40503) % (1 << 30)
 
 
-def numbers_of(mesh: bpy.types.Mesh) -> I64:
-    """Original vertex of each vertex of an evaluated mesh, (E,); -1: a new one."""
+def original_vertices(mesh: bpy.types.Mesh) -> I64:
+    """Original vertex of each evaluated vertex, (E,) int64; -1 for a new vertex."""
     columns = []
     for name in (_VERTEX, _CHECK):
         attribute = mesh.attributes.get(name)
@@ -75,17 +82,19 @@ def numbers_of(mesh: bpy.types.Mesh) -> I64:
             return np.full(len(mesh.vertices), -1, np.int64)
         columns.append(mesh_arrays.values(attribute.data, "value", kind=np.int32))
     numbers = columns[0].astype(np.int64)
-    return np.where(_proof(numbers) == columns[1], numbers, -1)
+    return np.where(_check_numbers(numbers) == columns[1], numbers, -1)
 
 
 @contextmanager
 def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bpy.types.Mesh]:
-    """Mesh of an object before its armature deforms it, with the half that Mirror modifiers make.
+    """Yield an object's mesh before its Armature modifier, with earlier Mirror modifiers applied.
+
+    The mesh may be a temporary one, removed at the end.
 
     Parameters
     ----------
     shape : mapping of str
-        Values of shape keys; the others are 0.
+        Values of shape keys; keys that are not given are 0.
     """
     if not shape and not mirrors_of(mesh):
         yield mesh.data
@@ -95,38 +104,43 @@ def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bp
 
 
 def at_rest(
-    made: list[bpy.types.ID],
+    datablocks: list[bpy.types.ID],
     mesh: bpy.types.Object,
     data: bpy.types.Mesh,
     shape: Mapping[str, float],
 ) -> bpy.types.Mesh:
-    """New mesh: that of an object's data with its Mirror modifiers and some shape keys alone."""
-    alone = copy_in(made, mesh, data)
-    kept = {modifier.name for modifier in mirrors_of(mesh)}
-    for modifier in [each for each in alone.modifiers if each.name not in kept]:
-        alone.modifiers.remove(modifier)
+    """New mesh of an object's data with only its Mirror modifiers and the given shape keys applied.
+
+    It is added to ``datablocks``. The shape keys of ``data`` are changed; keys not given are 0.
+    """
+    copy = copy_into(datablocks, mesh, data)
+    mirror_names = {modifier.name for modifier in mirrors_of(mesh)}
+    for modifier in list(copy.modifiers):
+        if modifier.name not in mirror_names:
+            copy.modifiers.remove(modifier)
     if data.shape_keys is not None:
         data.shape_keys.animation_data_clear()
-        alone.show_only_shape_key = False
+        copy.show_only_shape_key = False
         for key in data.shape_keys.key_blocks:
             key.value, key.mute = shape.get(key.name, 0.0), False
-    graph = updated(made)
-    whole = bpy.data.meshes.new_from_object(
-        alone.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
+    graph = evaluated_graph(datablocks)
+    rest = bpy.data.meshes.new_from_object(
+        copy.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
     )
-    made.append(whole)
-    made[0].collection.objects.unlink(alone)
-    return whole
+    datablocks.append(rest)
+    datablocks[0].collection.objects.unlink(copy)
+    return rest
 
 
-def updated(made: list[bpy.types.ID]) -> bpy.types.Depsgraph:
-    layer = made[0].view_layers[0]
+def evaluated_graph(datablocks: list[bpy.types.ID]) -> bpy.types.Depsgraph:
+    """Evaluated dependency graph of a scratch scene."""
+    layer = datablocks[0].view_layers[0]
     layer.update()
     return layer.depsgraph
 
 
 def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Mirror modifiers that make a mesh whole before its armature deforms it."""
+    """Enabled Mirror modifiers above a mesh's first Armature modifier."""
     mirrors = []
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE":
@@ -136,8 +150,8 @@ def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
     return mirrors
 
 
-def animated(owner: bpy.types.ID) -> set[str]:
-    """Paths of a datablock that F-curves or drivers write."""
+def animated_paths(owner: bpy.types.ID) -> set[str]:
+    """Data paths of a datablock's F-curves and drivers."""
     if owner.animation_data is None:
         return set()
     curves = [curve for curves in compat.curve_collections(owner) for curve in curves]
@@ -145,8 +159,8 @@ def animated(owner: bpy.types.ID) -> set[str]:
 
 
 def animated_keys(mesh: bpy.types.Mesh) -> set[str]:
-    """Names of the shape keys whose value is animated or driven."""
-    paths = set() if mesh.shape_keys is None else animated(mesh.shape_keys)
+    """Names of shape keys with an F-curve or driver on their value."""
+    paths = set() if mesh.shape_keys is None else animated_paths(mesh.shape_keys)
     return {
         key.name
         for key in (mesh.shape_keys.key_blocks if paths else ())
@@ -155,7 +169,7 @@ def animated_keys(mesh: bpy.types.Mesh) -> set[str]:
 
 
 def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
-    """Values of the shape keys that are always on: those that make a person of a base mesh."""
+    """Non-zero values of shape keys without animation, by name; empty for absolute shape keys."""
     keys = mesh.shape_keys
     if keys is None or not keys.use_relative:
         return {}
@@ -168,47 +182,51 @@ def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
 
 
 def hidden_vertices(mesh: bpy.types.Object, triangles: I64, points: F64) -> npt.NDArray[np.bool_]:
-    """Find vertices of connected pieces that modifiers hide as a whole, in viewports or renders.
+    """Vertices (A,) bool of connected pieces that modifiers hide in viewports and renders.
 
-    What is hidden of a piece that shows is the body under its clothes, and stays. Nothing is
-    hidden where no vertex can be traced (Remesh).
+    Hidden vertices of a partly visible piece are the body under clothes, and are not marked. None
+    are marked if no evaluated vertex is an original one (Remesh).
 
     Parameters
     ----------
     triangles : (F, 3) int64
     points : (A, 3) float64
-        Of the mesh, before its armature deforms it.
+        Of the mesh before its Armature modifier.
     """
     from ..engine.retargeting.target import connected_pieces, weld
 
     hidden = np.zeros(len(points), np.bool_)
-    of_mesh = mirrors_of(mesh)
-    others = [m for m in mesh.modifiers if m.type != "ARMATURE" and m not in of_mesh]
-    if not len(triangles) or not any(m.show_viewport or m.show_render for m in others):
+    mirrors = mirrors_of(mesh)
+    if not len(triangles) or not any(
+        m.show_viewport or m.show_render
+        for m in mesh.modifiers
+        if m.type != "ARMATURE" and m not in mirrors
+    ):
         return hidden
-    with scratch() as made:
-        whole = numbered(at_rest(made, mesh, mesh.data.copy(), {}))
-        shown = copy_in(made, mesh, whole)
-        for modifier in [m for m in shown.modifiers if m.type in ("ARMATURE", "PARTICLE_SYSTEM")]:
-            shown.modifiers.remove(modifier)
-        for modifier in shown.modifiers:
+    with scratch() as datablocks:
+        rest = with_vertex_numbers(at_rest(datablocks, mesh, mesh.data.copy(), {}))
+        visible = copy_into(datablocks, mesh, rest)
+        for modifier in [m for m in visible.modifiers if m.type in ("ARMATURE", "PARTICLE_SYSTEM")]:
+            visible.modifiers.remove(modifier)
+        for modifier in visible.modifiers:
             is_shown = modifier.show_viewport or modifier.show_render
-            modifier.show_viewport = is_shown and modifier.name not in {m.name for m in of_mesh}
-        numbers = numbers_of(shown.evaluated_get(updated(made)).data)
-    is_left = np.zeros(len(points), np.bool_)
-    is_left[numbers[numbers >= 0]] = True
-    if not is_left.any():
+            modifier.show_viewport = is_shown and modifier.name not in {m.name for m in mirrors}
+        originals = original_vertices(visible.evaluated_get(evaluated_graph(datablocks)).data)
+    is_visible = np.zeros(len(points), np.bool_)
+    is_visible[originals[originals >= 0]] = True
+    if not is_visible.any():
         return hidden
+    # A Mask modifier hides skin under clothes; only a piece without a visible vertex is dropped.
     piece = connected_pieces(weld(points)[triangles])
-    shows = np.bincount(piece, is_left[triangles].any(axis=1)) > 0
-    hidden[triangles[~shows[piece]]] = True
+    has_visible = np.bincount(piece, is_visible[triangles].any(axis=1)) > 0
+    hidden[triangles[~has_visible[piece]]] = True
     return hidden
 
 
 def objects_of(
     modifier: bpy.types.Modifier,
 ) -> Iterator[tuple[Callable[[bpy.types.Object], None], bpy.types.Object]]:
-    """Objects that a modifier refers to, each with a function that puts another one there."""
+    """Yield each object that a modifier refers to, after a function that replaces the reference."""
     for prop in modifier.bl_rna.properties:
         value = getattr(modifier, prop.identifier) if prop.type == "POINTER" else None
         if isinstance(value, bpy.types.Object):

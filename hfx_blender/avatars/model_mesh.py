@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A body's perceptual model as a mesh that follows its armature, to look at or to paint on."""
+"""Mesh objects of a body's perceptual model that follow its armature, for display and painting."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..blender import mesh_arrays
 from ..blender.scene_units import metres_of
 from ..engine.body.model import PerceptualModel, SkinWeights
 from ..engine.body.parts import PARTS
-from . import retargeting
+from . import stored_fits
 
 SHOWN = "hfx_shown_body"
-"""ID property of a mesh that shows a model: the body that it is of."""
+"""ID property of a displayed model's mesh: its body."""
 
 MODEL = "hfx_shown_model"
-"""Property of the shown mesh: the id of its model."""
+"""ID property of a displayed model's mesh: the model's id."""
 
 _COLOURS = {
     "head": (0.90, 0.75, 0.35),
@@ -36,15 +36,19 @@ _COLOURS = {
     "foot_sole": (0.95, 0.62, 0.75),
 }
 _ABOVE_SKIN_M = 0.002
-"""Height of the shown model over the avatar, metres: otherwise the two would flicker."""
+"""Height of a displayed model above the avatar, metres: coincident surfaces flicker."""
 
 _COARSE = 5000
+"""Number of vertices below which a model's edges run under the skin, and need In Front."""
 
 
 def add_posed(
     context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
 ) -> bpy.types.Object:
-    """A mesh of a model as it stands on a body, posed by the same weights as in an export."""
+    """Add a mesh of a model in a body's rest pose, skinned to its armature as in an export.
+
+    The object is hidden in renders, and its bones' vertex groups are locked.
+    """
     mesh = mesh_arrays.mesh_of(name, model.vertices, model.triangles)
     mesh.shade_flat()
     obj = bpy.data.objects.new(mesh.name, mesh)
@@ -60,7 +64,7 @@ def add_posed(
 def add_bone_groups(
     skin: bpy.types.Object, bone_names: Sequence[str], weights: SkinWeights
 ) -> list[bpy.types.VertexGroup]:
-    """Add a vertex group for each bone to a mesh object that has none, with the bones' weights."""
+    """Add a vertex group with weights for each bone to a mesh object without groups."""
     groups = [skin.vertex_groups.new(name=bone) for bone in bone_names]
     # Vertex by vertex, `VertexGroup.add` takes three times as long.
     edited = bmesh.new()
@@ -76,10 +80,10 @@ def add_bone_groups(
     return groups
 
 
-def freeze(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Keep a mesh in its present pose, without the bones' vertex groups: nobody paints these.
+def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Store the present pose of a mesh as a shape key; remove its modifiers and vertex groups.
 
-    The pose is a shape key, so that the mesh itself stays symmetric for mirrored strokes.
+    The mesh itself stays in rest pose, symmetric for mirrored brush strokes.
     """
     context.view_layer.update()
     posed = obj.evaluated_get(context.view_layer.depsgraph)
@@ -94,14 +98,16 @@ def freeze(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> bpy.types.Object:
-    """Show a model on its avatar, a colour for each body part, to check the fit by eye."""
+    """Display a model on its avatar, with a colour per body part, to check the fit.
+
+    Displayed models of the body are removed first.
+    """
     hide(body)
-    model = retargeting.model_of(body, model_id)
+    model = stored_fits.model_of(body, model_id)
     obj = add_posed(context, body, model, f"{body.name} {model_id}")
     obj[SHOWN], obj[MODEL] = body, model_id
     obj.show_wire = True
     obj.show_all_edges = True
-    # The edges of a coarse model run under the skin.
     obj.show_in_front = len(model) < _COARSE
     for part in PARTS:
         obj.data.materials.append(_material(part))
@@ -115,16 +121,16 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
     return obj
 
 
-def shown(body: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes that show models of a body."""
+def shown_meshes(body: bpy.types.Object) -> list[bpy.types.Object]:
+    """Meshes that display models of a body."""
     return [obj for obj in bpy.data.objects if obj.get(SHOWN) == body]
 
 
 def hide(body: bpy.types.Object) -> list[str]:
-    """Remove the meshes that show models of a body; returns the ids of these models."""
-    models = []
-    for obj in shown(body):
-        models.append(obj[MODEL])
+    """Remove the displayed models of a body and unused materials; return the models' ids."""
+    model_ids = []
+    for obj in shown_meshes(body):
+        model_ids.append(obj[MODEL])
         mesh = obj.data
         materials = list(mesh.materials)
         bpy.data.objects.remove(obj)
@@ -132,10 +138,11 @@ def hide(body: bpy.types.Object) -> list[str]:
         for material in materials:
             if material is not None and not material.users:
                 bpy.data.materials.remove(material)
-    return models
+    return model_ids
 
 
 def _material(part: str) -> bpy.types.Material:
+    """Material of a body part, created on first use."""
     name = f"HFX {part.replace('_', ' ').title()}"
     material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
     material.diffuse_color = (*_COLOURS[part], 1.0)

@@ -101,14 +101,14 @@ class _FittingOperator(StepwiseOperator):
         selected = [
             obj
             for obj in context.selected_objects
-            if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
+            if obj.type == "MESH" and not avatar_meshes.is_model_mesh(obj)
         ]
         meshes = yield from within(choosing(context, body, mapping_of), 0.0, 0.3)
         steps = bodies.adding_body(body, next(iter(meshes), None), meshes[1:], mapping_of)
         for warning in (yield from within(steps, 0.3, 1.0)):
             self.report({"WARNING"}, printable(f"{body.name}: {warning}"))
         taken = avatar_meshes.meshes_of(body)
-        there = dict.fromkeys((*avatar_meshes.meshes_on(context, body), *selected))
+        there = dict.fromkeys((*avatar_meshes.visible_meshes(context, body), *selected))
         others = [mesh for mesh in there if mesh not in taken]
         shown = f", shown by {_quoted(taken)}" if taken else ""
         rest = f"; left out, as they show no skin: {_quoted(others)}" if others else ""
@@ -219,20 +219,20 @@ what is painted on it stay"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        from ..avatars import retargeting
+        from ..avatars import stored_fits
 
         body = active_body(context)
         if not cls.needs(body, "Select a haptic body"):
             return False
-        return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
+        return cls.needs(stored_fits.is_fitted(body), "The built-in avatar needs no fit")
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
 
         body = active_body(context)
         context.view_layer.update()
-        was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = yield from self.fitting(context, body, bodies.choosing_again)
+        was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(body)]
+        message = yield from self.fitting(context, body, bodies.choosing_skin_meshes)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message

@@ -29,7 +29,7 @@ _SMALLEST_BRUSH_M = 0.03
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
     """Show the effect's perceptual model in place of the avatar, ready to be painted on."""
-    from ...avatars import model_mesh, retargeting
+    from ...avatars import model_mesh, stored_fits
 
     if painted_mesh(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
@@ -39,10 +39,10 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
             f"'{effect.name}' {effects.why_bodiless(effect)}: press Move to Body in the panel "
             "Haptic Effect first."
         )
-    model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
+    model = stored_fits.model_of(body, effects.model_id_for(effect.hfx.modality))
     painted = weights_of(effect)
     canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
-    model_mesh.freeze(context, canvas)
+    model_mesh.freeze_pose(context, canvas)
     canvas[PAINTED_EFFECT] = effect
     canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
     canvas.data.use_mirror_x = False

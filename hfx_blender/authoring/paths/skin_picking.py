@@ -71,10 +71,10 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
     """
     import numpy as np
 
-    from ...avatars import retargeting
+    from ...avatars import stored_fits
     from ...engine.body.model import load_model
 
-    model = retargeting.model_of(body, SKIN_MODEL)
+    model = stored_fits.model_of(body, SKIN_MODEL)
     armature = body.evaluated_get(depsgraph)
     flat = np.zeros(len(armature.pose.bones) * 16, np.float32)
     armature.pose.bones.foreach_get("matrix_channel", flat)  # column-major
@@ -92,7 +92,7 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
     skin = np.array(armature.matrix_world, np.float64) @ skin
     points = model.vertices[vertices].astype(np.float64)
     normals = load_model(SKIN_MODEL).normals[vertices].astype(np.float64)
-    if retargeting.is_fitted(body):
+    if stored_fits.is_fitted(body):
         normals = model.normals[vertices].astype(np.float64)
     return (
         np.einsum("nij,nj->ni", skin[:, :3, :3], points) + skin[:, :3, 3],

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...authoring.effects import effects
-from ...avatars import avatar_meshes, retargeting
+from ...avatars import avatar_meshes, stored_fits
 from ...engine.arrays import F64, I64
 from ...engine.body.model import Avatar, load_avatar, load_model
 from ...engine.rendering.actuator_vertices import on_parts, vertices_of
@@ -88,7 +88,7 @@ def _on_body(body: bpy.types.Object, model_id: str, points: F64) -> F64:
     """Map points from the canonical avatar to a body's own rest space, by the model's vertices near
     them.
     """
-    model, own = load_model(model_id), retargeting.model_of(body, model_id)
+    model, own = load_model(model_id), stored_fits.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())
     found = np.zeros_like(points)
@@ -106,7 +106,7 @@ def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
     best = np.full(len(points), np.inf)
     for number, each in enumerate(avatar_meshes.meshes_of(body)):
-        skin, _ = avatar_meshes.rest_surface(each, retargeting.shape_of(body, each))
+        skin, _ = avatar_meshes.rest_surface(each, stored_fits.shape_of(body, each))
         if not len(skin):
             continue
         to_rest = np.array(body.matrix_world.inverted_safe() @ each.matrix_world, np.float64)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ...avatars import avatar_meshes, retargeting
+from ...avatars import avatar_meshes, stored_fits
 from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.colouring import PALETTES, Colour, Spread
@@ -257,10 +257,10 @@ class Preview:
 
 def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
     """Interpolation from a model's vertices to a mesh's, both at rest."""
-    points, _ = avatar_meshes.rest_surface(mesh, retargeting.shape_of(body, mesh))
+    points, _ = avatar_meshes.rest_surface(mesh, stored_fits.shape_of(body, mesh))
     to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
     return spread_between(
-        points @ to_rest[:3, :3].T + to_rest[:3, 3], retargeting.model_of(body, model_id)
+        points @ to_rest[:3, :3].T + to_rest[:3, 3], stored_fits.model_of(body, model_id)
     )
 
 

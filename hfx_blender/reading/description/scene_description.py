@@ -86,7 +86,7 @@ class HapticObjects:
         """Objects that are read of a scene: effects that may be felt, bodies, and the meshes that
         bodies follow.
         """
-        bodies = [body for body in self.bodies if body_binding.why_surface(body) is not None]
+        bodies = [body for body in self.bodies if body_binding.surface_reason(body) is not None]
         followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
         return [*(self.effects[k] for k in self.active), *self.bodies, *followed]
 

@@ -147,7 +147,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         return active_armature(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        from ...avatars import retargeting
+        from ...avatars import stored_fits
 
         layout = self.layout
         body = active_armature(context)
@@ -170,7 +170,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         layout.row().prop(body.hfx, "follow", expand=True)
         layout.row().prop(body.hfx, "felt_layer", expand=True)
         draw_text(context, layout, how_followed(body), "INFO")
-        if retargeting.is_fitted(body):
+        if stored_fits.is_fitted(body):
             layout.operator("hfx.fit_body", icon="FILE_REFRESH")
         else:
             layout.operator("hfx.mark_body", text="Choose Meshes Again", icon="FILE_REFRESH")
@@ -184,7 +184,7 @@ def how_followed(body: bpy.types.Object) -> str:
     if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
         return "What modifiers and shape keys do to the avatar is measured when it is played"
     try:
-        reason = body_binding.why_surface(body)
+        reason = body_binding.surface_reason(body)
     except InputError as error:
         return str(error)
     if reason is not None:
@@ -203,7 +203,7 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        from ...avatars import retargeting
+        from ...avatars import stored_fits
 
         layout = self.layout
         armature = active_armature(context)
@@ -221,7 +221,7 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
             chosen = hfx.bone_map[hfx.bone_map_active]
             layout.prop_search(chosen, "bone", armature.data, "bones", text="", icon="BONE_DATA")
             draw_text(context, layout, sentence_of(chosen, armature), icon_of(chosen, armature))
-        if retargeting.is_fitted(armature):
+        if stored_fits.is_fitted(armature):
             layout.operator("hfx.fit_body", text="Fit with These Bones", icon="FILE_REFRESH")
 
 
@@ -237,27 +237,27 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
         armature = active_armature(context)
         if armature is None:
             return False
-        from ...avatars import retargeting  # polled all the time, and slow to import
+        from ...avatars import stored_fits  # polled all the time, and slow to import
 
-        return retargeting.is_fitted(armature)
+        return stored_fits.is_fitted(armature)
 
     def draw(self, context: bpy.types.Context) -> None:
-        from ...avatars import retargeting
+        from ...avatars import stored_fits
 
         layout = self.layout
         body = active_armature(context)
-        qualities = retargeting.quality_of(body)
+        qualities = stored_fits.quality_of(body)
         table = layout.column(align=True)
         _draw_row(table, "Part", "NONE", ("mm off", "placed", "area"))
-        for part in retargeting.worst_first(qualities):
+        for part in stored_fits.worst_first(qualities):
             _draw_part(table, part)
         sides = min((quality.sides for quality in qualities), default=1.0)
         forward = min((quality.feet_forward for quality in qualities), default=1.0)
         sentence = f"On its own side: {100 * sides:.0f} %; feet forward: {100 * forward:.0f} %"
         draw_text(context, layout, sentence)
-        for warning in retargeting.texts_of(body, "warnings"):
+        for warning in stored_fits.messages_of(body, "warnings"):
             draw_text(context, layout, warning, "ERROR")
-        for note in retargeting.texts_of(body, "notes"):
+        for note in stored_fits.messages_of(body, "notes"):
             draw_text(context, layout, note, "INFO")
 
 

@@ -201,7 +201,7 @@ def test_skin_that_stays_is_followed_by_its_bones(
     if where == "above":
         put_above_the_armature(skin, added)
     before = datablocks()
-    assert body_binding.why_surface(body) is None
+    assert body_binding.surface_reason(body) is None
     assert body_binding.warning_of(body) is None
     assert datablocks() == before
     assert "hfx_vertex" not in skin.data.attributes
@@ -217,7 +217,7 @@ def test_skin_that_moves_is_followed_by_its_surface(
     if where == "above":
         put_above_the_armature(skin, added)
     before = datablocks()
-    assert body_binding.why_surface(body) == f"modifier '{added.name}' deforms it too"
+    assert body_binding.surface_reason(body) == f"modifier '{added.name}' deforms it too"
     assert datablocks() == before
 
 
@@ -227,19 +227,19 @@ def test_the_one_that_moves_the_skin_is_named(avatar: tuple[Any, Any]) -> None:
     modifier("SOLIDIFY", thickness=0.002, offset=1.0)(skin)
     modifier("DISPLACE", strength=0.02, mid_level=0.0)(skin)
     modifier("BEVEL", limit_method="WEIGHT")(skin)
-    assert "'Displace'" in str(body_binding.why_surface(body))
+    assert "'Displace'" in str(body_binding.surface_reason(body))
     skin.modifiers["Displace"].show_viewport = False
-    assert body_binding.why_surface(body) is None
+    assert body_binding.surface_reason(body) is None
     twice(skin)
-    assert "several armature modifiers" in str(body_binding.why_surface(body))
+    assert "several armature modifiers" in str(body_binding.surface_reason(body))
 
 
 def test_settings_that_change_with_time_are_not_measured(avatar: tuple[Any, Any]) -> None:
     body, skin = avatar
     modifier("DISPLACE", strength=0.0)(skin)
-    assert body_binding.why_surface(body) is None
+    assert body_binding.surface_reason(body) is None
     skin.keyframe_insert('modifiers["Displace"].strength', frame=1)
-    assert "'Displace'" in str(body_binding.why_surface(body))
+    assert "'Displace'" in str(body_binding.surface_reason(body))
 
 
 def add_key(skin: Any, name: str, distance: float) -> Any:
@@ -255,17 +255,17 @@ def test_shape_keys_count_where_they_move_skin(avatar: tuple[Any, Any]) -> None:
     body, skin = avatar
     add_key(skin, "Nothing", 0.0).value = 1.0
     mask(skin)
-    assert body_binding.why_surface(body) is None
+    assert body_binding.surface_reason(body) is None
     fat = add_key(skin, "Fat", 0.02)
     fat.value = 0.0
-    assert body_binding.why_surface(body) is None  # not on
+    assert body_binding.surface_reason(body) is None  # not on
     fat.value = 1.0
-    assert body_binding.why_surface(body) == "shape keys deform it"
+    assert body_binding.surface_reason(body) == "shape keys deform it"
     fat.mute = True
-    assert body_binding.why_surface(body) is None
+    assert body_binding.surface_reason(body) is None
     fat.mute, fat.value = False, 0.0
     fat.driver_add("value")
-    assert body_binding.why_surface(body) == "shape keys deform it"  # it may be on
+    assert body_binding.surface_reason(body) == "shape keys deform it"  # it may be on
 
 
 def _bent(scene: Any, body: Any) -> None:
@@ -349,9 +349,9 @@ def test_a_measurement_is_kept_until_something_changes(
     real = evaluated_skin.measure
     monkeypatch.setattr(evaluated_skin, "measure", lambda *a: measured.append(a) or real(*a))
     for _ in range(3):
-        body_binding.why_surface(body)
+        body_binding.surface_reason(body)
     assert len(measured) == 1 and body_binding.is_measured(body)
     outline.offset = -1.0
     assert not body_binding.is_measured(body)
-    body_binding.why_surface(body)
+    body_binding.surface_reason(body)
     assert len(measured) == 2

@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy")
 from own_avatar import mark, opened, own_avatar  # noqa: E402
 
 from hfx_blender.authoring.effects import effects  # noqa: E402
-from hfx_blender.avatars import bone_table, retargeting  # noqa: E402
+from hfx_blender.avatars import bone_table, stored_fits  # noqa: E402
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_a_fit_fills_the_table(anna: tuple[Any, Any]) -> None:
 def test_find_bones_shows_them_before_there_is_a_body(scene: Any) -> None:
     rig, _ = opened()
     bpy.ops.hfx.find_bones()
-    assert rig.hfx.role == "NONE" and not retargeting.is_fitted(rig)
+    assert rig.hfx.role == "NONE" and not stored_fits.is_fitted(rig)
     assert table(rig)["head"][0] == "mixamorig:Head"
 
 
@@ -89,7 +89,7 @@ def test_a_correction_is_used_by_the_next_fit_and_stays(
     rig, skin = bpy.data.objects["Anna"], bpy.data.objects["Anna Skin"]
     bpy.context.view_layer.objects.active = rig
     bpy.ops.hfx.fit_body()
-    warnings = retargeting.texts_of(rig, "warnings")
+    warnings = stored_fits.messages_of(rig, "warnings")
     assert any("arm" in warning for warning in warnings), warnings
     assert table(rig)["upperarm01.L"][:2] == ("mixamorig:RightArm", "mixamorig:LeftArm")
     mark(rig, skin)  # "Add Haptic Body" keeps it as well
@@ -97,7 +97,7 @@ def test_a_correction_is_used_by_the_next_fit_and_stays(
     bpy.ops.hfx.reset_bones()
     bpy.ops.hfx.fit_body()
     assert not bone_table.is_corrected(rig)
-    assert not any("upper arm" in warning for warning in retargeting.texts_of(rig, "warnings"))
+    assert not any("upper arm" in warning for warning in stored_fits.messages_of(rig, "warnings"))
 
 
 def test_fitting_again_keeps_the_id_and_what_is_painted(anna: tuple[Any, Any]) -> None:
@@ -107,13 +107,13 @@ def test_fitting_again_keeps_the_id_and_what_is_painted(anna: tuple[Any, Any]) -
     effect = bpy.context.object
     bpy.ops.hfx.fill_part(part="fingers")
     painted = effects.area(effect)
-    before = retargeting.fitted_model(rig, "hfx-pressure-1").weights.values
+    before = stored_fits.fitted_model(rig, "hfx-pressure-1").weights.values
     bpy.context.view_layer.objects.active = rig
     rig.hfx.bone_map["toe2-1.L"].bone = ""
     bpy.ops.hfx.fit_body()
     assert rig.hfx.uid == uid and effect.hfx.body == rig and len(painted[0]) > 100
     assert effects.area(effect) == painted
-    assert len(before) == len(retargeting.fitted_model(rig, "hfx-pressure-1").weights.values)
+    assert len(before) == len(stored_fits.fitted_model(rig, "hfx-pressure-1").weights.values)
 
 
 def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, Any]) -> None:
@@ -131,7 +131,7 @@ def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, 
         rig.hfx.bone_map[name].bone = now[bone]
     mark(rig, skin)
     assert rig.hfx.bone_map_convention == bone_table.BY_HAND
-    quality = retargeting.quality_of(rig)[0]
+    quality = stored_fits.quality_of(rig)[0]
     assert quality.sides > 0.95 and not quality.warnings
 
 
@@ -155,12 +155,12 @@ def test_a_table_that_cannot_be_used_is_refused(
     anna: tuple[Any, Any], spoil: dict[str, str], message: str
 ) -> None:
     rig, _ = anna
-    before = retargeting.fitted_model(rig, "hfx-pressure-1").vertices
+    before = stored_fits.fitted_model(rig, "hfx-pressure-1").vertices
     for name, bone in spoil.items():
         rig.hfx.bone_map[name].bone = bone
     with pytest.raises(RuntimeError, match=message):
         bpy.ops.hfx.fit_body()
-    assert (retargeting.fitted_model(rig, "hfx-pressure-1").vertices == before).all()
+    assert (stored_fits.fitted_model(rig, "hfx-pressure-1").vertices == before).all()
     assert rig.hfx.bone_map["wrist.L"].bone == spoil["wrist.L"]
 
 

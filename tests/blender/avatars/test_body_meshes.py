@@ -26,7 +26,7 @@ from hfx_blender.avatars import (  # noqa: E402
     bodies,
     body_binding,
     bone_table,
-    retargeting,
+    stored_fits,
 )
 
 MODEL_ID = "hfx-temperature-1"
@@ -164,11 +164,11 @@ def names_of(rig: Any) -> list[str]:
 def test_the_selected_meshes_are_fitted_to_as_one_body(scene: Any) -> None:
     rig, skin = opened(is_fitted=True)
     _sort_extras(rig)
-    whole = retargeting.fitted_model(rig, "hfx-pressure-1").vertices
+    whole = stored_fits.fitted_model(rig, "hfx-pressure-1").vertices
     parts = in_pieces(skin)
     mark(rig, *parts.values())
     assert names_of(rig)[0] == "Body" and sorted(names_of(rig)) == ["Body", "Hands", "Head"]
-    fitted = retargeting.fitted_model(rig, "hfx-pressure-1")
+    fitted = stored_fits.fitted_model(rig, "hfx-pressure-1")
     error_m = np.linalg.norm(fitted.vertices - whole, axis=1)
     model = load_model("hfx-pressure-1")
     for part in np.unique(model.part):
@@ -291,13 +291,13 @@ def test_what_was_edited_since_is_told_by_the_mesh(anna: tuple[Any, Any], tmp_pa
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.open_mainfile(filepath=str(path))
     rig = bpy.data.objects["Anna"]
-    assert retargeting.fitted_model(rig, MODEL_ID) is not None
+    assert stored_fits.fitted_model(rig, MODEL_ID) is not None
     bpy.data.objects["Head"].data.vertices.add(1)
     with pytest.raises(InputError, match="mesh 'Head', which has"):
-        retargeting.fitted_model(rig, MODEL_ID)
+        stored_fits.fitted_model(rig, MODEL_ID)
     bpy.data.objects.remove(bpy.data.objects["Head"])
     with pytest.raises(InputError, match=r"fitted to 3 meshes .*, its avatar has 2 now"):
-        retargeting.fitted_model(rig, MODEL_ID)
+        stored_fits.fitted_model(rig, MODEL_ID)
 
 
 def test_a_body_can_be_told_to_follow_its_bones_or_its_surface(scene: Any) -> None:

@@ -16,7 +16,7 @@ from hfx_blender.engine.body.rigs.rig import canonical_heads, canonical_parents
 bpy = pytest.importorskip("bpy")
 import rigify_avatar  # noqa: E402
 
-from hfx_blender.avatars import avatar_meshes, bodies, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, bodies, stored_fits  # noqa: E402
 from hfx_blender.engine.stepwise import finish  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
@@ -63,7 +63,7 @@ def test_a_generated_rig_is_followed_by_its_deforming_bones(rigify: None) -> Non
     warnings = finish(bodies.adding_body(rig, skin))
     assert not [text for text in warnings if "surface" in text or "area" in text], warnings
     model = load_model(MODEL_ID)
-    fitted = retargeting.fitted_model(rig, MODEL_ID)
+    fitted = stored_fits.fitted_model(rig, MODEL_ID)
     corners = load_avatar().vertices[model.avatar_vertices].astype(np.float64)
     truth = np.einsum("vc,vci->vi", model.avatar_weights.astype(np.float64), corners)
     error_m = np.linalg.norm(fitted.vertices - truth, axis=1)

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 import bmesh  # noqa: E402
 from own_avatar import mark, opened  # noqa: E402
 
-from hfx_blender.avatars import avatar_meshes, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, body_binding, stored_fits  # noqa: E402
 
 
 @pytest.fixture
@@ -105,13 +105,13 @@ def test_pieces_that_are_hidden_as_a_whole_are_not_read(anna: tuple[Any, Any], h
 def test_the_fit_and_the_export_are_those_without_helpers(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     mark(rig, skin)
-    before = np.asarray(retargeting.fitted_model(rig, "hfx-pressure-1").vertices)
+    before = np.asarray(stored_fits.fitted_model(rig, "hfx-pressure-1").vertices)
     add_helpers(skin)
     mask(skin)
     mark(rig, skin)
-    after = np.asarray(retargeting.fitted_model(rig, "hfx-pressure-1").vertices)
+    after = np.asarray(stored_fits.fitted_model(rig, "hfx-pressure-1").vertices)
     assert np.linalg.norm(after - before, axis=1).max() < 1e-3
-    assert body_binding.why_surface(rig) is None
+    assert body_binding.surface_reason(rig) is None
 
 
 def test_skin_that_a_mask_hides_under_clothes_is_still_the_body(anna: tuple[Any, Any]) -> None:
@@ -125,7 +125,7 @@ def test_skin_that_a_mask_hides_under_clothes_is_still_the_body(anna: tuple[Any,
     np.testing.assert_array_equal(found.triangles, alone.triangles)
     bpy.context.view_layer.update()
     mark(rig, skin)
-    assert body_binding.why_surface(rig) is None
+    assert body_binding.surface_reason(rig) is None
 
 
 def test_shape_keys_that_are_always_on_make_the_shape_that_is_fitted_to(
@@ -145,11 +145,11 @@ def test_shape_keys_that_are_always_on_make_the_shape_that_is_fitted_to(
     found = avatar_meshes.read_mesh(rig, skin).vertices
     np.testing.assert_allclose(found, rest + 0.005 * normals, atol=1e-5)
     mark(rig, skin)
-    assert retargeting.shape_of(rig, skin) == {"Fat": 0.5}
-    assert body_binding.why_surface(rig) == "shape keys deform it"  # blinks
+    assert stored_fits.shape_of(rig, skin) == {"Fat": 0.5}
+    assert body_binding.surface_reason(rig) == "shape keys deform it"  # blinks
     skin.data.shape_keys.animation_data_clear()
-    assert body_binding.why_surface(rig) is None
+    assert body_binding.surface_reason(rig) is None
     fat.value = 1.0  # 5 mm beside what was fitted to
-    assert body_binding.why_surface(rig) == "shape keys deform it"
+    assert body_binding.surface_reason(rig) == "shape keys deform it"
     fat.value = 0.0
-    assert "not those that the body was fitted to" in str(body_binding.why_surface(rig))
+    assert "not those that the body was fitted to" in str(body_binding.surface_reason(rig))

@@ -128,7 +128,7 @@ def test_the_table_is_believed_before_names(
 ) -> None:
     armature, names = rig
     store(armature, names)
-    mapping = bone_table.automatic(armature)
+    mapping = bone_table.detected_mapping(armature)
     assert mapping.bones == names
     assert mapping.convention == "vrm"
 
@@ -168,7 +168,7 @@ def test_the_installed_add_on_is_asked(add_on: None, rig: tuple[Any, dict[str, s
     table = armature.data.vrm_addon_extension.vrm1.humanoid.human_bones
     for bone, human in HUMAN.items():
         getattr(table, snake(human)).node.bone_name = names[bone]
-    assert bone_table.automatic(armature).bones == names
+    assert bone_table.detected_mapping(armature).bones == names
 
 
 def test_a_table_of_bones_that_are_gone_is_not_used(rig: tuple[Any, dict[str, str]]) -> None:

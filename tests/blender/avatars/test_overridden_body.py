@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.authoring.paths import paths
-from hfx_blender.avatars import avatar_meshes, retargeting
+from hfx_blender.avatars import avatar_meshes, stored_fits
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, export_scene
@@ -37,7 +37,7 @@ def character(
         other = skin.copy()
         other.data = skin.data.copy()
         bpy.context.collection.objects.link(other)
-        avatar_meshes.keep_meshes(rig, [skin, other])
+        avatar_meshes.store_meshes(rig, [skin, other])
     if not is_body:
         rig.hfx.role, rig.hfx.avatar, rig.hfx.uid = "NONE", None, ""
     objects = [rig, *rig.children_recursive]
@@ -147,15 +147,15 @@ def test_an_overridden_character_becomes_a_body_and_stays_one(scene: Any, tmp_pa
     character(tmp_path / "anna.blend", is_body=False, scale=1.1)
     body = overridden(tmp_path / "anna.blend")
     bpy.ops.hfx.mark_body()
-    assert retargeting.is_fitted(body)
+    assert stored_fits.is_fitted(body)
     add_effects()
     before, uid, rows = felt(), body.hfx.uid, len(body.hfx.bone_map)
-    quality = retargeting.quality_of(body)
+    quality = stored_fits.quality_of(body)
     assert rows > 100 and quality
     reopen(tmp_path / "shot.blend")
     again = body_of_scene()
     assert again.hfx.uid == uid and len(again.hfx.bone_map) == rows
-    assert retargeting.quality_of(again) == quality
+    assert stored_fits.quality_of(again) == quality
     assert felt() == before
 
 

@@ -16,7 +16,7 @@ import bmesh  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 from own_avatar import mark, opened  # noqa: E402
 
-from hfx_blender.avatars import avatar_meshes, bodies, bone_table, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, bodies, bone_table, stored_fits  # noqa: E402
 
 HAND = "mixamorig:RightHand"
 HEAD = "mixamorig:Head"
@@ -129,14 +129,14 @@ def test_the_fit_is_that_without_the_sword_and_the_report_names_it(
 ) -> None:
     rig, skin = anna
     mark(rig, skin)
-    before = np.asarray(retargeting.fitted_model(rig, "hfx-pressure-1").vertices)
+    before = np.asarray(stored_fits.fitted_model(rig, "hfx-pressure-1").vertices)
     rig.hfx.role, rig.hfx.avatar = "NONE", None
     held = [sword(rig, add_bone(rig, "Weapon", HAND))]
     hung = box("Shield", joint(rig, HAND) + Vector((0.5, 0.5, 0.0)), (0.5, 0.02, 0.5))
     hung.constraints.new("CHILD_OF").target = rig
     mark(rig, *((skin, *held, hung) if selects_all else ()))
     assert avatar_meshes.meshes_of(rig) == [skin]
-    after = np.asarray(retargeting.fitted_model(rig, "hfx-pressure-1").vertices)
+    after = np.asarray(stored_fits.fitted_model(rig, "hfx-pressure-1").vertices)
     np.testing.assert_array_equal(after, before)
     names = "'Sword' and 'Shield'" if selects_all else "'Sword'"
     assert f"left out, as they show no skin: {names}" in capfd.readouterr().out

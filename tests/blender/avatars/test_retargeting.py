@@ -18,7 +18,7 @@ oracle = pytest.importorskip("oracle")
 from own_avatar import mark, own_avatar  # noqa: E402
 
 from hfx_blender.authoring.areas import painting  # noqa: E402
-from hfx_blender.avatars import bodies, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, stored_fits  # noqa: E402
 from hfx_blender.engine.stepwise import finish  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
@@ -64,7 +64,7 @@ def test_the_fit_lies_on_the_avatar_in_the_world(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     assert rig.hfx.role == "BODY" and rig.hfx.avatar == skin
     for model_id in ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"):
-        fitted = retargeting.fitted_model(rig, model_id)
+        fitted = stored_fits.fitted_model(rig, model_id)
         assert len(fitted.vertices) == len(load_model(model_id))
         world = np.array(rig.matrix_world)
         points = fitted.vertices @ world[:3, :3].T + world[:3, 3]
@@ -75,7 +75,7 @@ def test_the_fit_lies_on_the_avatar_in_the_world(anna: tuple[Any, Any]) -> None:
 
 def test_another_mesh_of_the_same_shape_gets_nearly_the_same_fit(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
-    exact = retargeting.fitted_model(rig, MODEL_ID).vertices
+    exact = stored_fits.fitted_model(rig, MODEL_ID).vertices
     skin.modifiers["Armature"].show_viewport = False
     skin.modifiers.new("Decimate", "DECIMATE").ratio = 0.4
     graph = bpy.context.evaluated_depsgraph_get()
@@ -84,7 +84,7 @@ def test_another_mesh_of_the_same_shape_gets_nearly_the_same_fit(anna: tuple[Any
     skin.modifiers["Armature"].show_viewport = True
     skin.data = mesh
     mark(rig, skin)
-    error_m = np.linalg.norm(retargeting.fitted_model(rig, MODEL_ID).vertices - exact, axis=1) / 100
+    error_m = np.linalg.norm(stored_fits.fitted_model(rig, MODEL_ID).vertices - exact, axis=1) / 100
     model = load_model(MODEL_ID)
     for part in np.unique(model.part):
         assert np.median(error_m[model.part == part]) < 0.005
@@ -126,18 +126,18 @@ def test_an_avatar_that_more_than_bones_deform_is_followed_by_its_surface(
 def test_the_fit_survives_copy_save_and_append(
     scene: Any, anna: tuple[Any, Any], tmp_path: Path
 ) -> None:
-    before = retargeting.fitted_model(anna[0], MODEL_ID)
+    before = stored_fits.fitted_model(anna[0], MODEL_ID)
     copy = anna[0].copy()
     path = tmp_path / "anna.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
-    found = [retargeting.fitted_model(copy, MODEL_ID)]
+    found = [stored_fits.fitted_model(copy, MODEL_ID)]
     bpy.ops.wm.open_mainfile(filepath=str(path))
-    found.append(retargeting.fitted_model(bpy.data.objects["Anna"], MODEL_ID))
+    found.append(stored_fits.fitted_model(bpy.data.objects["Anna"], MODEL_ID))
     for link in (False, True):
         bpy.ops.wm.read_homefile(use_empty=True)
         with bpy.data.libraries.load(str(path), link=link) as (_, wanted):
             wanted.objects = ["Anna"]
-        found.append(retargeting.fitted_model(wanted.objects[0], MODEL_ID))
+        found.append(stored_fits.fitted_model(wanted.objects[0], MODEL_ID))
     for after in found:
         assert after.vertices.tobytes() == before.vertices.tobytes()
         assert after.weights.values.tobytes() == before.weights.values.tobytes()
@@ -148,7 +148,7 @@ def test_the_fit_survives_copy_save_and_append(
 def test_the_built_in_avatar_needs_no_fit(scene: Any) -> None:
     rig, skin = bodies.add_avatar(bpy.context)
     mark(rig, skin)
-    assert not retargeting.is_fitted(rig)
+    assert not stored_fits.is_fitted(rig)
 
 
 @pytest.mark.parametrize("edit", ["bone", "mesh"])
@@ -164,9 +164,9 @@ def test_an_avatar_that_was_edited_since_is_refused(
     else:
         skin.data.vertices.add(1)
     with pytest.raises(InputError, match="fit the body again"):
-        retargeting.fitted_model(rig, MODEL_ID)
+        stored_fits.fitted_model(rig, MODEL_ID)
     mark(rig, skin)
-    assert retargeting.fitted_model(rig, MODEL_ID) is not None
+    assert stored_fits.fitted_model(rig, MODEL_ID) is not None
 
 
 def test_doubtful_bones_are_warnings(scene: Any) -> None:

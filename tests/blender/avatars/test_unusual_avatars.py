@@ -19,7 +19,7 @@ import bmesh  # noqa: E402
 from mathutils import Vector  # noqa: E402
 from own_avatar import mark, opened  # noqa: E402
 
-from hfx_blender.avatars import avatar_meshes, bodies, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, bodies, body_binding, stored_fits  # noqa: E402
 
 MODEL_ID = "hfx-temperature-1"
 LIMBS = ("Arm", "ForeArm", "UpLeg", "Leg", "Foot")
@@ -55,7 +55,7 @@ def with_fins(skin: Any) -> None:
 
 
 def fitted(rig: Any) -> np.ndarray:
-    return np.asarray(retargeting.fitted_model(rig, MODEL_ID).vertices, np.float64)
+    return np.asarray(stored_fits.fitted_model(rig, MODEL_ID).vertices, np.float64)
 
 
 def off_the_joints(rig: Any) -> list[float]:
@@ -84,7 +84,7 @@ def test_a_mesh_that_is_no_surface_is_felt_by_its_bones_and_says_so(
     rig, skin = anna
     spoil(skin)
     mark(rig, skin)
-    (warning,) = retargeting.texts_of(rig, "warnings")
+    (warning,) = stored_fits.messages_of(rig, "warnings")
     assert warning.startswith("felt by its bones only, because") and reason in warning
     assert max(off_the_joints(rig)) < 0.05
     assert isinstance(body_binding.binding_of(rig, [MODEL_ID]), SkinBinding)
@@ -124,7 +124,7 @@ def test_a_character_of_rigid_pieces_is_felt_by_its_bones(anna: tuple[Any, Any])
     bpy.data.objects.remove(skin)
     found = boxes(rig)
     mark(rig)
-    (warning,) = retargeting.texts_of(rig, "warnings")
+    (warning,) = stored_fits.messages_of(rig, "warnings")
     assert "rigid pieces" in warning
     assert set(avatar_meshes.meshes_of(rig)) <= set(found.values())
     assert max(off_the_joints(rig)) < 0.05
@@ -181,7 +181,7 @@ def test_normals_that_point_inwards_are_named_and_change_nothing(anna: tuple[Any
     before = fitted(rig)
     skin.data.flip_normals()
     mark(rig, skin)
-    assert "normals" in retargeting.texts_of(rig, "warnings")[0]
+    assert "normals" in stored_fits.messages_of(rig, "warnings")[0]
     assert np.abs(fitted(rig) - before).max() < 1e-5
 
 
@@ -208,7 +208,7 @@ def test_half_a_mesh_with_a_mirror_modifier_is_a_whole_body(anna: tuple[Any, Any
         assert len(held) > 10 and (np.sign(held[:, 0]) == side).all()
     bodies.mark_body(rig, [skin])
     rig.hfx.follow = "SURFACE"
-    assert body_binding.why_surface(rig) is not None
+    assert body_binding.surface_reason(rig) is not None
 
 
 def test_two_characters_in_one_armature_are_refused(anna: tuple[Any, Any]) -> None:

@@ -14,7 +14,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 import oracle  # noqa: E402
 
-from hfx_blender.avatars import bodies, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, body_binding, stored_fits  # noqa: E402
 from hfx_blender.engine.body import model  # noqa: E402
 from hfx_blender.engine.scene import SkinBinding  # noqa: E402
 from hfx_blender.errors import InputError  # noqa: E402
@@ -38,7 +38,7 @@ def test_a_variant_stands_in_the_scene_with_the_canonical_ids(installed: Path) -
     points = np.array([vertex.co for vertex in skin.data.vertices])
     assert points == pytest.approx(SCALE * model.load_avatar().vertices, abs=1e-6)
     for identity in model.manifest()["models"]:
-        placed, shipped = retargeting.model_of(rig, identity), model.load_model(identity)
+        placed, shipped = stored_fits.model_of(rig, identity), model.load_model(identity)
         assert placed.vertices == pytest.approx(SCALE * shipped.vertices, abs=1e-6)
     binding = body_binding.binding_of(rig, ["hfx-pressure-1"])
     assert isinstance(binding, SkinBinding) and set(binding.fitted) == {"hfx-pressure-1"}
@@ -48,7 +48,7 @@ def test_a_variant_stands_in_the_scene_with_the_canonical_ids(installed: Path) -
 
 def test_the_average_adult_needs_no_fit(installed: Path) -> None:
     assert bpy.ops.hfx.add_avatar() == {"FINISHED"}
-    assert not retargeting.is_fitted(bpy.context.object)
+    assert not stored_fits.is_fitted(bpy.context.object)
 
 
 def test_a_variant_whose_models_are_gone_is_refused_before_anything_is_made(

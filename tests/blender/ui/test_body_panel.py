@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Vector  # noqa: E402
 from own_avatar import opened  # noqa: E402
 
-from hfx_blender.avatars import bodies, body_binding, model_mesh, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, body_binding, model_mesh, stored_fits  # noqa: E402
 from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
 from hfx_blender.engine.retargeting.quality import PartQuality, Quality  # noqa: E402
 from hfx_blender.properties.objects import BONE_REGIONS  # noqa: E402
@@ -109,7 +109,7 @@ def test_the_panel_says_what_poses_the_body_and_why(anna: tuple[Any, Any]) -> No
     rig, skin = anna
     skin.modifiers["Armature"].use_deform_preserve_volume = True
     assert "is measured when" in body_panel.how_followed(rig)
-    body_binding.why_surface(rig)
+    body_binding.surface_reason(rig)
     said = body_panel.how_followed(rig)
     assert said == "Follows the evaluated surface, because Preserve Volume is on"
     rig.hfx.follow = "BONES"
@@ -177,8 +177,8 @@ def test_the_list_shows_a_region_and_searches_all(anna: tuple[Any, Any]) -> None
 
 def test_the_quality_of_the_fit_is_kept_and_shown(anna: tuple[Any, Any]) -> None:
     rig, _ = anna
-    qualities = retargeting.quality_of(rig)
-    assert [quality.model_id for quality in qualities] == retargeting.model_ids()
+    qualities = stored_fits.quality_of(rig)
+    assert [quality.model_id for quality in qualities] == stored_fits.model_ids()
     assert all(len(quality.parts) == 11 and quality.sides > 0.95 for quality in qualities)
     shown = drawn(body_panel.HFX_PT_fit)
     assert {"Head", "Torso", "Foot Sole"} <= set(shown)
@@ -199,7 +199,7 @@ def test_the_worst_part_comes_first() -> None:
         return Quality(model, parts, 1.0, 1.0)
 
     def order(*heads: tuple[float, float, float]) -> list[str]:
-        found = retargeting.worst_first([quality("m", head) for head in heads])
+        found = stored_fits.worst_first([quality("m", head) for head in heads])
         return [part.part for part in found]
 
     assert order((1.0, 1.0, 1.0)) == ["foot_sole", "torso", "head"]
@@ -222,7 +222,7 @@ def test_a_model_is_shown_on_the_avatar_and_removed_without_a_trace(
     bone = rig.pose.bones["mixamorig:LeftForeArm"]
     bone.rotation_mode, bone.rotation_euler = "XYZ", (0.7, 0.0, 0.3)
     bpy.ops.hfx.show_model(model=model)
-    (obj,) = model_mesh.shown(rig)
+    (obj,) = model_mesh.shown_meshes(rig)
     assert obj.hide_render and len(obj.data.vertices) == len(load_model(f"hfx-{model}-1"))
     graph = bpy.context.evaluated_depsgraph_get()
     posed = obj.evaluated_get(graph)
@@ -244,6 +244,6 @@ def test_another_model_takes_the_place_of_the_one_shown(anna: tuple[Any, Any]) -
     rig, _ = anna
     bpy.ops.hfx.show_model(model="pressure")
     bpy.ops.hfx.show_model(model="temperature")
-    assert [obj[model_mesh.MODEL] for obj in model_mesh.shown(rig)] == ["hfx-temperature-1"]
+    assert [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(rig)] == ["hfx-temperature-1"]
     bpy.ops.hfx.fit_body()  # a shown model is shown as it is fitted anew
-    assert [obj[model_mesh.MODEL] for obj in model_mesh.shown(rig)] == ["hfx-temperature-1"]
+    assert [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(rig)] == ["hfx-temperature-1"]

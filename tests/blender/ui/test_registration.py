@@ -96,7 +96,7 @@ def test_what_is_not_used_yet_is_not_imported() -> None:
         "hfx_blender.engine.rendering",
         "hfx_blender.engine.texture.height_field",
         "hfx_blender.engine.track",
-        "hfx_blender.avatars.retargeting",
+        "hfx_blender.avatars.stored_fits",
         "hfx_blender.devices.live.client",
         "numpy",
         "scipy",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from own_avatar import mark, opened
 
-from hfx_blender.avatars import bodies, retargeting
+from hfx_blender.avatars import bodies, stored_fits
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
@@ -27,7 +27,7 @@ def test_an_avatar_in_another_file_is_not_fitted_anew(
         if share > 0.5:
             break
     steps.close()  # as Esc does
-    assert rig.hfx.role == "NONE" and retargeting.FIT not in rig
+    assert rig.hfx.role == "NONE" and stored_fits.FIT not in rig
     mark(rig, skin)
     first = _as_stored(rig)
 
@@ -50,8 +50,8 @@ def test_an_avatar_in_another_file_is_not_fitted_anew(
 
 
 def _as_stored(rig: Any) -> list[Any]:
-    models = [retargeting.fitted_model(rig, each) for each in retargeting.model_ids()]
-    arrays = [np.ravel(each) for model in models for each in retargeting.arrays_of(model).values()]
-    faults = [part.faults for part in retargeting.worst_first(retargeting.quality_of(rig))]
-    texts = [retargeting.texts_of(rig, kind) for kind in ("warnings", "notes")]
+    models = [stored_fits.fitted_model(rig, each) for each in stored_fits.model_ids()]
+    arrays = [np.ravel(each) for model in models for each in stored_fits.arrays_of(model).values()]
+    faults = [part.faults for part in stored_fits.worst_first(stored_fits.quality_of(rig))]
+    texts = [stored_fits.messages_of(rig, kind) for kind in ("warnings", "notes")]
     return [np.concatenate(arrays).tobytes(), faults, texts]

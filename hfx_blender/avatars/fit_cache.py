@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fits of avatars, kept with the user's data: an avatar in many files is fitted once.
+"""Cache of avatar fits in the user's data folder, for avatars in several files.
 
-A fit is found by a hash of all that it depends on: the avatar's meshes, weights and bones, the
-bone mapping, the layer that is felt, the body models and the code that fits. A file that cannot
-be read or written is as good as none.
+An entry is found by a hash of its inputs: meshes, weights and bones of the avatar, bone mapping,
+layer, body models and code of the fit. An unreadable entry counts as missing, and a failed write is
+ignored.
 """
 
 from __future__ import annotations
@@ -28,75 +28,76 @@ from ..files import resources
 from ..files.atomic import atomic_file
 
 _MOST: Final = 32
-"""Number of kept fits, about 4 MB each; beyond it the one that was not used for longest goes."""
+"""Number of cached fits, about 4 MB each; the least recently used are deleted."""
 
 
 def key_of(
     subject: str, targets: Sequence[TargetAvatar], mapping: BoneMapping, *more: object
 ) -> str:
-    """Hash of what a result depends on.
+    """SHA-256 of the inputs of a result, as hexadecimal digits.
 
     Parameters
     ----------
     subject : str
         Kind of the result.
-    more : of types whose text holds all that they are
+    more : values with a complete ``repr``
     """
-    known = hashlib.sha256(_edition())
-    rigs = [sorted(each.items()) for each in (mapping.bones, mapping.fallbacks)]
-    known.update(repr((subject, rigs, more)).encode())
+    digest = hashlib.sha256(_code_hash())
+    rigs = [sorted(joints.items()) for joints in (mapping.bones, mapping.fallbacks)]
+    digest.update(repr((subject, rigs, more)).encode())
     for target in targets:
         weights = target.weights
         bones = [(b.name, b.parent, *map(float, (*b.head, *b.tail))) for b in target.bones]
-        known.update(repr((target.bone_names, bones, target.metres)).encode())
+        digest.update(repr((target.bone_names, bones, target.metres)).encode())
         for array in (
             *(target.vertices, target.triangles),
             *(weights.offsets, weights.bones, weights.values),
         ):
-            known.update(repr((array.shape, array.dtype.str)).encode())
-            known.update(np.ascontiguousarray(array).tobytes())
-    return known.hexdigest()
+            digest.update(repr((array.shape, array.dtype.str)).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=1)
-def _edition() -> bytes:
-    """Hash of the code that fits, and of what it fits."""
-    found = hashlib.sha256(load_avatar().content_hash.encode())
+def _code_hash() -> bytes:
+    """SHA-256 digest of the avatar, its shape fields and the source code of fitting."""
+    digest = hashlib.sha256(load_avatar().content_hash.encode())
     engine = Path(shape_fields.__file__).parent
     parts = (*sorted(engine.glob("*.py")), Path(__file__).with_name("fitting.py"))
     for path in (resources.body_models() / shape_fields.SHAPES_FILE, *parts):
-        found.update(path.read_bytes() if path.is_file() else b"")
-    return found.digest()
+        digest.update(path.read_bytes() if path.is_file() else b"")
+    return digest.digest()
 
 
 def read(key: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
-    """A kept result, as values for JSON and arrays; None if there is none."""
+    """Cached values and arrays; None if there are none. Marks the entry as the newest."""
     path = _path(key)
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-        found = json.loads(arrays.pop("meta").tobytes())
+        values = json.loads(arrays.pop("meta").tobytes())
         path.touch()
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return None
-    return found, arrays
+    return values, arrays
 
 
 def write(key: str, values: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> None:
-    """Keep a result; the oldest ones go."""
+    """Write a result into the cache, and delete the least recently used entries above the limit."""
     path = _path(key)
     meta = np.frombuffer(json.dumps(values).encode(), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
             write_npz(file, {"meta": meta, **arrays})
-        own = path.parent.glob(f"{'[0-9a-f]' * len(key)}.npz")  # the user may keep others there
-        kept = sorted(own, key=lambda each: each.stat().st_mtime)
-        for old in kept[:-_MOST]:
-            old.unlink(missing_ok=True)
+        entries = path.parent.glob(f"{'[0-9a-f]' * len(key)}.npz")  # no file of another name
+        oldest_first = sorted(entries, key=lambda entry: entry.stat().st_mtime)
+        for entry in oldest_first[:-_MOST]:
+            entry.unlink(missing_ok=True)
     except (OSError, HfxError):  # a full disk, a folder that cannot be written
         return
 
 
 def _path(key: str) -> Path:
+    """File of a cache entry."""
     return resources.kept_fits() / f"{key}.npz"

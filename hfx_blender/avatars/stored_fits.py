@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stores the fit of body models to a user's own avatar in the .blend, and reads it.
+"""Storage of an avatar's fit in the .blend.
 
-The fit is stored on the armature object as typed ID-property arrays, which go wherever the
-object goes (copy, append, link) and are read without a loop: about 3 MB for the three shipped
-models, before Blender compresses the file. Blender saves no ID properties of an override: its fit
-is kept on a mesh of this file, which nobody sees, that ``hfx.fit_kept`` points to.
+The fit is stored on the armature object as typed ID-property arrays: copying, appending and linking
+the object keep the fit, and arrays are read without a loop. The three shipped models take about 3
+MB before Blender compresses the file. Blender saves no ID properties of a library override, so the
+fit of an overridden armature is stored on a local mesh without users in the scene, referenced by
+``hfx.fit_kept``.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ _MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """All perceptual models on one avatar."""
+    """Fit of all perceptual models to one avatar."""
 
     meshes: tuple[bpy.types.Object, ...]  # in the order in which their vertices are numbered
     models: tuple[FittedModel, ...]
@@ -65,12 +66,16 @@ def model_ids() -> list[str]:
 
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
-    """Keep a fit in the .blend."""
-    keeper = armature
+    """Store a fit on an armature, or on its storage mesh for a library override.
+
+    An earlier fit is replaced. The bones' names and rest pose, the layer and the shape keys of the
+    meshes are stored too, for :func:`fitted_model` to detect edits.
+    """
+    owner = armature
     if armature.override_library is not None:  # ID properties of an override are not saved
-        keeper = armature.hfx.fit_kept or bpy.data.meshes.new(f".HFX Fit of {armature.name}")
-        armature.hfx.fit_kept = keeper
-    keeper[FIT] = {
+        owner = armature.hfx.fit_kept or bpy.data.meshes.new(f".HFX Fit of {armature.name}")
+        armature.hfx.fit_kept = owner
+    owner[FIT] = {
         "rest": _rest_of(armature),
         "all_bones": _names_of(armature),
         "layer": armature.hfx.felt_layer,
@@ -87,6 +92,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
 
 
 def _stored_quality(quality: Quality) -> dict[str, object]:
+    """Dictionary of a fit quality for an ID property: one float64 array per measure."""
     table = {
         name: np.array([getattr(part, name) for part in quality.parts], np.float64)
         for name in _MEASURES
@@ -100,23 +106,23 @@ def _stored_quality(quality: Quality) -> dict[str, object]:
 
 
 def quality_of(armature: bpy.types.Object) -> list[Quality]:
-    """Quality of each model's fit, as judged when it was fitted; empty without a fit."""
+    """Quality of each model's fit, as measured at fitting; empty without a fit."""
     fit = _stored_fit(armature)
     if fit is None:
         return []
-    found = []
+    qualities = []
     for model_id, stored in fit["quality"].items():
         columns = [list(stored[name]) for name in _MEASURES]
         parts = [
             PartQuality(name, *values)
             for name, *values in zip(stored["parts"].split("\n"), *columns, strict=True)
         ]
-        found.append(Quality(model_id, tuple(parts), stored["sides"], stored["feet_forward"]))
-    return found
+        qualities.append(Quality(model_id, tuple(parts), stored["sides"], stored["feet_forward"]))
+    return qualities
 
 
 def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
-    """Quality of each body part on the model that fits it worst, the worst part first."""
+    """Body parts by falling badness, each with its quality on the model that fits it worst."""
     worst: dict[str, PartQuality] = {}
     for part in (part for quality in qualities for part in quality.parts):
         if part.part not in worst or _badness(part) > _badness(worst[part.part]):
@@ -125,7 +131,7 @@ def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
 
 
 def _badness(part: PartQuality) -> float:
-    """Badness of a body part's fit: 1 is the limit of a fault."""
+    """Badness of a body part's fit: 0 is perfect, above 1 a fault is reported."""
     spread = abs(np.log(max(part.area_ratio, 1e-9)))
     return max(
         part.distance_p95_mm / FARTHEST_MM,
@@ -134,14 +140,14 @@ def _badness(part: PartQuality) -> float:
     )
 
 
-def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
-    """The "warnings" or the "notes" of a stored fit."""
+def messages_of(armature: bpy.types.Object, field: str) -> list[str]:
+    """Texts of a stored fit: ``field`` is "warnings" or "notes"; empty without a fit."""
     fit = _stored_fit(armature)
-    return [] if fit is None else list(filter(None, fit[kind].split("\n")))
+    return [] if fit is None else list(filter(None, fit[field].split("\n")))
 
 
 def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, float]:
-    """Values of a mesh's shape keys when the body was fitted to it; the others were 0."""
+    """Values of a mesh's non-zero shape keys at fitting, by name; empty for an unfitted mesh."""
     fit = _stored_fit(armature)
     meshes = avatar_meshes.meshes_of(armature)
     if fit is None or "shapes" not in fit or mesh not in meshes:
@@ -152,11 +158,12 @@ def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, fl
 
 
 def _stored(fitted: FittedModel) -> dict[str, object]:
+    """Dictionary of a fitted model for an ID property."""
     return {"hash": fitted.model_hash, **arrays_of(fitted)}
 
 
 def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
-    """Flat arrays that a fitted model is stored as."""
+    """Flat arrays of a fitted model, in the types of ``_ARRAYS``."""
     weights, anchors = fitted.weights, fitted.anchors
     arrays = {
         "vertices": fitted.vertices,
@@ -170,10 +177,10 @@ def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(arrays[name], _ARRAYS[name]).ravel() for name in _ARRAYS}
 
 
-def fitted_of(
+def model_of_arrays(
     model_id: str, model_hash: str, bone_names: tuple[str, ...], stored: Mapping[str, Any]
 ) -> FittedModel:
-    """Fitted model of the arrays of :func:`arrays_of`."""
+    """Fitted model from the arrays of :func:`arrays_of`."""
     arrays = {name: np.array(stored[name], kind) for name, kind in _ARRAYS.items()}
     return FittedModel(
         model_id=model_id,
@@ -189,42 +196,46 @@ def fitted_of(
     )
 
 
-def forget(armature: bpy.types.Object) -> None:
-    """Drop a stored fit: the body follows the canonical skeleton."""
-    for keeper in (armature, armature.hfx.fit_kept):
-        if keeper is not None and FIT in keeper:
-            del keeper[FIT]
+def clear(armature: bpy.types.Object) -> None:
+    """Delete a stored fit, if there is one; the body follows the canonical skeleton."""
+    for owner in (armature, armature.hfx.fit_kept):
+        if owner is not None and FIT in owner:
+            del owner[FIT]
 
 
 def is_fitted(armature: bpy.types.Object) -> bool:
+    """Test for a stored fit."""
     return _stored_fit(armature) is not None
 
 
 def is_by_bones(armature: bpy.types.Object) -> bool:
-    """Test for a fit that leaves the avatar's surface out."""
+    """Test for a stored fit to the bones alone, without the avatar's surface."""
     fit = _stored_fit(armature)
     return fit is not None and bool(fit.get("by_bones", False))
 
 
 def is_of_other_layer(armature: bpy.types.Object) -> bool:
-    """Test for a layer of the avatar that was chosen after its body was fitted."""
+    """Test for a fit whose layer (skin or visible surface) differs from the armature's setting."""
     fit = _stored_fit(armature)
     return fit is not None and fit.get("layer", "VISIBLE") != armature.hfx.felt_layer
 
 
 def _stored_fit(armature: bpy.types.Object) -> Any:
-    kept = armature.hfx.fit_kept
-    return (armature if kept is None or FIT not in kept else kept).get(FIT)
+    """ID property group of an armature's fit; None without a fit."""
+    override_owner = armature.hfx.fit_kept
+    return (
+        armature if override_owner is None or FIT not in override_owner else override_owner
+    ).get(FIT)
 
 
 def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
-    """The stored fit of a model; None where the body's armature is the canonical one.
+    """Stored fit of a model; None for a body of the canonical armature.
 
     Raises
     ------
     InputError
-        The armature's rest pose or the avatar's meshes were edited since, or the fit is of
-        another edition of the model.
+        The armature's rest pose, or the number of meshes or their vertices, changed after the fit,
+        or the fit is of another edition of the model.
     """
     fit, again = _stored_fit(armature), "; fit the body again."
     if fit is None:
@@ -241,10 +252,11 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
         raise InputError(
             f"Body '{armature.name}': it was fitted for another edition of '{model_id}'{again}"
         )
-    return fitted_of(model_id, stored["hash"], tuple(fit["bones"].split("\n")), stored)
+    return model_of_arrays(model_id, stored["hash"], tuple(fit["bones"].split("\n")), stored)
 
 
 def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:
+    """Raise InputError if an avatar's meshes or their numbers of vertices changed after the fit."""
     meshes = avatar_meshes.meshes_of(armature)
     if armature.hfx.avatar is None:  # the bones alone are followed
         return
@@ -263,19 +275,19 @@ def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str
 
 
 def model_of(armature: bpy.types.Object, model_id: str) -> PerceptualModel:
-    """A perceptual model as it stands on a body: its places, bones and weights."""
+    """Perceptual model in a body's rest pose: the stored fit, else the canonical model."""
     model, fitted = load_model(model_id), fitted_model(armature, model_id)
     return model if fitted is None else fitted.of(model)
 
 
 def _rest_of(armature: bpy.types.Object) -> F64:
-    """Heads and tails of all bones at rest, flat."""
+    """Heads and tails of all bones at rest, flat: 6 values per bone, armature space."""
     ends = [end for bone in armature.data.bones for end in (bone.head_local, bone.tail_local)]
     return np.array(ends, np.float64).ravel()
 
 
 def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
-    """Test for bones that were added, renamed or moved since a fit was stored."""
+    """Test for bones added, renamed or moved by more than 1e-4 of the rig's size after the fit."""
     if fit["all_bones"] != _names_of(armature):
         return True
     before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
@@ -283,4 +295,5 @@ def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
 
 
 def _names_of(armature: bpy.types.Object) -> str:
+    """Names of all bones, one per line."""
     return "\n".join(bone.name for bone in armature.data.bones)
