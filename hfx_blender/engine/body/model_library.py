@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Index of body models: the shipped ones, and those that a user has built and installed.
+"""Library of body models: manifests of the shipped set and of user-built sets.
 
-A set is a folder with a ``manifest.json``, as ``hfx body build`` writes it. The shipped set is
-looked in first; the user's sets, the folders in
-:func:`~hfx_blender.files.resources.user_body_models`, only for ids that it does not have.
+A set is a folder with a ``manifest.json``, written by ``hfx body build``. The shipped set takes
+precedence over the user's sets, the folders in
+:func:`~hfx_blender.files.resources.user_body_models`.
 """
 
 from __future__ import annotations
@@ -23,77 +23,86 @@ MANIFEST_FILE: Final = "manifest.json"
 
 @dataclass(frozen=True)
 class Entry:
-    """A perceptual model or an avatar of a set."""
+    """Manifest entry of a perceptual model or avatar."""
 
     id: str
     kind: str  # "model" or "avatar"
     folder: Path
-    facts: Mapping[str, Any]  # its entry in the manifest
+    facts: Mapping[str, Any]  # values in the manifest
     is_shipped: bool
 
     @property
     def path(self) -> Path:
-        """File of the entry."""
+        """Path of the entry's .npz file."""
         return self.folder / str(self.facts["file"])
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 of its content, as the manifest says."""
+        """SHA-256 (hex) stated in the manifest."""
         return str(self.facts["hash"])
 
 
 @lru_cache(maxsize=1)
 def manifest() -> dict[str, Any]:
-    """The index of ``body_models/``: for each id its file, hash, source, licence, statistics."""
+    """Manifest of the shipped set: file, hash, source, licence and statistics by id; cached."""
     return read_manifest(resources.body_models())
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The index of a set.
+    """Read the manifest of a set.
 
     Raises
     ------
     InputError
-        There is none, it cannot be read, or it names files outside of its folder.
+        The manifest is missing, unreadable, or names files outside its folder.
     """
     path = folder / MANIFEST_FILE
     try:
-        found: dict[str, Any] = json.loads(path.read_bytes())
-        _entries(folder, found, is_shipped=False)
+        index: dict[str, Any] = json.loads(path.read_bytes())
+        _entries(folder, index, is_shipped=False)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; 'hfx body build' writes one.") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: cannot be read as an index of models ({error}).") from error
-    return found
+    return index
 
 
 def _entries(folder: Path, index: Mapping[str, Any], is_shipped: bool) -> list[Entry]:
-    found = [Entry(id, "model", folder, facts, is_shipped) for id, facts in index["models"].items()]
+    """Entries of a manifest, the avatar first.
+
+    Raises
+    ------
+    ValueError
+        A file lies outside the folder, or a hash is empty.
+    """
+    entries = [
+        Entry(id, "model", folder, facts, is_shipped) for id, facts in index["models"].items()
+    ]
     if "avatar" in index:
         avatar = index["avatar"]
-        found.insert(0, Entry(avatar["id"], "avatar", folder, avatar, is_shipped))
-    for entry in found:
+        entries.insert(0, Entry(avatar["id"], "avatar", folder, avatar, is_shipped))
+    for entry in entries:
         if not entry.path.name or entry.path.parent != folder or not entry.content_hash:
             raise ValueError(f"'{entry.id}' names no file of this folder")
-    return found
+    return entries
 
 
 def shipped() -> list[Entry]:
-    """Entries that come with the product."""
+    """Entries of the shipped set."""
     return _entries(resources.body_models(), manifest(), is_shipped=True)
 
 
 def installed() -> tuple[list[Entry], list[str]]:
-    """Entries that the user has installed, by folder, without those that the product ships.
+    """Entries of the user's sets, sorted by folder, without ids of the shipped set.
 
     Returns
     -------
     entries : list of Entry
+        The first entry of each id.
     faults : list of str
-        One sentence for each set that cannot be read, and for each id that stands for
-        different things in two places.
+        One sentence for each unreadable set, and for each id with different content in two places.
     """
-    known = {entry.id: entry for entry in shipped()}
+    first_by_id = {entry.id: entry for entry in shipped()}
     entries: list[Entry] = []
     faults: list[str] = []
     for folder in _user_sets():
@@ -103,36 +112,36 @@ def installed() -> tuple[list[Entry], list[str]]:
             faults.append(str(error))
             continue
         for entry in _entries(folder, index, is_shipped=False):
-            other = known.setdefault(entry.id, entry)
-            if other is entry:
+            first = first_by_id.setdefault(entry.id, entry)
+            if first is entry:
                 entries.append(entry)
-            elif other.content_hash != entry.content_hash:
-                faults.append(_two_of_one_id(other, entry))
+            elif first.content_hash != entry.content_hash:
+                faults.append(_duplicate_message(first, entry))
     return entries, faults
 
 
 def _user_sets() -> Iterator[Path]:
     folder = resources.user_body_models()
     if folder.is_dir():
-        yield from (each.parent for each in sorted(folder.glob(f"*/{MANIFEST_FILE}")))
+        yield from (path.parent for path in sorted(folder.glob(f"*/{MANIFEST_FILE}")))
 
 
-def _two_of_one_id(one: Entry, other: Entry) -> str:
-    where = "the shipped one" if one.is_shipped else f"{one.path}"
+def _duplicate_message(first: Entry, second: Entry) -> str:
+    first_place = "the shipped model" if first.is_shipped else f"{first.path}"
     return (
-        f"Body model '{one.id}' is there twice with different content: {where} "
-        f"({one.content_hash[:12]}...) and {other.path} ({other.content_hash[:12]}...); remove "
-        "one of them."
+        f"Body model '{first.id}' exists twice with different content: {first_place} "
+        f"({first.content_hash[:12]}...) and {second.path} ({second.content_hash[:12]}...). Remove "
+        "one."
     )
 
 
 def find(identity: str, kind: str = "model") -> Entry:
-    """Find a model or an avatar by its id.
+    """Find a model or avatar by id; ``kind`` is "model" or "avatar".
 
     Raises
     ------
     InputError
-        There is none of this id, or the user has installed two with different content.
+        The id is unknown, or the user's sets have two different models of this id.
     """
     for entry in shipped():
         if (entry.id, entry.kind) == (identity, kind):
@@ -144,25 +153,27 @@ def find(identity: str, kind: str = "model") -> Entry:
     for entry in entries:
         if (entry.id, entry.kind) == (identity, kind):
             return entry
-    what = "Body model" if kind == "model" else "Avatar"
-    there = [entry.id for entry in (*shipped(), *entries) if entry.kind == kind]
+    label = "Body model" if kind == "model" else "Avatar"
+    available_ids = [entry.id for entry in (*shipped(), *entries) if entry.kind == kind]
     raise InputError(
-        " ".join((f"{what} '{identity}' is unknown; there are: {', '.join(there)}.", *faults))
+        " ".join(
+            (f"{label} '{identity}' is unknown. Available: {', '.join(available_ids)}.", *faults)
+        )
     )
 
 
 def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
-    """Model that defines a model's vertex ids: itself, or the one that it is a variant of.
+    """Entry of the model that defines a model's vertex ids: the canonical model of a variant.
 
     Parameters
     ----------
     provenance : mapping
-        Of that model: a variant names what it varies as ``canonical``.
+        Of the model; ``canonical`` is the id and hash of a variant's model, absent otherwise.
 
     Raises
     ------
     InputError
-        That model is unknown, or a variant was made from another edition of it.
+        The canonical model is unknown, or is another edition than the variant was made from.
     """
     origin = provenance.get("canonical")
     if origin is None:
@@ -171,6 +182,6 @@ def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
     if origin["hash"] != entry.content_hash:
         raise InputError(
             f"Body model '{model_id}' is a variant of another edition of '{entry.id}' "
-            f"({origin['hash'][:12]}..., here it is {entry.content_hash[:12]}...); build it again."
+            f"({origin['hash'][:12]}..., installed {entry.content_hash[:12]}...). Build it again."
         )
     return entry
