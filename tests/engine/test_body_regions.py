@@ -8,8 +8,8 @@ import pytest
 
 from hfx_blender.devices.configurations.device_facts import facts_of
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.body.region_names import REGIONS
-from hfx_blender.engine.body.regions import finest, region_weights
+from hfx_blender.engine.body.parts import REGIONS
+from hfx_blender.engine.body.regions import finest_masks, region_weights
 
 MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 
@@ -17,7 +17,7 @@ MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 @pytest.mark.parametrize("name", MODELS)
 def test_each_vertex_is_in_one_region_and_both_sides_are_alike(name: str) -> None:
     model = load_model(name)
-    masks = finest(name)
+    masks = finest_masks(name)
     assert (sum(mask.astype(int) for mask in masks.values()) == 1).all()
     for region, mask in masks.items():
         assert np.mean(mask == mask[model.mirror]) > 0.999, region
@@ -27,7 +27,9 @@ def test_each_vertex_is_in_one_region_and_both_sides_are_alike(name: str) -> Non
 
 def test_regions_lie_as_on_a_person() -> None:
     model = load_model("hfx-vibration-1")
-    middle = {name: model.vertices[mask].mean(axis=0) for name, mask in finest(model.id).items()}
+    middle = {
+        name: model.vertices[mask].mean(axis=0) for name, mask in finest_masks(model.id).items()
+    }
     height = {name: place[2] for name, place in middle.items()}
     for upper, lower in (
         ("face", "neck"),

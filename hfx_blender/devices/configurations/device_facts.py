@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.body.model import load_model
-from ...engine.body.parts import PARTS
-from ...engine.body.region_names import REGIONS
+from ...engine.body.parts import PARTS, REGIONS
 from ...engine.body.regions import region_at
 from ...engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
 from ...errors import InputError

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body: perceptual models, their parts, regions, files and rigs."""
+"""Body models: perceptual models, avatar, body parts, regions, files and rigs."""

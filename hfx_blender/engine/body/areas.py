@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Editing painted areas: weights (V,) in 0..1 over the vertices of one perceptual model.
+"""Editing of painted areas: weights (V,) in 0..1 over the vertices of a perceptual model.
 
-Every function yields new weights and leaves its argument alone. Vertices are one two-point
-threshold apart, so a step from neighbour to neighbour is the finest that can be felt.
+Every function returns a new array. A step from a vertex to its neighbour is one two-point
+threshold.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .model import PerceptualModel
 Blend = Literal["replace", "add", "subtract", "multiply"]
 BLENDS: Final[tuple[Blend, ...]] = ("replace", "add", "subtract", "multiply")
 
-_CLOSEST: Final = 3  # vertices that one between them takes its weight from
+_NEAREST_COUNT: Final = 3  # source vertices to interpolate a target vertex from
 
 
 @lru_cache(maxsize=8)
-def _links(model: PerceptualModel) -> tuple[I64, I64]:
-    """Directed edges of a model's mesh: from and to, (2 E,) each, both directions of every edge."""
+def _directed_edges(model: PerceptualModel) -> tuple[I64, I64]:
+    """Start and end vertices of mesh edges, (2 E,) each; every edge in both directions."""
     triangles = model.triangles.astype(np.int64)
     ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ends = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
@@ -31,47 +31,56 @@ def _links(model: PerceptualModel) -> tuple[I64, I64]:
 
 
 def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Dilate an area: each vertex takes the largest weight around it, ``steps`` times."""
-    one, other = _links(model)
+    """Dilate an area: maximum of each vertex and its neighbours, repeated ``steps`` times."""
+    starts, ends = _directed_edges(model)
     for _ in range(steps):
         grown = weights.copy()
-        np.maximum.at(grown, one, weights[other])
+        np.maximum.at(grown, starts, weights[ends])
         weights = grown
     return weights
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Erode an area: each vertex takes the smallest weight around it, ``steps`` times."""
+    """Erode an area: minimum of each vertex and its neighbours, repeated ``steps`` times."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 
 def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Smooth an area: each vertex moves half way to the mean of its neighbours, ``steps`` times."""
-    one, other = _links(model)
-    count = np.maximum(np.bincount(one, minlength=len(weights)), 1)
+    """Smooth an area: mean of each weight and its neighbours' mean, ``steps`` times."""
+    starts, ends = _directed_edges(model)
+    count = np.maximum(np.bincount(starts, minlength=len(weights)), 1)
     for _ in range(steps):
-        mean = np.bincount(one, weights[other], minlength=len(weights)) / count
+        mean = np.bincount(starts, weights[ends], minlength=len(weights)) / count
         weights = 0.5 * (weights + mean)
     return weights
 
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
-    """Mirror an area to the other side of the body."""
-    found: F64 = weights[model.mirror]
-    return found
+    """Swap the left and right sides of an area."""
+    swapped: F64 = weights[model.mirror]
+    return swapped
 
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
-    """Copy the side ``source_side`` (index into ``parts.SIDES``) of an area to the other one."""
-    found = weights.copy()
-    others = model.side[model.mirror] == source_side
-    others &= model.side != source_side
-    found[others] = weights[model.mirror[others]]
-    return found
+    """Copy the weights of one side to the opposite side.
+
+    ``source_side`` is an index into ``parts.SIDES``.
+    """
+    result = weights.copy()
+    is_opposite = model.side[model.mirror] == source_side
+    is_opposite &= model.side != source_side
+    result[is_opposite] = weights[model.mirror[is_opposite]]
+    return result
 
 
 def blended(weights: F64, other: F64, blend: Blend) -> F64:
-    """Two areas put together, clipped to 0..1."""
+    """Combine an area with another area by a blend mode; result clipped to 0..1.
+
+    Raises
+    ------
+    ValueError
+        Unknown blend mode.
+    """
     if blend == "replace":
         return other
     if blend == "add":
@@ -84,54 +93,55 @@ def blended(weights: F64, other: F64, blend: Blend) -> F64:
 
 
 def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) -> F64:
-    """Transfer an area from one modality's model to another.
+    """Resample an area onto the vertices of another model, body part by body part.
 
-    A vertex of a coarser model takes the mean over the skin that lies nearest to it, one of
-    a finer model a weight between those of the nearest vertices, always of its own body part.
+    A target vertex nearest to two or more source vertices takes their area-weighted mean; otherwise
+    the three nearest source vertices are interpolated (inverse distance). 0 where the source model
+    has no vertex of the body part.
     """
     from scipy.spatial import cKDTree
 
-    found = np.zeros(len(target))
+    result = np.zeros(len(target))
     for part in np.unique(target.part):
-        mine = np.flatnonzero(target.part == part)
-        theirs = np.flatnonzero(source.part == part)
-        if not len(theirs):
+        target_ids = np.flatnonzero(target.part == part)
+        source_ids = np.flatnonzero(source.part == part)
+        if not len(source_ids):
             continue
-        places, from_places = target.vertices[mine], source.vertices[theirs]
-        near = min(_CLOSEST, len(theirs))
-        distance, nearest = cKDTree(from_places).query(places, k=[*range(1, near + 1)])
+        target_points, source_points = target.vertices[target_ids], source.vertices[source_ids]
+        near = min(_NEAREST_COUNT, len(source_ids))
+        # Finer target: interpolation between source vertices.
+        distance, nearest = cKDTree(source_points).query(target_points, k=[*range(1, near + 1)])
         share = 1.0 / np.maximum(distance, 1e-9)
-        between = (weights[theirs][nearest] * share).sum(axis=1) / share.sum(axis=1)
-        _, owner = cKDTree(places).query(from_places)
-        areas = source.areas_m2[theirs].astype(np.float64)
-        covered = np.bincount(owner, areas, minlength=len(mine))
-        felt = np.bincount(owner, areas * weights[theirs], minlength=len(mine))
-        several = np.bincount(owner, minlength=len(mine)) > 1
-        mean = np.divide(felt, covered, out=np.zeros_like(felt), where=covered > 0.0)
-        found[mine] = np.where(several, mean, between)
-    return np.clip(found, 0.0, 1.0)
+        interpolated = (weights[source_ids][nearest] * share).sum(axis=1) / share.sum(axis=1)
+        # Coarser target: mean over the source vertices in the Voronoi cell of each target vertex.
+        _, owner = cKDTree(target_points).query(source_points)
+        areas = source.areas_m2[source_ids].astype(np.float64)
+        covered = np.bincount(owner, areas, minlength=len(target_ids))
+        weighted = np.bincount(owner, areas * weights[source_ids], minlength=len(target_ids))
+        has_several = np.bincount(owner, minlength=len(target_ids)) > 1
+        mean = np.divide(weighted, covered, out=np.zeros_like(weighted), where=covered > 0.0)
+        result[target_ids] = np.where(has_several, mean, interpolated)
+    return np.clip(result, 0.0, 1.0)
 
 
 def from_image(pixels: F64, uv: F64) -> F64:
-    """Weights (V,) from a picture at the places (V, 2) of its map, each in 0..1 of its size.
-
-    Between the centres of pixels the value goes over evenly; the map repeats beyond its edges.
-    A place that is not finite has no weight.
+    """Weights (V,) sampled bilinearly from a picture that repeats beyond its edges.
 
     Parameters
     ----------
     pixels : (H, W) float64
-        0..1, the first row at v = 0.
+        0..1; the first row is at v = 0.
     uv : (V, 2) float64
+        Texture coordinates, 1 is the width or height of the picture. NaN gives weight 0.
     """
     height, width = pixels.shape
-    known = np.isfinite(uv).all(axis=1)
-    place = np.where(known[:, None], uv, 0.0) * [width, height] - 0.5
-    low = np.floor(place)
-    x, y = (place - low).T
-    left, under = low.astype(np.int64).T
+    is_finite = np.isfinite(uv).all(axis=1)
+    position = np.where(is_finite[:, None], uv, 0.0) * [width, height] - 0.5
+    low = np.floor(position)
+    x, y = (position - low).T
+    left, below = low.astype(np.int64).T
     columns = np.stack([left, left + 1]) % width
-    rows = np.stack([under, under + 1]) % height
+    rows = np.stack([below, below + 1]) % height
     bottom = pixels[rows[0], columns[0]] * (1 - x) + pixels[rows[0], columns[1]] * x
     top = pixels[rows[1], columns[0]] * (1 - x) + pixels[rows[1], columns[1]] * x
-    return np.where(known, np.clip(bottom * (1 - y) + top * y, 0.0, 1.0), 0.0)
+    return np.where(is_finite, np.clip(bottom * (1 - y) + top * y, 0.0, 1.0), 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of detail of a perceptual model: fewer of the same vertices."""
+"""Levels of detail of a perceptual model: subsets of its vertices."""
 
 from __future__ import annotations
 
@@ -21,60 +21,60 @@ LEVELS_FILE: Final = "{modality}-levels.npz"
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Vertices kept of a model, and the kept vertex that stands for each of its vertices."""
+    """Vertex subset of a model with a mesh and a mapping from the model's vertices."""
 
-    vertices: I32  # (C,) ascending ids of the model
-    triangles: I32  # (F, 3) of the level's own ids
-    coarse_of: I32  # (V,) the level's id that stands for each vertex of the model
+    vertices: I32  # (C,) ascending vertex ids of the model
+    triangles: I32  # (F, 3) indices into vertices
+    coarse_of: I32  # (V,) index into vertices of the representative of each model vertex
 
 
 def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """Copy of a model with fewer vertices, and the mapping from the model's ids to its ids.
+    """Coarser copy of a model, and the mapping from its vertices to the copy's vertices.
 
-    Nothing may refer to the ids of a level: effects, tracks and devices speak the model's own.
+    Ids of a level are temporary: effects, tracks and devices store ids of the full model.
 
     Parameters
     ----------
     level : int
-        0 is the model itself; see :func:`level_count`.
+        0 returns the model itself; see :func:`level_count`.
 
     Returns
     -------
     model : PerceptualModel
-        Its id is ``<id>/level-<level>``; a vertex's area is that of all it stands for.
+        Id ``<id>/level-<level>``; areas are sums over the represented vertices.
     coarse_of : (V,) int32
-        For each vertex of the model the level's vertex that stands for it.
+        Vertex of the copy for each vertex of the model.
 
     Raises
     ------
     InputError
         The model has no such level.
     """
-    chosen = level_of(model, level)
-    kept = chosen.vertices
+    chosen_level = level_of(model, level)
+    ids = chosen_level.vertices
     if level == 0:
-        return model, kept
-    areas = np.bincount(chosen.coarse_of, model.areas_m2, minlength=len(kept))
+        return model, ids
+    areas = np.bincount(chosen_level.coarse_of, model.areas_m2, minlength=len(ids))
     coarse = replace(
         model,
         id=f"{model.id}/level-{level}",
-        vertices=model.vertices[kept],
-        triangles=chosen.triangles,
-        normals=model.normals[kept],
+        vertices=model.vertices[ids],
+        triangles=chosen_level.triangles,
+        normals=model.normals[ids],
         areas_m2=areas.astype(np.float32),
-        part=model.part[kept],
-        side=model.side[kept],
-        mirror=np.searchsorted(kept, model.mirror[kept]).astype(np.int32),
-        weights=_rows(model.weights, kept),
-        avatar_vertices=model.avatar_vertices[kept],
-        avatar_weights=model.avatar_weights[kept],
-        avatar_offset_m=model.avatar_offset_m[kept],
+        part=model.part[ids],
+        side=model.side[ids],
+        mirror=np.searchsorted(ids, model.mirror[ids]).astype(np.int32),
+        weights=_rows(model.weights, ids),
+        avatar_vertices=model.avatar_vertices[ids],
+        avatar_weights=model.avatar_weights[ids],
+        avatar_offset_m=model.avatar_offset_m[ids],
     )
-    return coarse, chosen.coarse_of
+    return coarse, chosen_level.coarse_of
 
 
 def level_of(model: PerceptualModel, level: int) -> Level:
-    """Vertices of a level of a given model; at level 0 all.
+    """Level of detail of a model; level 0 has all vertices.
 
     Raises
     ------
@@ -82,8 +82,8 @@ def level_of(model: PerceptualModel, level: int) -> Level:
         The model has no such level.
     """
     if level == 0:
-        every = np.arange(len(model), dtype=np.int32)
-        return Level(every, model.triangles, every)
+        all_ids = np.arange(len(model), dtype=np.int32)
+        return Level(all_ids, model.triangles, all_ids)
     levels = _levels_of(model)
     if not 1 <= level <= len(levels):
         raise InputError(f"Body model '{model.id}' has levels 0 to {len(levels)}, not {level}.")
@@ -91,39 +91,47 @@ def level_of(model: PerceptualModel, level: int) -> Level:
 
 
 def level_count(model: PerceptualModel) -> int:
-    """Number of coarser levels of a model; 0 if it is coarse enough by itself."""
+    """Number of coarser levels of a model; 0 without a levels file."""
     return len(_levels_of(model))
 
 
-def _rows(weights: SkinWeights, kept: I32) -> SkinWeights:
-    place, owner = expand(weights.offsets.astype(np.int64), kept.astype(np.int64))
-    count = np.bincount(owner, minlength=len(kept))
+def _rows(weights: SkinWeights, rows: I32) -> SkinWeights:
+    """Skin weights of some rows, in the given order."""
+    entries, owner = expand(weights.offsets.astype(np.int64), rows.astype(np.int64))
+    count = np.bincount(owner, minlength=len(rows))
     offsets = np.concatenate(([0], np.cumsum(count))).astype(np.int32)
-    return SkinWeights(offsets, weights.bones[place], weights.values[place])
+    return SkinWeights(offsets, weights.bones[entries], weights.values[entries])
 
 
 def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
+    """Coarser levels of a model; empty without a levels file.
+
+    Raises
+    ------
+    InputError
+        The levels were made for another edition of the model.
+    """
     origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / LEVELS_FILE.format(modality=model.modality)
     if not path.is_file():
         return ()
-    stored, levels = read_levels(path)
-    if stored != (origin.id, origin.content_hash):
+    owner, levels = read_levels(path)
+    if owner != (origin.id, origin.content_hash):
         raise InputError(
-            f"{path}: the levels are of another '{stored[0]}' ({stored[1][:12]}...); make them "
-            "anew with 'hfx body build --levels'."
+            f"{path}: the levels are of another '{owner[0]}' ({owner[1][:12]}...). Make new "
+            "levels with 'hfx body build --levels'."
         )
     return levels
 
 
 @lru_cache(maxsize=8)
 def read_levels(path: Path) -> tuple[tuple[str, str], tuple[Level, ...]]:
-    """Id and hash of the model, and its levels, from a file.
+    """Read a levels file: (model id, content hash) and levels, finest first; cached.
 
     Raises
     ------
     InputError
-        It cannot be read.
+        The file is unreadable.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

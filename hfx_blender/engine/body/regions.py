@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions of the body as people name them and devices are worn: finer than the body parts.
+"""Named body regions as sets of vertices; finer than the body parts.
 
-A region follows from a vertex's part, from the bone that moves it most, and from where its skin
-faces: front or back of trunk and legs, inner (the palm's) or outer side of a forearm.
+A region follows from a vertex's body part, the bone of largest weight, and the direction of the
+normal: front or back of trunk and legs, inner (palm) or outer side of a forearm.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ import numpy as np
 from ..arrays import F64, I64, Bool
 from .areas import transferred
 from .model import PerceptualModel, load_model
-from .parts import CENTRE, PARTS, SIDES
-from .region_names import REGIONS, Region
+from .parts import CENTRE, PARTS, REGIONS, SIDES, Region
 
 _DENSEST: Final = "hfx-vibration-1"
 _FRONT: Final = np.array([0.0, -1.0, 0.0])  # in rest space
 
 
 class _Skin:
-    """Properties that tell regions apart, for all vertices of a model."""
+    """Attributes of all vertices of a model used to distinguish regions."""
 
     def __init__(self, model: PerceptualModel) -> None:
         self._part = model.part
@@ -32,21 +31,22 @@ class _Skin:
         self.is_front: Bool = model.normals @ _FRONT > 0.0
         depth = model.vertices @ _FRONT
         head = depth[self.part("head")]
-        self.is_of_face: Bool = depth > (head.min() + head.max()) / 2.0  # nostrils, too
+        self.is_of_face: Bool = depth > (head.min() + head.max()) / 2.0
         self.is_inner = self._faces_like_palms(model)
 
     def part(self, *names: str) -> Bool:
-        """Vertices on body parts."""
+        """Mask (V,) of vertices on the named body parts."""
         return np.isin(self._part, [PARTS.index(name) for name in names])
 
     def bone(self, *starts: str) -> Bool:
-        """Vertices that bones move, by the beginnings of their names."""
-        found = np.zeros(len(self._bone), np.bool_)
+        """Mask (V,) of vertices with a strongest bone whose name begins with a prefix."""
+        mask = np.zeros(len(self._bone), np.bool_)
         for start in starts:
-            found |= np.char.startswith(self._bone, start)
-        return found
+            mask |= np.char.startswith(self._bone, start)
+        return mask
 
     def _faces_like_palms(self, model: PerceptualModel) -> Bool:
+        """Mask (V,) of normals pointing the way of the palm on the same side."""
         is_inner = np.zeros(len(model), np.bool_)
         for side in range(len(SIDES)):
             on_side = model.side == side
@@ -56,6 +56,7 @@ class _Skin:
 
 
 def _neck(skin: _Skin) -> Bool:
+    """Mask (V,) of the neck."""
     return skin.bone("neck") | (skin.part("torso") & skin.bone("head"))
 
 
@@ -76,7 +77,10 @@ def _toes(skin: _Skin) -> Bool:
 
 
 def _finger(number: int) -> Callable[[_Skin], Bool]:
-    """A finger, from 1 for the thumb; skin between fingers goes with the metacarpal bone."""
+    """Return a function for the mask of a finger; number 1 is the thumb.
+
+    Includes skin of the metacarpal bone between the fingers.
+    """
     bones = (f"finger{number}", f"metacarpal{number - 1}")
     return lambda skin: skin.part("fingers") & skin.bone(*bones)
 
@@ -111,31 +115,33 @@ _FLAGS: Final[dict[str, Callable[[_Skin], Bool]]] = {
 
 
 def strongest_bones(model: PerceptualModel) -> I64:
-    """Bone that moves each vertex most, (V,)."""
+    """Index (V,) into the model's bone names of the bone with the largest weight."""
     weights = model.weights
     row = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+    # Sorted by row, then weight: the last entry of a row is the largest.
     order = np.lexsort((weights.values, row))
     last = np.flatnonzero(np.diff(row[order], append=-1))
-    found: I64 = weights.bones[order][last].astype(np.int64)
-    return found
+    bones: I64 = weights.bones[order][last].astype(np.int64)
+    return bones
 
 
 @lru_cache(maxsize=8)
-def finest(model_id: str) -> dict[str, Bool]:
-    """Masks (V,) of the finest regions by id; each vertex is in one."""
+def finest_masks(model_id: str) -> dict[str, Bool]:
+    """Masks (V,) of disjoint regions by id; together they cover the model. Cached."""
     skin = _Skin(load_model(model_id))
-    masks = {name: flags(skin) for name, flags in _FLAGS.items()}
+    masks = {name: mask_of(skin) for name, mask_of in _FLAGS.items()}
     return masks | {name: skin.part(name) for name in ("hand_palm", "hand_dorsum")}
 
 
 def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F64:
     """Weights (V,) of a region of ``REGIONS``: 1 on its vertices, 0 elsewhere.
 
-    Where a coarse model has no vertex in it, its nearest ones take its share.
+    Resampled from the vibration model where ``model`` is too coarse for any vertex in the region.
 
     Parameters
     ----------
     side : "left", "right" or "both"
+        Vertices on the midline belong to both sides.
     """
     weights = _mask(model, region, side).astype(np.float64)
     if not weights.any():
@@ -145,16 +151,17 @@ def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F
 
 
 def _mask(model: PerceptualModel, region: str, side: str) -> Bool:
+    """Mask (V,) of a body part or region on a side."""
     if region in PARTS:
-        found: Bool = model.part == PARTS.index(region)
+        mask: Bool = model.part == PARTS.index(region)
     else:
-        found = finest(model.id)[region]
+        mask = finest_masks(model.id)[region]
     if side != "both":
-        found = found & np.isin(model.side, (CENTRE, SIDES.index(side)))
-    return found
+        mask = mask & np.isin(model.side, (CENTRE, SIDES.index(side)))
+    return mask
 
 
 def region_at(model: PerceptualModel, vertex: int) -> Region:
-    """The finest region that a vertex belongs to."""
-    name = next(name for name, mask in finest(model.id).items() if mask[vertex])
+    """Finest region of a vertex."""
+    name = next(name for name, mask in finest_masks(model.id).items() if mask[vertex])
     return next(region for region in REGIONS if region.id == name)

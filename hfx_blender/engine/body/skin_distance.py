@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances along the skin from a place on a body model, near that place; numpy only.
+"""Geodesic distances near a place on a body model's skin; numpy only.
 
-A triangle's third corner gets its distance from the other two by unfolding: the source is laid
-into the triangle's plane where it has the right distance to both (Novotni and Klein 2002, after
-Kimmel and Sethian 1998). That is exact on a flat patch.
+The distance of a triangle's third corner follows from the two others by unfolding: the source is
+laid into the triangle's plane at the known distances from both corners (Novotni and Klein 2002,
+after Kimmel and Sethian 1998). Exact on flat patches.
 """
 
 from __future__ import annotations
@@ -17,51 +17,51 @@ import numpy.typing as npt
 from ..arrays import F64, I64
 from .surface_locator import barycentric
 
-_FAR: Final = 1e9  # metres: not reached; finite, so that nothing becomes a NaN
+_FAR: Final = 1e9  # metres, an unreached vertex; finite, because inf - inf is NaN
 _SETTLED_M: Final = 1e-6
 _FEWEST_ROUNDS: Final = 8
 _ROUNDS_PER_RING: Final = 2.0
-"""A round settles at least one more ring of vertices; the rest is for detours."""
+"""Each round settles one more ring of vertices; doubled for detours."""
 _MARGIN_M: Final = 0.06
-"""Additional radius of prepared skin, metres, so that a moving place stays on it."""
+"""Additional radius of a cached patch, metres, reused while the place moves."""
 
 _NEAR_CORNERS: Final = 8
-"""Vertices whose triangles are tried for the nearest place: enough for a mesh without slivers."""
+"""Number of nearest vertices whose triangles are tested for the nearest place."""
 
 
 @dataclass(frozen=True, eq=False)
 class SkinPlace:
-    """A place on a model's surface."""
+    """Place on the surface of a mesh."""
 
     point: F64  # (3,) metres
-    corners: I64  # (3,) of its triangle
+    corners: I64  # (3,) vertex ids of the triangle
     weights: F64  # (3,) barycentric, sum 1
 
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Part of a mesh around a centre, with the data of its triangles.
+    """Triangles near a centre; each triangle has three entries, with each corner as apex.
 
-    Each triangle has three entries, one for each corner as its apex, sorted by apex.
+    Entries are sorted by apex.
     """
 
     centre: F64  # (3,)
-    nearest_m: float  # from there to the nearest vertex
-    radius_m: float  # every triangle with a corner this near is in it
+    nearest_m: float  # distance from the centre to the nearest vertex
+    radius_m: float  # all triangles with a corner within this radius are included
     ids: I64  # (n,) vertices of the model, ascending
     points: F64  # (n, 3)
-    triangles: I64  # (T, 3) places in ids
-    triangle_of: I64  # (3 T,) each entry's triangle
-    firsts: I64  # (n + 1,) where the entries of each vertex begin
-    apex: I64  # (3 T,) places in ids
-    base: I64  # (2, 3 T) the corners opposite to it
-    length_m: F64  # (3 T,) between them
-    sides_m: F64  # (2, 3 T) from the apex to each of them
-    along_m: F64  # (3 T,) the apex: along the base from its first corner ...
-    above_m: F64  # (3 T,) ... and beside it
+    triangles: I64  # (T, 3) indices into ids
+    triangle_of: I64  # (3 T,) triangle of each entry
+    firsts: I64  # (n + 1,) first entry of each vertex
+    apex: I64  # (3 T,) index into ids
+    base: I64  # (2, 3 T) the two other corners
+    length_m: F64  # (3 T,) length of the base
+    sides_m: F64  # (2, 3 T) distances from the apex to the base corners
+    along_m: F64  # (3 T,) projection of the apex on the base, from the first corner
+    above_m: F64  # (3 T,) height of the apex above the base
 
-    def taken(self, entries: I64) -> _Patch:
-        """Copy of the patch with only some of its entries."""
+    def with_entries(self, entries: I64) -> _Patch:
+        """Copy with a subset of the entries; ``triangle_of`` and ``firsts`` are stale."""
         return replace(
             self,
             apex=self.apex[entries],
@@ -74,7 +74,9 @@ class _Patch:
 
 
 class SkinDistances:
-    """Nearest places and distances along the skin of one triangle mesh.
+    """Nearest places and geodesic distances on one triangle mesh.
+
+    The patch of the last query is cached: not thread-safe.
 
     Parameters
     ----------
@@ -89,7 +91,10 @@ class SkinDistances:
         self._patch: _Patch | None = None
 
     def nearest(self, point: F64) -> SkinPlace:
-        """Find the place of the surface that is nearest to a point (3,)."""
+        """Nearest place of the surface to a point (3,).
+
+        Only triangles at the eight nearest vertices are tested; exact for meshes without slivers.
+        """
         point = np.asarray(point, np.float64)
         patch = self._around(point, 0.0)
         offsets = patch.points - point
@@ -97,15 +102,15 @@ class SkinDistances:
         count = min(_NEAR_CORNERS, len(squares))
         near = np.argpartition(squares, count - 1)[:count]
         entries = [np.arange(patch.firsts[k], patch.firsts[k + 1]) for k in near]
-        tried = patch.triangles[np.unique(patch.triangle_of[np.concatenate(entries)])]
-        corners = patch.points[tried]
-        weights = barycentric(np.repeat(point[None], len(tried), axis=0), corners)
+        corner_ids = patch.triangles[np.unique(patch.triangle_of[np.concatenate(entries)])]
+        corners = patch.points[corner_ids]
+        weights = barycentric(np.repeat(point[None], len(corner_ids), axis=0), corners)
         places = np.einsum("ij,ijk->ik", weights, corners)
         best = int(np.argmin(np.linalg.norm(places - point, axis=1)))
-        return SkinPlace(places[best], patch.ids[tried[best]], weights[best])
+        return SkinPlace(places[best], patch.ids[corner_ids[best]], weights[best])
 
     def around(self, place: SkinPlace, reach_m: float) -> tuple[I64, F64]:
-        """Vertices within a distance along the skin of a place on it.
+        """Vertices within a geodesic distance of a place.
 
         Returns
         -------
@@ -121,12 +126,13 @@ class SkinDistances:
         return patch.ids[within], distances[within]
 
     def _around(self, point: F64, reach_m: float) -> _Patch:
-        """Patch that holds all skin within reach; cached as long as the point stays in it."""
-        known = self._patch
-        if known is not None:
-            moved = float(np.linalg.norm(point - known.centre))
-            if 2.0 * moved + known.nearest_m + reach_m <= known.radius_m:
-                return known
+        """Patch with all skin within reach of a point; cached while the point is covered."""
+        cached = self._patch
+        if cached is not None:
+            # A move by m brings the nearest vertex, and the rim, up to m closer: 2 m in all.
+            moved = float(np.linalg.norm(point - cached.centre))
+            if 2.0 * moved + cached.nearest_m + reach_m <= cached.radius_m:
+                return cached
         offsets = self._points - point
         squares = np.einsum("ij,ij->i", offsets, offsets)
         nearest_m = float(np.sqrt(squares.min()))
@@ -138,14 +144,15 @@ class SkinDistances:
 
 
 def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m: float) -> _Patch:
+    """Patch of some triangles, with the edge lengths and heights of each entry."""
     ids, places = np.unique(triangles, return_inverse=True)
     local = places.reshape(-1, 3)
-    mine = points[ids]
+    corners = points[ids]
     order = np.argsort(local.ravel(), kind="stable")
     apex = local.ravel()[order]
     base = np.stack([np.roll(local, -1, axis=1).ravel(), np.roll(local, -2, axis=1).ravel()])
     base = base[:, order]
-    edge, side = mine[base[1]] - mine[base[0]], mine[apex] - mine[base[0]]
+    edge, side = corners[base[1]] - corners[base[0]], corners[apex] - corners[base[0]]
     length = np.maximum(np.linalg.norm(edge, axis=1), 1e-12)
     along = np.einsum("ij,ij->i", side, edge) / length
     return _Patch(
@@ -153,21 +160,24 @@ def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m:
         nearest_m=nearest_m,
         radius_m=radius_m,
         ids=ids,
-        points=mine,
+        points=corners,
         triangles=local,
         triangle_of=order // 3,
         firsts=np.searchsorted(apex, np.arange(len(ids) + 1)).astype(np.int64),
         apex=apex,
         base=base,
         length_m=length,
-        sides_m=np.stack([np.linalg.norm(mine[apex] - mine[each], axis=1) for each in base]),
+        sides_m=np.stack([np.linalg.norm(corners[apex] - corners[end], axis=1) for end in base]),
         along_m=along,
         above_m=np.sqrt(np.maximum(np.einsum("ij,ij->i", side, side) - along**2, 0.0)),
     )
 
 
 def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
-    """Distances of a patch's vertices along the skin; upper bounds beyond reach."""
+    """Geodesic distances (n,) of a patch's vertices, metres; upper bounds beyond reach.
+
+    ``source`` (3,) are the corners around the point.
+    """
     straight = np.linalg.norm(patch.points - point, axis=1)
     distances = np.full(len(straight), _FAR)
     distances[source] = straight[source]
@@ -176,32 +186,39 @@ def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
     near = np.flatnonzero(is_near[patch.apex] & is_near[patch.base].any(axis=0))
     if not len(near):
         return distances
-    patch = patch.taken(near)
+    patch = patch.with_entries(near)
     starts = np.flatnonzero(np.diff(patch.apex, prepend=-1))
     apexes = patch.apex[starts]
     rings = reach_m / float(np.median(patch.length_m))
+    # Jacobi iteration: distances spread by one ring of triangles in each round.
     for _ in range(_FEWEST_ROUNDS + int(_ROUNDS_PER_RING * rings)):
-        found = np.full(len(straight), _FAR)
-        found[apexes] = np.minimum.reduceat(_through_triangles(patch, distances), starts)
-        np.maximum(found, straight, out=found)  # unsettled distances may mislead the unfolding
-        found[source] = straight[source]
-        change = float(np.abs(found - distances).max(initial=0.0))
-        distances = found
+        updated = np.full(len(straight), _FAR)
+        updated[apexes] = np.minimum.reduceat(_through_triangles(patch, distances), starts)
+        # No path is shorter than the chord; unfolding from unsettled distances can fall below.
+        np.maximum(updated, straight, out=updated)
+        updated[source] = straight[source]
+        change = float(np.abs(updated - distances).max(initial=0.0))
+        distances = updated
         if change <= _SETTLED_M:
             break
     return distances
 
 
 def _through_triangles(patch: _Patch, distances: F64) -> F64:
-    """The distance of each entry's apex by way of its own triangle."""
-    one, other = distances[patch.base]
+    """Distance of each entry's apex through the triangle of the entry, (entries,).
+
+    Straight across the base if the line to the unfolded source crosses the base, otherwise along an
+    edge.
+    """
+    first, second = distances[patch.base]
     length = patch.length_m
-    by_edge = np.minimum(one + patch.sides_m[0], other + patch.sides_m[1])
-    x = (one**2 - other**2 + length**2) / (2.0 * length)
-    y = np.sqrt(np.maximum(one**2 - x**2, 0.0))  # the source, below the base
+    by_edge = np.minimum(first + patch.sides_m[0], second + patch.sides_m[1])
+    x = (first**2 - second**2 + length**2) / (2.0 * length)
+    # (x, -y) is the unfolded source: distances ``first`` and ``second`` from the base corners.
+    y = np.sqrt(np.maximum(first**2 - x**2, 0.0))
     height = np.maximum(patch.above_m + y, 1e-12)
     crossing = x + (patch.along_m - x) * y / height
-    is_seen = (np.abs(one - other) <= length) & (one < _FAR) & (other < _FAR)
-    is_seen &= (crossing >= 0.0) & (crossing <= length)
+    is_visible = (np.abs(first - second) <= length) & (first < _FAR) & (second < _FAR)
+    is_visible &= (crossing >= 0.0) & (crossing <= length)
     across = np.hypot(patch.along_m - x, patch.above_m + y)
-    return np.where(is_seen, across, by_edge)
+    return np.where(is_visible, across, by_edge)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths drawn on the skin: shortest paths, curves through places, traced lines."""
+"""Paths on the skin: shortest paths, smooth curves and traced lines."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from .mesh_edges import edge_graph
 from .surface_locator import SurfaceLocator
 
 STEP_M: Final = 0.004
-"""Spacing of a finished path's points, metres: less than any two-point threshold but a
-fingertip's."""
+"""Spacing of path points, metres; below all two-point thresholds except the fingertips'."""
 
 OFF_SKIN_M: Final = 0.05
-"""Largest distance from the skin at which a place counts as on the body, metres."""
+"""Largest distance from the skin of a valid path point, metres."""
 
 _COARSE_M: Final = 0.04
 _TIGHT_M: Final = 0.012
@@ -30,7 +29,7 @@ _SAME_PLACE_M: Final = 1e-7
 
 
 class SkinPaths:
-    """Path tool for one triangle mesh.
+    """Path construction on one triangle mesh; points are (n, 3) float64, metres.
 
     Parameters
     ----------
@@ -44,39 +43,51 @@ class SkinPaths:
         self._triangles = np.asarray(triangles, np.int64)
 
     def on_skin(self, places: npt.ArrayLike) -> F64:
-        """The nearest places on the skin, (n, 3).
+        """Nearest places on the skin, (n, 3).
 
         Raises
         ------
         InputError
-            There is none, or one is not finite or farther than 5 cm from the skin.
+            No place is given, or a place is not finite or farther than 5 cm from the skin.
         """
-        wanted = np.asarray(places, np.float64)
-        if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted):
+        points = np.asarray(places, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise InputError("A path needs at least one place: three numbers, in metres.")
-        if not np.isfinite(wanted).all():
+        if not np.isfinite(points).all():
             raise InputError("A path has a place that is not a finite number.")
-        found = self._projected(wanted)
-        off = np.linalg.norm(found - wanted, axis=1)
-        worst = int(np.argmax(off))
-        if off[worst] > OFF_SKIN_M:
+        projected = self._projected(points)
+        distances = np.linalg.norm(projected - points, axis=1)
+        worst = int(np.argmax(distances))
+        if distances[worst] > OFF_SKIN_M:
             raise InputError(
-                f"Place {worst + 1} of a path, {np.round(wanted[worst], 3).tolist()}, is "
-                f"{off[worst]:.2f} m from the skin, allowed are {OFF_SKIN_M} m."
+                f"Place {worst + 1} of a path, {np.round(points[worst], 3).tolist()}, is "
+                f"{distances[worst]:.2f} m from the skin, allowed are {OFF_SKIN_M} m."
             )
-        return found
+        return projected
 
     def straight(self, knots: F64, closed: bool = False) -> F64:
-        """Shortest path along the skin through the places in order, (n, 3)."""
+        """Shortest path along the skin through knots in order.
+
+        Raises
+        ------
+        InputError
+            Two knots are on unconnected parts of the skin.
+        """
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
         return _joined(parts, knots)
 
     def curve(self, knots: F64, closed: bool = False) -> F64:
-        """A smooth curve on the skin through places (Catmull and Rom 1974), (n, 3)."""
+        """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin.
+
+        Raises
+        ------
+        InputError
+            Two knots are on unconnected parts of the skin.
+        """
         knots = _distinct(knots)
         if len(knots) < 2:
             return knots
-        # Where the body bends between two places, one more is set half way along the skin.
+        # A spline that leaves the skin (over a bend) gets another knot half way along the skin.
         for _ in range(4):
             depths = [
                 float(np.linalg.norm(self._projected(part) - part, axis=1).max())
@@ -94,8 +105,11 @@ class SkinPaths:
         return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
 
     def traced(self, places: F64) -> tuple[F64, F64]:
-        """Path traced by hand, and the fraction of its length at each place, (n,)."""
-        path, where = [places[0]], [0]
+        """Path traced by hand, and the fraction of the path length at each given place, (n,).
+
+        Straight lines between the places are projected on the skin; repeated places are skipped.
+        """
+        path, knot_indices = [places[0]], [0]
         for a, b in _pairs(places, closed=False):
             length = float(np.linalg.norm(b - a))
             if length > _SAME_PLACE_M:
@@ -103,31 +117,32 @@ class SkinPaths:
                 between = a + (b - a) * (np.arange(1, count + 1) / count)[:, None]
                 between[:-1] = self._projected(between[:-1]) if count > 1 else between[:-1]
                 path += list(between)
-            where.append(len(path) - 1)
-        found = np.array(path)
-        lengths = np.concatenate([[0.0], np.cumsum(_steps(found))])
+            knot_indices.append(len(path) - 1)
+        points = np.array(path)
+        lengths = np.concatenate([[0.0], np.cumsum(_steps(points))])
         total = lengths[-1] if lengths[-1] > 0.0 else 1.0
-        return found, lengths[where] / total
+        return points, lengths[knot_indices] / total
 
     def _half_way(self, a: F64, b: F64) -> F64:
-        found: F64 = _evenly(self._shortest(a, b), 2)[1]
-        return found
+        """Middle (3,) of the shortest path between two points."""
+        middle: F64 = _evenly(self._shortest(a, b), 2)[1]
+        return middle
 
     def _projected(self, places: F64) -> F64:
         return self._skin.nearest(places).place
 
     def _near(self, places: F64, margin_m: float) -> I64:
-        """Triangles about some places, so that few are searched."""
+        """Triangles (F, 3) within a margin of some places; limits the search of nearest places."""
         reach, _ = self._tree.query(places)
         radius = reach + margin_m + 1e-9
-        chosen = np.zeros(len(self._points), np.bool_)
+        is_near = np.zeros(len(self._points), np.bool_)
         for ids in self._tree.query_ball_point(places, 2.0 * radius + 0.03):
-            chosen[ids] = True
-        found: I64 = self._triangles[chosen[self._triangles].any(axis=1)]
-        return found
+            is_near[ids] = True
+        triangles: I64 = self._triangles[is_near[self._triangles].any(axis=1)]
+        return triangles
 
     def _shortest(self, a: F64, b: F64) -> F64:
-        """Find the shortest path between two places on the skin: over edges, then tightened."""
+        """Shortest path between two points: Dijkstra over mesh edges, then tightened."""
         if np.linalg.norm(b - a) <= _SAME_PLACE_M:
             return np.stack([a, b])
         path = self._over_edges(a, b)
@@ -135,6 +150,7 @@ class SkinPaths:
         about = _evenly(path, max(int(length / _COARSE_M), 1))
         near = SurfaceLocator(self._points[self._near(about, 0.15 * length)])
         count = max(int(np.ceil(length / _COARSE_M)), 2)
+        # Coarse to fine: few points settle the course quickly, doubled numbers refine the course.
         while True:
             path = self._tightened(_evenly(path, count), near)
             if _length(path) / count <= _TIGHT_M:
@@ -144,12 +160,15 @@ class SkinPaths:
 
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
-        """Tighten a path: move each point to the middle of its neighbours until it settles."""
+        """Move inner points to the projected middle of their neighbours until the path settles.
+
+        Returns a new path; the ends stay.
+        """
         path = path.copy()
         path[1:-1] = near.nearest(path[1:-1]).place
         for _ in range(_MOST_ROUNDS):
             moved = 0.0
-            for first in (1, 2):  # every other point at a time settles twice as fast
+            for first in (1, 2):  # odd and even points in turn (Gauss-Seidel): half the rounds
                 inner = slice(first, -1, 2)
                 if not len(path[inner]):
                     continue
@@ -162,6 +181,7 @@ class SkinPaths:
         return path
 
     def _over_edges(self, a: F64, b: F64) -> F64:
+        """Shortest path over mesh edges, with both points as ends."""
         from scipy.sparse.csgraph import dijkstra
 
         first, last = self._tree.query(np.stack([a, b]))[1].tolist()
@@ -169,7 +189,7 @@ class SkinPaths:
             self._graph, directed=False, indices=first, return_predecessors=True
         )
         if not np.isfinite(distances[last]):
-            raise InputError("Two places of a path are on skin that does not hang together.")
+            raise InputError("Two places of a path are on unconnected parts of the skin.")
         chain = [last]
         while chain[-1] != first:
             chain.append(int(before[chain[-1]]))
@@ -191,8 +211,9 @@ class SkinPaths:
 
 
 def _steps(path: F64) -> F64:
-    found: F64 = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    return found
+    """Distances (n - 1,) between successive points."""
+    lengths: F64 = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return lengths
 
 
 def _length(path: F64) -> float:
@@ -200,32 +221,36 @@ def _length(path: F64) -> float:
 
 
 def _distinct(knots: F64) -> F64:
-    """Drop places that repeat the one before."""
-    kept = np.concatenate([[True], _steps(knots) > _SAME_PLACE_M])
-    found: F64 = knots[kept]
-    return found
+    """Remove knots equal to their predecessor."""
+    distinct: F64 = knots[np.append(True, _steps(knots) > _SAME_PLACE_M)]
+    return distinct
 
 
 def _pairs(knots: F64, closed: bool) -> list[tuple[F64, F64]]:
+    """Successive pairs of knots; with the closing pair if closed and more than two."""
     ends = np.roll(knots, -1, axis=0) if closed and len(knots) > 2 else knots[1:]
     return list(zip(knots, ends, strict=False))
 
 
 def _joined(parts: list[F64], knots: F64) -> F64:
+    """Concatenate successive paths with common ends; the knots if there is no path."""
     if not parts:
         return knots.copy()
     return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
 
 
 def _evenly(path: F64, count: int) -> F64:
-    """A path as ``count`` parts of equal length, (count + 1, 3)."""
+    """Resample a path into ``count`` parts of equal length, (count + 1, 3)."""
     lengths = np.concatenate([[0.0], np.cumsum(_steps(path))])
     at = np.linspace(0.0, lengths[-1], count + 1)
     return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(3)], axis=1)
 
 
 def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
-    """The part of the curve between each two places, with its ends."""
+    """Catmull-Rom segments between successive knots, ends included.
+
+    ``counts`` are the numbers of steps of a segment; one number applies to all segments.
+    """
     closed = closed and len(knots) > 2
     if closed:
         padded = np.concatenate([knots[-1:], knots, knots[:2]])
@@ -233,9 +258,9 @@ def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
         ends = 2.0 * knots[[0, -1]] - knots[[1, -2]]
         padded = np.concatenate([ends[:1], knots, ends[1:]])
     number = len(padded) - 3
-    each = [counts] * number if isinstance(counts, int) else counts
+    part_counts = [counts] * number if isinstance(counts, int) else counts
     parts = []
-    for k, count in enumerate(each):
+    for k, count in enumerate(part_counts):
         p, q, r, s = padded[k : k + 4]
         t = np.linspace(0.0, 1.0, count + 1)[:, None]
         parts.append(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest places on triangles; prepared for repeated queries on one mesh."""
+"""Nearest places on triangles, prepared for repeated queries on one mesh."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from ..arrays import F64, I64
 from ..volume.mesh_distance import TriangleTree
 
-_FLAT: Final = 1e-8  # sine of the angle at a corner below which a triangle has no area
+_FLAT: Final = 1e-8  # sine of the angle at a corner; below, a triangle is degenerate
 
 
 @dataclass(frozen=True, eq=False)
 class NearestPlaces:
-    """Nearest places on a mesh, for the points that have one within reach."""
+    """Nearest places on a mesh for the points within reach of the mesh."""
 
-    point: I64  # (n,) which points have one, ascending
+    point: I64  # (n,) indices of the points, ascending
     triangle: I64  # (n,)
     weights: F64  # (n, 3) barycentric, each in 0..1, sum 1
     place: F64  # (n, 3)
@@ -26,14 +26,14 @@ class NearestPlaces:
 
 
 class SurfaceLocator:
-    """Prepared search for the nearest places on one mesh.
+    """Search tree for nearest places on one mesh.
 
     Parameters
     ----------
     corners : (F, 3, 3) float64
-        Triangle, corner, coordinate. Triangles without area are never the nearest.
+        Triangle, corner, coordinate. Degenerate triangles are ignored.
     reach : float
-        Points farther away have no nearest place.
+        Largest distance of a nearest place, in the unit of the coordinates.
     """
 
     def __init__(self, corners: F64, reach: float = np.inf) -> None:
@@ -46,7 +46,7 @@ class SurfaceLocator:
         self._tree = TriangleTree(self._corners) if len(self._solid) else None
 
     def nearest(self, points: F64) -> NearestPlaces:
-        """The nearest place within reach of points (N, 3)."""
+        """Nearest places of points (N, 3); points beyond reach are left out."""
         triangle, distance = np.full(len(points), -1), np.full(len(points), np.inf)
         if self._tree is not None:
             triangle, distance = self._tree.nearest(points.T, self.reach)
@@ -60,7 +60,7 @@ class SurfaceLocator:
 
 
 def barycentric(points: F64, corners: F64) -> F64:
-    """Weights of the corners at the place of a triangle that is nearest to a point.
+    """Barycentric coordinates (N, 3) of the nearest place on a triangle.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def barycentric(points: F64, corners: F64) -> F64:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     inside = _plane_weights(points, a, b, c)
-    # A triangle without area has no inside: only its edges count.
+    # Degenerate triangles have no interior: the nearest place is on an edge.
     is_flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
-    best = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
+    smallest = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
     weights = inside.copy()
     for start, end in ((0, 1), (1, 2), (2, 0)):
         edge = corners[:, end] - corners[:, start]
@@ -80,8 +80,8 @@ def barycentric(points: F64, corners: F64) -> F64:
         share = np.clip(along / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-30), 0.0, 1.0)
         place = corners[:, start] + share[:, None] * edge
         distance = np.linalg.norm(points - place, axis=1)
-        nearer = distance < best
-        best[nearer] = distance[nearer]
+        nearer = distance < smallest
+        smallest[nearer] = distance[nearer]
         weights[nearer] = 0.0
         weights[nearer, start] = 1.0 - share[nearer]
         weights[nearer, end] = share[nearer]
@@ -89,11 +89,13 @@ def barycentric(points: F64, corners: F64) -> F64:
 
 
 def _plane_weights(points: F64, a: F64, b: F64, c: F64) -> F64:
-    one, other, offset = b - a, c - a, points - a
+    """Barycentric coordinates (N, 3) of points projected on triangle planes."""
+    edge_1, edge_2, offset = b - a, c - a, points - a
     d00, d01, d11 = (
-        np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (one, other), (other, other))
+        np.einsum("ij,ij->i", x, y)
+        for x, y in ((edge_1, edge_1), (edge_1, edge_2), (edge_2, edge_2))
     )
-    d20, d21 = (np.einsum("ij,ij->i", offset, x) for x in (one, other))
+    d20, d21 = (np.einsum("ij,ij->i", offset, x) for x in (edge_1, edge_2))
     scale = np.maximum(d00 * d11 - d01 * d01, 1e-40)
     v, w = (d11 * d20 - d01 * d21) / scale, (d00 * d21 - d01 * d20) / scale
     return np.column_stack((1.0 - v - w, v, w))

@@ -54,7 +54,7 @@ def title_of(name: str) -> str:
 def _known() -> EnumItems:
     from ...devices.configuration import list_devices
     from ...devices.configurations.device_facts import ROOM, facts_of
-    from ...engine.body.region_names import GROUPS
+    from ...engine.body.parts import GROUPS
 
     found = [facts_of(name) for name in list_devices(resources.user_devices())]
     items: EnumItems = []

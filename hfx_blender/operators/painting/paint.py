@@ -11,7 +11,7 @@ from bpy.props import EnumProperty, StringProperty
 from ...authoring.areas import painting, saved_areas
 from ...authoring.effects import effects
 from ...blender import compat
-from ...engine.body.region_names import REGIONS
+from ...engine.body.parts import REGIONS
 from ...errors import InputError
 from .. import framing
 from ..shared import EnumItems, HfxOperator, kept_items, painted_effect, select_only

@@ -174,7 +174,7 @@ def test_a_model_as_it_stands_on_an_avatar_has_the_same_cells(
 def test_models_without_cells_are_refused(
     coarse: model.PerceptualModel, fine: model.PerceptualModel
 ) -> None:
-    with pytest.raises(InputError, match="'hfx-pressure-1' has no cells of skin"):
+    with pytest.raises(InputError, match="'hfx-pressure-1' has no skin cells"):
         cell_of_skin(fine)
     old = {"canonical": {"id": coarse.id, "hash": "0" * 64}}
     with pytest.raises(InputError, match="a variant of another edition of 'hfx-temperature-1'"):
@@ -184,8 +184,8 @@ def test_models_without_cells_are_refused(
 @pytest.mark.parametrize(
     ("change", "message"),
     (
-        (lambda path: path.write_bytes(b"PK"), "not readable as cells of skin"),
-        (lambda path: path.unlink(), "has no cells of skin"),
+        (lambda path: path.write_bytes(b"PK"), "not readable as skin cells"),
+        (lambda path: path.unlink(), "has no skin cells"),
         (lambda path: np.savez(path, owner=[0], model=["hfx-temperature-1", "0"], fine=["f", "0"]),
          "the cells are of another 'hfx-temperature-1'"),
     ),

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Foreign rigs: mapping of their bones to the canonical skeleton."""
+"""Users' rigs: mapping of their bones to the canonical skeleton."""

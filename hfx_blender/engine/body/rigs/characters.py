@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Detection of several characters in one armature, and of further heads and limbs of one."""
+"""Detection of several characters, or additional heads and limbs, in one armature."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from .digits import Digits
 from .rig import Rig
 
 _APART: Final = 0.1
-"""Distance of like joints, as a share of the body's extent, from which two bodies are two."""
+"""Distance between equal joints of separate bodies, as a fraction of the body's extent."""
 
 _ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
-"""Ends of a body: what their names say, and the canonical bone."""
+"""Slot of an end of the body to its canonical bone."""
 
 
 def check_single(rig: Rig) -> None:
-    """Refuse an armature in which two bodies stand at different places.
+    """Reject an armature with two human bodies at different places.
 
-    A control rig, or a second set of bones, at the same place is one body.
+    Control rigs or duplicate bones at the same place count as one body.
 
     Raises
     ------
     InputError
-        Two branches of the hierarchy are each a whole human, and lie apart.
+        Two separate branches of the hierarchy are human.
     """
     bodies = list(_bodies(rig, [name for name, above in rig.parent.items() if above is None]))
     for number, (top, first) in enumerate(bodies):
@@ -46,33 +46,40 @@ def check_single(rig: Rig) -> None:
                 )
 
 
-def doubled_ends(rig: Rig, found: Mapping[str, str]) -> list[str]:
-    """Name a body's second heads, further hands and feet, which are not felt."""
-    extent = float(np.ptp([rig.head(name) for name in found.values()], axis=0).max())
-    others = []
+def doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
+    """Report additional heads, hands and feet, which get no haptic vertices; empty without any.
+
+    ``bones_of`` maps canonical bones to avatar bones.
+    """
+    extent = float(np.ptp([rig.head(name) for name in bones_of.values()], axis=0).max())
+    extra_names = []
     for (slot, side), names in Digits(rig).slots.items():
-        own = found.get(f"{_ENDS.get(slot)}{side and '.'}{side}")
-        if own is None:
+        main_name = bones_of.get(f"{_ENDS.get(slot)}{side and '.'}{side}")
+        if main_name is None:
             continue
         for name in names:
-            way = rig.head(name) - rig.head(own)
-            is_in_chain = own in rig.ancestors(name) or name in (own, *rig.ancestors(own))
-            if not is_in_chain and np.linalg.norm(way) > _APART * extent:
-                others.append(f"'{name}'")
-    found_more = " and ".join(others)
-    return [f"Further heads or limbs ({found_more}) are not felt."] if others else []
+            offset = rig.head(name) - rig.head(main_name)
+            is_in_chain = main_name in rig.ancestors(name) or name in (
+                main_name,
+                *rig.ancestors(main_name),
+            )
+            if not is_in_chain and np.linalg.norm(offset) > _APART * extent:
+                extra_names.append(f"'{name}'")
+    names_text = " and ".join(extra_names)
+    return [f"Further heads or limbs ({names_text}) are not felt."] if extra_names else []
 
 
 def _bodies(rig: Rig, tops: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield top bone and joints of each branch that is a human, and does not hold several."""
+    """Yield (top bone, joints) of human branches that are not made of several human branches."""
     for top in tops:
-        found = _joints_below(rig, top)
-        if is_human(found):
+        joints = _joints_below(rig, top)
+        if is_human(joints):
             below = list(_bodies(rig, rig.children[top]))
-            yield from below if len(below) > 1 else [(top, found)]
+            yield from below if len(below) > 1 else [(top, joints)]
 
 
 def _joints_below(rig: Rig, top: str) -> dict[str, str]:
+    """Canonical bones found by name in the branch below a bone, with their avatar bones."""
     names, waiting = [], [top]
     while waiting:
         names.append(waiting.pop())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mapping of fingers and toes among understood bone names."""
+"""Assignment of fingers and toes by bone names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from .vocabulary import FINGERS
 
 
 class Digits:
-    """Assignment of digits: bones read by slot and side, counterparts found so far."""
+    """Recognised bones of a rig by (slot, side), and canonical bones assigned so far (``found``).
+
+    Lists in ``slots`` are sorted by rank, depth, numbers and name.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -24,22 +27,26 @@ class Digits:
         self.names = with_sides(rig, named)
         self.slots: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self.names, key=self._order):
-            said = self.names[name]
-            self.slots.setdefault((said.slot, said.side), []).append(name)
+            parsed = self.names[name]
+            self.slots.setdefault((parsed.slot, parsed.side), []).append(name)
         self.found: dict[str, str] = {}
 
     def _order(self, name: str) -> tuple[int, int, list[int], str]:
-        said = self.names[name]
-        return said.rank, self.rig.depth(name), [int(n) for n in said.numbers], name
+        """Sort key of a bone: rank, depth, numbers, name."""
+        parsed = self.names[name]
+        return parsed.rank, self.rig.depth(name), [int(n) for n in parsed.numbers], name
 
     def _take(self, slot: str, side: str) -> list[str]:
+        """Bones of a slot and side, best first; empty without any."""
         return self.slots.get((slot, side), [])
 
     def _put(self, canonical: str, candidates: Sequence[str]) -> None:
+        """Assign the first candidate, if any, to a canonical bone."""
         if candidates:
             self.found[canonical] = candidates[0]
 
     def _fingers(self, side: str) -> None:
+        """Assign metacarpals and finger joints of a side."""
         joints = {finger: self._once(self._take(f"finger {finger}", side)) for finger in FINGERS}
         palm = {finger: self._take(f"metacarpal {finger}", side) for finger in FINGERS}
         self._numbered_fingers(side, joints)
@@ -54,6 +61,7 @@ class Digits:
         for number, finger in enumerate(FINGERS, start=1):
             chain = joints[finger]
             if number > 1:
+                # Four bones: metacarpal and three joints, or three joints and a fingertip.
                 if len(chain) > 3 and hand and not palm[finger] and self._from_wrist(hand, chain):
                     palm[finger] = chain[:1]
                 if palm[finger][:1] == chain[:1]:
@@ -64,32 +72,36 @@ class Digits:
                 self._put(f"finger{number}-{joint}.{side}", [name])
 
     def _once(self, chain: Sequence[str]) -> list[str]:
-        """Keep one bone for each number, the one of the lowest rank."""
+        """Bone of lowest rank for each number, from hand to tip; all bones without numbers."""
         by_number: dict[tuple[str, ...], str] = {}
         for name in chain:  # in order of rank
             by_number.setdefault(self.names[name].numbers, name)
-        unnumbered = not any(by_number)
-        kept = list(chain) if unnumbered else list(by_number.values())
-        return self._outwards(kept)
+        return self._outwards(list(by_number.values()) if any(by_number) else chain)
 
     def _outwards(self, chain: Sequence[str]) -> list[str]:
-        """Order the joints of a digit from the hand to the tip."""
+        """Sort the joints of a digit from the hand to the tip."""
         return sorted(chain, key=lambda name: self._order(name)[1:])
 
     def _is_chain(self, names: Sequence[str]) -> bool:
+        """True if each bone is above the next."""
         return all(above in self.rig.ancestors(name) for above, name in pairwise(names))
 
     def _is_thumb_without_base(
         self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
     ) -> bool:
-        """Test a thumb of two bones: does it begin at its knuckle, as in MikuMikuDance?"""
+        """True if a thumb of two bones begins at the knuckle, as in MikuMikuDance.
+
+        Compares the distance from the wrist, relative to the index finger, with the canonical hand.
+        """
         if hand is None or len(chain) != 2 or not joints["index"]:
             return False
         wrist, thumb, index = (self.rig.head(n) for n in (hand, chain[0], joints["index"][-1]))
-        own = canonical_heads()
+        canonical = canonical_heads()
         shares = [
-            np.linalg.norm(own[f"finger1-{joint}.L"] - own["wrist.L"])
-            / np.linalg.norm(own[f"finger2-{min(3, len(joints['index']))}.L"] - own["wrist.L"])
+            np.linalg.norm(canonical[f"finger1-{joint}.L"] - canonical["wrist.L"])
+            / np.linalg.norm(
+                canonical[f"finger2-{min(3, len(joints['index']))}.L"] - canonical["wrist.L"]
+            )
             for joint in (1, 2)
         ]
         reach = float(np.linalg.norm(index - wrist))
@@ -97,12 +109,15 @@ class Digits:
         return bool(abs(share - shares[1]) < abs(share - shares[0]))
 
     def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
-        """Test a chain of four joints: is the first a metacarpal (else the last is a fingertip)?"""
+        """True if the first of four bones is a metacarpal: nearer to the wrist than its length."""
         wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
         return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
 
     def _numbered_fingers(self, side: str, joints: dict[str, list[str]]) -> None:
-        """Fingers with a number for a name: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman."""
+        """Add bones with a number instead of a finger name to ``joints``, in place.
+
+        ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman.
+        """
         bones = self._take("finger", side)
         numbers = {name: self.names[name].numbers for name in bones}
         fingers = _by_finger(numbers)
@@ -112,9 +127,9 @@ class Digits:
                 for finger, number in zip(FINGERS[1:], sorted(fingers), strict=False):
                     joints[finger] = self._outwards(fingers[number])
                 return
-        if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb or two
-            other = "middle" if joints["index"] else "index"
-            joints[other] = joints[other] or bones
+        if joints["thumb"]:  # numbered bones next to a named thumb are a mitten
+            mitten_finger = "middle" if joints["index"] else "index"
+            joints[mitten_finger] = joints[mitten_finger] or bones
             return
         for number, chain in fingers.items():
             if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
@@ -123,9 +138,7 @@ class Digits:
             joints["middle"] = joints["middle"] or bones
 
     def _joints_of_finger(self, bones: list[str]) -> list[str]:
-        """Bones with one finger's number; "finger 1a" and "finger 1b" only if they hang on each
-        other.
-        """
+        """Bones of a finger number; "finger 1a" and "finger 1b" only if chained, else empty."""
         numbers = [self.names[name].numbers for name in bones]
         if not all(len(own) == 1 and len(own[0]) == 1 for own in numbers):
             return bones
@@ -133,6 +146,7 @@ class Digits:
         return outwards if self._is_chain(outwards) else []
 
     def _toes(self, side: str) -> None:
+        """Assign toe joints of a side."""
         chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
         for name in self._take("small_toe", side):
             own = self.names[name].numbers
@@ -146,20 +160,21 @@ class Digits:
             if len(starts) == 5:  # a Biped with all toes, the big one first
                 chains = dict(zip(range(1, 6), (starts[k] for k in sorted(starts)), strict=True))
             else:
-                # One bone for all toes lies between the first and the second.
+                # A single toe bone stands for the second toe, the middle of the weights.
                 self._put(f"toe2-1.{side}", base)
         for number, chain in chains.items():
             for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
                 self._put(f"toe{number}-{joint}.{side}", [name])
 
     def _numbered_toes(self, side: str, chains: dict[int, list[str]]) -> list[str]:
-        """Add bones with the numbers of a toe and of its joint to the chains of toes; returns the
-        bones called toe that have no such two numbers.
+        """Add bones with numbers for toe and joint to ``chains`` (toe 1 to 5), in place.
+
+        Returns the remaining bones with the slot "toe".
         """
         general = self._take("toe", side)
         paired = [name for name in general if len(self.names[name].numbers) == 2]
         firsts = {int(self.names[name].numbers[0]) for name in paired}
-        if firsts == {0}:  # the only part of that name
+        if firsts == {0}:  # a single toe bone, numbered from 0
             paired = []
         for name in paired:
             number = int(self.names[name].numbers[0]) + (0 in firsts)
@@ -168,25 +183,28 @@ class Digits:
         return [name for name in general if name not in paired]
 
     def _ball_of_foot(self, side: str, toes: list[str]) -> list[str]:
-        """Bones that begin at the ball of the foot, among toes without a number and feet."""
-        if self._take("lower_body", ""):  # the "toe" of MikuMikuDance is the toes' tip
+        """Bones at the ball of the foot, from unnumbered toes and second feet."""
+        if self._take("lower_body", ""):  # in MikuMikuDance, "toe" is the tip of the toes
             toes = [name for name in toes if self.names[name].rank < 0]
         feet = self._take("foot", side)
         if len(feet) > 1 and feet[0] in self.rig.ancestors(feet[1]):
             ankle, ball = (self.rig.head(name) for name in feet[:2])
             tip = self.rig.head(toes[0]) if toes else ball
             if np.linalg.norm(ball - ankle) >= np.linalg.norm(tip - ball):
-                return feet[1:2]  # SMPL: ankle and foot are joints, the foot's is the ball's
+                return feet[1:2]  # SMPL: the joint "foot" is the ball of the foot
         return toes
 
 
 def _by_finger(numbers: Mapping[str, Sequence[str]]) -> dict[int, list[str]]:
-    """Bones by the number of their finger, from 1, among those with numbers in their names."""
-    from_zero = any(own[:1] in (("0",), ("00",)) for own in numbers.values())
+    """Bones by finger number (from 1), from the numbers in their names.
+
+    Fingers counted from 0 are shifted; of a two-digit number the first digit is the finger.
+    """
+    from_zero = any(parts[:1] in (("0",), ("00",)) for parts in numbers.values())
     fingers: dict[int, list[str]] = {}
-    for name, own in numbers.items():
-        if own:
-            digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
-            first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
+    for name, parts in numbers.items():
+        if parts:
+            digits = parts[0] if from_zero or len(parts) > 1 else parts[0].lstrip("0")
+            first = int(digits[:1] or "0") if from_zero or len(parts) == 1 else int(digits)
             fingers.setdefault(first + from_zero, []).append(name)
     return fingers

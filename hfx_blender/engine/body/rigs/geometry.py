@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Geometry of a rest pose: its left, back and up; a human recognised by hierarchy alone."""
+"""Left, back and up of a rest pose; recognition of a human by the bone hierarchy alone."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .rig import Rig
 _PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot", "clavicle")
 _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")
 _LEG: Final = ("pelvis", "upperleg01", "lowerleg01", "foot", "toe2-1")
-_LIKE_LENGTH: Final = 0.1  # relative difference at which two chains still count as a pair
-_FOOT_MIN: Final = 0.02  # of the trunk: shorter steps do not show where a foot points
-_SOLE_MIN: Final = 0.05  # the same for soles, which robes have too
+_LIKE_LENGTH: Final = 0.1  # largest relative difference of length within a pair of limbs
+_FOOT_MIN: Final = 0.02  # shortest foot with a direction, fraction of the trunk's length
+_SOLE_MIN: Final = 0.05  # for directions from soles; larger, because of robes
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:
-    """Unit vector from right to left bones, by name; None if all coincide."""
+    """Unit vector from right to left by bone names; None without pairs or if all coincide."""
     total = np.zeros(3)
     for bone in _PAIRED:
         if f"{bone}.L" in heads and f"{bone}.R" in heads:
@@ -32,7 +32,10 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
 
 
 def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | None:
-    """Direction of the body's left, from its feet; None without toes or if they disagree."""
+    """Unit vector to the body's left from the direction of the feet.
+
+    None without feet and toes, for feet shorter than ``least`` times the trunk, or opposite feet.
+    """
     up = _up(heads)
     if up is None:
         return None
@@ -54,18 +57,21 @@ def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | 
 
 
 def left_by_soles(
-    rig: Rig, found: Mapping[str, str], heads: Mapping[str, F64], skin: Mapping[str, F64]
+    rig: Rig, bone_of: Mapping[str, str], heads: Mapping[str, F64], skin: Mapping[str, F64]
 ) -> F64 | None:
-    """Direction of the body's left, from where the soles lie below the ankles; None if unclear.
+    """Unit vector to the body's left from the soles' offsets to the ankles; None if unclear.
 
     Parameters
     ----------
+    bone_of, heads : mapping
+        Canonical bone to avatar bone, and to its head (3,).
     skin : mapping
-        Bone to the places (n, 3) of the skin that follows it.
+        Avatar bone to points (n, 3) of the skin moved by the bone.
     """
-    places, up = dict(heads), _up(heads)
+    points_of, up = dict(heads), _up(heads)
+    # The lowest part of the skin below the ankle is the sole; its centre serves as toe joint.
     for side in "LR":
-        knee, foot = found.get(f"lowerleg01.{side}"), heads.get(f"foot.{side}")
+        knee, foot = bone_of.get(f"lowerleg01.{side}"), heads.get(f"foot.{side}")
         if knee is None or up is None:
             return None
         below = [n for n in skin if n in rig.parent and knee in (n, *rig.ancestors(n))]
@@ -77,18 +83,17 @@ def left_by_soles(
         if not depth.max() > 0.0:  # no skin below the foot's joint
             return None
         sole = points[depth > (0.9 if foot is None else 0.5) * depth.max()]
-        places[f"toe1-1.{side}"] = sole.mean(axis=0)
+        points_of[f"toe1-1.{side}"] = sole.mean(axis=0)
         if foot is None:
-            places[f"foot.{side}"] = points[depth < 0.8 * depth.max()].mean(axis=0)
-    return geometric_left(places, _SOLE_MIN)
+            points_of[f"foot.{side}"] = points[depth < 0.8 * depth.max()].mean(axis=0)
+    return geometric_left(points_of, _SOLE_MIN)
 
 
 def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
-    """Counterparts of canonical bones by the shape of the hierarchy.
+    """Canonical bones by the shape of the hierarchy alone; None unless exactly one body fits.
 
-    Looks for a pelvis that holds two like chains (the legs) and a trunk, and for a chest on
-    the trunk that holds two like chains (the arms) and a neck. The body's left follows from
-    where the feet point, so legs need a toe joint. Anything less clear is no human.
+    A body has a pelvis with two legs of equal shape and a trunk, and a chest on the trunk with two
+    arms of equal shape and a neck. The left follows from the feet, so legs need a toe joint.
 
     Returns
     -------
@@ -114,6 +119,10 @@ def _body(
     legs: tuple[str, str],
     trunk: Sequence[str],
 ) -> dict[str, str] | None:
+    """Canonical bones of a body with the given legs and trunk (pelvis to chest).
+
+    None without one pair of arms and one neck, or with other numbers of joints.
+    """
     chest = trunk[-1]
     arm_pairs = _pairs(rig, reach, chest)
     if len(arm_pairs) != 1:
@@ -123,40 +132,41 @@ def _body(
     if len(necks) != 1:
         return None
     neck = _straight(rig, necks[0])
-    found = {"root": pelvis, "head": neck[min(1, len(neck) - 1)]}
+    bone_of = {"root": pelvis, "head": neck[min(1, len(neck) - 1)]}
     if len(neck) > 1:
-        found["neck01"] = neck[0]
+        bone_of["neck01"] = neck[0]
     for side, leg, arm in zip("LR", legs, arms, strict=True):
         joints = _straight(rig, leg)
         if len(joints) not in (4, 5):  # the fifth only marks the end of the toes
             return None
         for bone, name in zip(_LEG[1:], joints, strict=False):
-            found[f"{bone}.{side}"] = name
+            bone_of[f"{bone}.{side}"] = name
         joints = _straight(rig, arm)
         if len(joints) not in (3, 4):
             return None
         for bone, name in zip(_ARM[4 - len(joints) :], joints, strict=True):
-            found[f"{bone}.{side}"] = name
-    heads = {canonical: rig.head(name) for canonical, name in found.items()}
+            bone_of[f"{bone}.{side}"] = name
+    heads = {canonical: rig.head(name) for canonical, name in bone_of.items()}
     left = geometric_left(heads)
-    if left is None or not _apart(heads, left):
+    if left is None or not _is_across(heads, left):
         return None
     for limb in (_ARM, _LEG):
         across = heads[f"{limb[1]}.L"] - heads[f"{limb[1]}.R"]
         if float(across @ left) < 0:
-            _swap(found, limb)
-    return found | spine_counterparts(rig, trunk, _low(heads), rig.head(neck[0]))
+            _swap(bone_of, limb)
+    return bone_of | spine_counterparts(rig, trunk, _low(heads), rig.head(neck[0]))
 
 
-def _swap(found: dict[str, str], limb: Sequence[str]) -> None:
+def _swap(bone_of: dict[str, str], limb: Sequence[str]) -> None:
+    """Swap the left and right bones of a limb, in place."""
     for bone in limb:
-        if f"{bone}.L" in found:
+        if f"{bone}.L" in bone_of:
             left, right = f"{bone}.L", f"{bone}.R"
-            found[left], found[right] = found[right], found[left]
+            bone_of[left], bone_of[right] = bone_of[right], bone_of[left]
 
 
-def _apart(heads: Mapping[str, F64], left: F64) -> bool:
-    """Test the limbs: do both pairs lie mainly across the body (not, say, in a table)?"""
+def _is_across(heads: Mapping[str, F64], left: F64) -> bool:
+    """True if thighs and upper arms lie side by side across the body, and legs point down."""
     trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
@@ -168,7 +178,7 @@ def _apart(heads: Mapping[str, F64], left: F64) -> bool:
 
 
 def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
-    """Bones from above the pelvis to the one that carries the arms; empty if none does."""
+    """Bones from ``first`` to the bone with a pair of arms; empty if the chain branches before."""
     chain = [first]
     while not _pairs(rig, reach, chain[-1]):
         if len(rig.children[chain[-1]]) != 1:
@@ -178,7 +188,7 @@ def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
 
 
 def _straight(rig: Rig, first: str) -> list[str]:
-    """A chain of only children; the last may hold several (fingers)."""
+    """Chain of only children from ``first``; the last bone has none or several."""
     chain = [first]
     while len(rig.children[chain[-1]]) == 1:
         chain += rig.children[chain[-1]]
@@ -186,7 +196,10 @@ def _straight(rig: Rig, first: str) -> list[str]:
 
 
 def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, str]]:
-    """Pairs of children of a bone with equal length, long relative to the body."""
+    """Pairs of children with equal reach (10 %) and joint count.
+
+    Their reach is at least a fifth of the rig's longest.
+    """
     longest = max(reach.values(), default=0.0)
     return [
         (a, b)
@@ -198,7 +211,7 @@ def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, s
 
 
 def _reaches(rig: Rig) -> dict[str, float]:
-    """Longest path down the hierarchy from each bone's head, metres."""
+    """Length of the longest path down the hierarchy from each bone's head, metres."""
     reach: dict[str, float] = {}
     for name in sorted(rig.bones, key=rig.depth, reverse=True):
         below = [
@@ -210,6 +223,7 @@ def _reaches(rig: Rig) -> dict[str, float]:
 
 
 def _low(heads: Mapping[str, F64]) -> F64:
+    """Middle of the thighs (3,); otherwise the lowest known bone of the trunk."""
     thighs = [heads[n] for n in ("upperleg01.L", "upperleg01.R") if n in heads]
     if len(thighs) == 2:
         return np.asarray(np.mean(thighs, axis=0))
@@ -217,6 +231,7 @@ def _low(heads: Mapping[str, F64]) -> F64:
 
 
 def _high(heads: Mapping[str, F64]) -> F64:
+    """Head (3,) of the neck or the highest known bone of the trunk."""
     return next(
         heads[n]
         for n in ("neck01", "head", "spine01", "spine02", *reversed(list(heads)))
@@ -225,9 +240,11 @@ def _high(heads: Mapping[str, F64]) -> F64:
 
 
 def _up(heads: Mapping[str, F64]) -> F64 | None:
+    """Unit vector up the trunk; None without bones or length."""
     return _unit(_high(heads) - _low(heads)) if heads else None
 
 
 def _unit(vector: F64) -> F64 | None:
+    """Unit vector; None for length 0."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > 1e-9 else None

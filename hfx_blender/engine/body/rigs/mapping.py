@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mapping the bones of a user's armature to the canonical skeleton.
+"""Mapping of an armature's bones to the canonical skeleton (``load_avatar().skeleton``).
 
-Joints are found by name first (:mod:`.bone_names`); where names say nothing, by the shape of
-the hierarchy (:mod:`.bone_geometry`). Canonical names are those of ``load_avatar().skeleton``.
+Joints are found by name (:mod:`.assignment`), otherwise by the shape of the hierarchy
+(:mod:`.geometry`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FORMAT_VERSION: Final = 1
 _SIDE_NAMES: Final = {"L": "left", "R": "right"}
 _SIDES: Final = (".L", ".R")
 
-# The first row with all of its words among the names (lower case, without namespace) wins.
+# The first row whose names are all present (lower case, without namespace) decides.
 _SIGNATURES: Final = (
     ("makehuman default", ("upperarm01.l", "metacarpal1.l", "spine05")),
     ("makehuman default", ("upperarm01_l", "metacarpal1_l", "spine05")),
@@ -67,15 +67,15 @@ _PREFIXES: Final = (
 
 @dataclass(frozen=True)
 class BoneMapping:
-    """Mapping from each bone of the canonical skeleton to the bone of an avatar that moves it.
+    """Avatar bone for every bone of the canonical skeleton.
 
     Every canonical bone is in exactly one of ``bones`` and ``fallbacks``.
     """
 
     convention: str  # "mixamo", "vrm", "rigify", ..., "plain", "geometry"
     bones: dict[str, str]  # canonical bone -> its counterpart
-    fallbacks: dict[str, str]  # canonical bone without counterpart -> the bone it follows
-    report: tuple[str, ...]  # sentences about what is missing or doubtful
+    fallbacks: dict[str, str]  # canonical bone without counterpart -> avatar bone to follow
+    report: tuple[str, ...]  # sentences about missing or doubtful bones
 
 
 def map_bones(
@@ -88,33 +88,33 @@ def map_bones(
     Parameters
     ----------
     bones : sequence of RigBone
-        All bones of the armature in rest pose, control bones included.
+        All bones of the armature, control bones included.
     labels : mapping, optional
-        Bone to the name of VRM's human bone that it is, where the armature's file tells; believed
-        before the bones' own names.
+        Bone name to VRM human bone name, stored in the file; preferred to bone names.
     skin : callable, optional
-        Places (n, 3) of the skin that follows each bone: tells sides of rigs without toes.
+        Returns points (n, 3) of the skin moved by each bone, in armature space; called only for
+        rigs without toes.
 
     Raises
     ------
     InputError
-        No human joints are recognisable, neither by name nor by the shape of the hierarchy; or
-        those of two humans are.
+        No human joints are recognised by name or hierarchy, or the armature has two characters.
     """
     notes: list[str] = []
+    # In order: labels of the file, deforming bones, all bones, the shape of the hierarchy.
     rig = Rig(bones, labels)
-    found = assigned_by_name(rig)
-    is_labelled = bool(labels) and is_human(found)
+    bone_of = assigned_by_name(rig)
+    is_labelled = bool(labels) and is_human(bone_of)
     if labels and not is_labelled:
         rig = Rig(bones)
-        found = assigned_by_name(rig)
-    if not is_human(found) and len(rig.bones) < len(rig.by_name):
-        every = Rig([replace(bone, deform=True) for bone in bones])
-        if is_human(assigned_by_name(every)):
-            rig, found = every, assigned_by_name(every)
+        bone_of = assigned_by_name(rig)
+    if not is_human(bone_of) and len(rig.bones) < len(rig.by_name):
+        all_deforming = Rig([replace(bone, deform=True) for bone in bones])
+        if is_human(assigned_by_name(all_deforming)):
+            rig, bone_of = all_deforming, assigned_by_name(all_deforming)
     check_single(rig)
     convention = "vrm" if is_labelled else convention_of(rig.bones)
-    if not is_human(found):
+    if not is_human(bone_of):
         by_geometry = assigned_by_geometry(rig)
         if by_geometry is None:
             raise InputError(
@@ -124,17 +124,17 @@ def map_bones(
                 "Unreal, MakeHuman, CMU, Daz, Biped and plain left/right names). "
                 "Assign the bones by hand in the HFX tab, under Bones, or choose another armature."
             )
-        found, convention = by_geometry, "geometry"
+        bone_of, convention = by_geometry, "geometry"
         notes.append(
             "The bone names say nothing; the joints were found by the shape of the hierarchy, "
             "so check them."
         )
     else:
-        is_mirrored = _is_mirrored(rig, found, skin)
+        is_mirrored = _is_mirrored(rig, bone_of, skin)
         if is_mirrored:
-            found = {_mirrored(canonical): name for canonical, name in found.items()}
-        wrong = misnamed(rig, found)
-        if is_mirrored and len(wrong) > 0.5 * len(found):
+            bone_of = {_mirrored(canonical): name for canonical, name in bone_of.items()}
+        wrong = misnamed(rig, bone_of)
+        if is_mirrored and len(wrong) > 0.5 * len(bone_of):
             notes.append(
                 "The bone names are mirrored: bones named left lie on the body's right, as its "
                 "feet point; they were mapped by where they lie."
@@ -144,18 +144,18 @@ def map_bones(
                 "Bones that are named after the other side of the body than the one where they lie "
                 f"were mapped by where they lie: {len(wrong)}, '{wrong[0]}' first."
             )
-    return _mapping(convention, found, [*notes, *doubled_ends(rig, found)])
+    return _mapping(convention, bone_of, [*notes, *doubled_ends(rig, bone_of)])
 
 
 def convention_of(names: Iterable[str]) -> str:
-    """The convention of a rig's bone names; "plain" if it is none of the known ones."""
-    written = list(names)
+    """Naming convention of bone names; "plain" if unknown."""
+    all_names = list(names)
     for convention, prefix in _PREFIXES:
-        if any(name.lower().startswith(prefix) for name in written):
+        if any(name.lower().startswith(prefix) for name in all_names):
             return convention
-    present = {name.rsplit(":", 1)[-1].lower() for name in written}
-    if "Root" in written and not any("twist" in name for name in present):
-        # MakeHuman's game engine rig is Unreal's first mannequin without its helpers.
+    present = {name.rsplit(":", 1)[-1].lower() for name in all_names}
+    if "Root" in all_names and not any("twist" in name for name in present):
+        # MakeHuman's game engine rig has the names of Unreal's first mannequin, without twists.
         present.add("~game engine")
     for convention, words in _SIGNATURES:
         if present.issuperset(words):
@@ -164,12 +164,12 @@ def convention_of(names: Iterable[str]) -> str:
 
 
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
-    """A mapping with some canonical bones given another avatar bone, or none.
+    """Mapping with some canonical bones reassigned to another avatar bone, or to none (None, "").
 
     Raises
     ------
     InputError
-        A corrected bone is not of the canonical skeleton, or nothing is left.
+        A name is not a canonical bone, or no bone remains.
     """
     _check_canonical(corrections)
     bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
@@ -178,12 +178,14 @@ def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]
             bones.pop(canonical, None)
     if not bones:
         raise InputError("The bone mapping has no bone left; at least one must be mapped.")
-    old = _missing(mapping.bones, mapping.fallbacks)
-    return _mapping(mapping.convention, bones, [s for s in mapping.report if s not in old])
+    old_sentences = _missing(mapping.bones, mapping.fallbacks)
+    return _mapping(
+        mapping.convention, bones, [s for s in mapping.report if s not in old_sentences]
+    )
 
 
 def to_json(mapping: BoneMapping) -> str:
-    """A mapping as JSON, for saving; :func:`from_json` reads it."""
+    """Mapping as JSON text; inverse of :func:`from_json`."""
     return json.dumps(
         {
             "format": "hfx bone mapping",
@@ -199,12 +201,12 @@ def to_json(mapping: BoneMapping) -> str:
 
 
 def from_json(text: str) -> BoneMapping:
-    """Read what :func:`to_json` wrote.
+    """Mapping from the JSON text of :func:`to_json`.
 
     Raises
     ------
     InputError
-        The text is not a bone mapping, is of a newer version or names unknown canonical bones.
+        The text is not a bone mapping, of a newer version, or has unknown canonical bones.
     """
     try:
         stored = json.loads(text)
@@ -225,30 +227,46 @@ def from_json(text: str) -> BoneMapping:
     return mapping
 
 
-def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
-    for canonical, name in found.items():
+def _heads(rig: Rig, bone_of: Mapping[str, str]) -> dict[str, F64]:
+    """Head (3,) of the avatar bone of each canonical bone.
+
+    Raises
+    ------
+    InputError
+        The armature lacks a bone.
+    """
+    for canonical, name in bone_of.items():
         if name not in rig.by_name:
             raise InputError(
                 f"The bone mapping gives '{name}' for '{canonical}', but the armature has no "
                 "bone of that name."
             )
-    return {canonical: rig.head(name) for canonical, name in found.items()}
+    return {canonical: rig.head(name) for canonical, name in bone_of.items()}
 
 
-def _is_mirrored(rig: Rig, found: Mapping[str, str], skin: Callable[[], Mapping[str, F64]]) -> bool:
-    heads = _heads(rig, found)
+def _is_mirrored(
+    rig: Rig, bone_of: Mapping[str, str], skin: Callable[[], Mapping[str, F64]]
+) -> bool:
+    """True if left by bone names is opposite to left by toes, or by soles for rigs without toes."""
+    heads = _heads(rig, bone_of)
     named, geometric = named_left(heads), geometric_left(heads)
     if geometric is None and not any(name.startswith("toe") for name in heads):
-        geometric = left_by_soles(rig, found, heads, skin())
+        geometric = left_by_soles(rig, bone_of, heads, skin())
     return named is not None and geometric is not None and float(named @ geometric) < 0
 
 
 def _mirrored(canonical: str) -> str:
-    other = {"L": "R", "R": "L"}.get(canonical[-1]) if canonical[-2:-1] == "." else None
-    return canonical[:-1] + other if other else canonical
+    """Canonical bone of the opposite side; names of the centre unchanged."""
+    opposite = {"L": "R", "R": "L"}.get(canonical[-1]) if canonical[-2:-1] == "." else None
+    return canonical[:-1] + opposite if opposite else canonical
 
 
 def _check_canonical(names: Mapping[str, object]) -> None:
+    """Raises
+    ------
+    InputError
+        A name is not a canonical bone.
+    """
     for name in names:
         if name not in canonical_parents():
             raise InputError(
@@ -256,20 +274,24 @@ def _check_canonical(names: Mapping[str, object]) -> None:
             )
 
 
-def _mapping(convention: str, found: Mapping[str, str], notes: Sequence[str]) -> BoneMapping:
+def _mapping(convention: str, bone_of: Mapping[str, str], notes: Sequence[str]) -> BoneMapping:
+    """Complete a mapping by fallbacks and a report of missing bones."""
     order = canonical_parents()
-    bones = {name: found[name] for name in order if name in found}
-    fallbacks = {name: _followed(name, bones) for name in order if name not in bones}
+    bones = {name: bone_of[name] for name in order if name in bone_of}
+    fallbacks = {name: _fallback(name, bones) for name in order if name not in bones}
     return BoneMapping(convention, bones, fallbacks, (*notes, *_missing(bones, fallbacks)))
 
 
-def _followed(canonical: str, bones: Mapping[str, str]) -> str:
-    """Avatar bone that a canonical bone without counterpart follows."""
+def _fallback(canonical: str, bones: Mapping[str, str]) -> str:
+    """Avatar bone moving the skin of a canonical bone without counterpart.
+
+    The only digit, a trunk bone, or the nearest mapped ancestor; otherwise the first mapped bone.
+    """
     digit = _only_digit(canonical, bones)
     if digit is not None:
         return digit
     if not canonical.endswith(_SIDES) and "root" not in bones:
-        # The middle of the body never follows a limb.
+        # Trunk bones without a root follow the trunk, not a limb.
         trunk = [name for name in canonical_parents() if name in bones and name[-2:] not in _SIDES]
         if trunk:
             return bones[trunk[0]]
@@ -282,7 +304,7 @@ def _followed(canonical: str, bones: Mapping[str, str]) -> str:
 
 
 def _only_digit(canonical: str, bones: Mapping[str, str]) -> str | None:
-    """Avatar bone of the only toe, or finger beside the thumb: it moves all of them."""
+    """Avatar bone of the only toe, or of the only finger next to the thumb (mitten), or None."""
     side = canonical[-2:]
     if canonical.startswith("toe"):
         toes = [n for n in bones if n.startswith("toe") and n.endswith(side)]
@@ -297,22 +319,23 @@ def _only_digit(canonical: str, bones: Mapping[str, str]) -> str | None:
 
 
 def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str]:
+    """Sentences about canonical bones without counterpart."""
     sentences: list[str] = []
 
-    def tell(what: str, canonical: str) -> None:
+    def report_missing(label: str, canonical: str) -> None:
         if canonical in fallbacks:
             sentences.append(
-                f"No bone for {what}; the skin there follows '{fallbacks[canonical]}'."
+                f"No bone for {label}; the skin there follows '{fallbacks[canonical]}'."
             )
 
-    tell("the hips", "root")
+    report_missing("the hips", "root")
     if not any(name.startswith("spine") for name in bones):
-        tell("the spine", "spine01")
+        report_missing("the spine", "spine01")
     if not any(name.startswith("neck") for name in bones):
-        tell("the neck", "neck01")
-    tell("the head", "head")
+        report_missing("the neck", "neck01")
+    report_missing("the head", "head")
     for side, side_name in _SIDE_NAMES.items():
-        for what, bone in (
+        for label, bone in (
             ("collar bone", "clavicle"),
             ("upper arm", "upperarm01"),
             ("forearm", "lowerarm01"),
@@ -321,11 +344,11 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
             ("shin", "lowerleg01"),
             ("foot", "foot"),
         ):
-            tell(f"the {side_name} {what}", f"{bone}.{side}")
+            report_missing(f"the {side_name} {label}", f"{bone}.{side}")
         sentences += _missing_fingers(side, fallbacks)
         toes = [n for n in fallbacks if n.startswith("toe") and n.endswith(side)]
         if len({fallbacks[name] for name in toes}) == 1:
-            tell(f"the single toes of the {side_name} foot", toes[0])
+            report_missing(f"the single toes of the {side_name} foot", toes[0])
     split = [
         n for n in fallbacks if n[:-2] in ("upperarm02", "lowerarm02", "upperleg02", "lowerleg02")
     ]
@@ -334,43 +357,45 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
             f"{len(split)} of 8 twist bones of the limbs are missing or placed elsewhere; "
             "their skin follows the limb's main bone."
         )
-    tell("the jaw", "jaw")
+    report_missing("the jaw", "jaw")
     return _both_sides(sentences)
 
 
 def _both_sides(sentences: Sequence[str]) -> list[str]:
-    """Sentences of which two that differ in the side only are one."""
-    found: dict[str, list[str]] = {}
+    """Merge pairs of sentences that differ only in the side."""
+    by_text: dict[str, list[str]] = {}
     for sentence in sentences:
         part, _, follows = sentence.partition(" follows ")
         key = part.replace(" left ", " right ") if follows else sentence
-        found.setdefault(key, []).append(sentence)
+        by_text.setdefault(key, []).append(sentence)
     return [
         f"{pair[0].partition(' follows ')[0].replace(' left ', ' left and right ')} follows "
-        + " and ".join(dict.fromkeys(each.partition(" follows ")[2].rstrip(".") for each in pair))
+        + " and ".join(
+            dict.fromkeys(sentence.partition(" follows ")[2].rstrip(".") for sentence in pair)
+        )
         + "."
         if len(pair) == 2
         else pair[0]
-        for pair in found.values()
+        for pair in by_text.values()
     ]
 
 
 def _missing_fingers(side: str, fallbacks: Mapping[str, str]) -> list[str]:
-    """A sentence for all fingers of a hand that lack the same joints and follow the same bone."""
-    alike: dict[tuple[int, str], list[str]] = {}
+    """Sentences about missing finger joints; fingers with equal gaps share a sentence."""
+    fingers_by: dict[tuple[int, str], list[str]] = {}
     for number, finger in enumerate(FINGERS, start=1):
         joints = [f"finger{number}-{joint}.{side}" for joint in (1, 2, 3)]
         absent = [joint for joint in joints if joint in fallbacks]
         if absent:
             follows = f"'{fallbacks[absent[0]]}'" if len(absent) == 3 else ""
-            alike.setdefault((len(absent), follows), []).append(finger)
-    found = []
-    for (count, follows), fingers in alike.items():
+            fingers_by.setdefault((len(absent), follows), []).append(finger)
+    sentences = []
+    for (count, follows), fingers in fingers_by.items():
         names = " and ".join(filter(None, (", ".join(fingers[:-1]), fingers[-1])))
         names += "" if fingers == ["thumb"] else " finger"
         part = "" if count == 3 else f"{count} of 3 joints of "
-        which = follows or "the joint before"
-        found.append(
-            f"No bone for {part}the {_SIDE_NAMES[side]} {names}; the skin there follows {which}."
+        target = follows or "the joint before"
+        sentences.append(
+            f"No bone for {part}the {_SIDE_NAMES[side]} {names}; the skin there follows {target}."
         )
-    return found
+    return sentences

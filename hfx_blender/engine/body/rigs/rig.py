@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bones of an avatar's armature as a hierarchy, and those of the canonical skeleton."""
+"""Bone hierarchies of an avatar's armature and of the canonical skeleton."""
 
 from __future__ import annotations
 
@@ -16,41 +16,45 @@ from .names import is_deform, read_names, without_role
 
 Point = tuple[float, float, float]
 
-_ENOUGH: Final = 10
-"""Bones with a joint's name that a body has at least."""
+_FEWEST_JOINTS: Final = 10
+"""Smallest number of bones with joint names in a body."""
 
 
 @dataclass(frozen=True)
 class RigBone:
-    """Bone of an avatar's armature in rest pose; metres, armature space."""
+    """Rest pose of a bone of an avatar's armature; metres, armature space."""
 
     name: str
     parent: str | None
     head: Point
     tail: Point
-    deform: bool = True  # whether skin may hang on it; controls do not
+    deform: bool = True  # Blender's "Deform"; False for control bones
 
 
 class Rig:
-    """Bones by name, with the hierarchy of those that deform.
+    """Bones by name, and the hierarchy of deforming bones.
 
-    Where bones carry Blender's "DEF-" mark only they count, else those that are said to deform, if
-    they are enough for a body. A parent that does not deform stands for the bone that deforms in
-    its place (Rigify hangs ``DEF-thigh.L`` on ``ORG-spine``).
+    The bones considered (``bones``) are the first sufficient set for a body: bones with Blender's
+    "DEF-" prefix, deforming bones, all bones. A parent outside of ``bones`` is replaced by its
+    counterpart: Rigify's ``DEF-thigh.L`` is a child of ``ORG-spine``, here of ``DEF-spine``.
 
     Parameters
     ----------
+    bones : sequence of RigBone
     labels : mapping, optional
-        What to read instead of the names: bone to label. Bones without one are read as nothing.
+        Bone name to the text read instead; all bones are considered, bones without a label are
+        unnamed.
     """
 
     def __init__(self, bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> None:
-        every = {bone.name: bone for bone in bones}
-        marked = {name: bone for name, bone in every.items() if is_deform(name)}
-        self.by_name = every
-        deform = {name: bone for name, bone in every.items() if bone.deform}
-        choices = () if labels else (marked, deform)
-        self.bones = next((some for some in choices if len(read_names(some)) >= _ENOUGH), every)
+        self.by_name = {bone.name: bone for bone in bones}
+        marked = {name: bone for name, bone in self.by_name.items() if is_deform(name)}
+        deform = {name: bone for name, bone in self.by_name.items() if bone.deform}
+        self.bones = self.by_name
+        for subset in () if labels else (marked, deform):
+            if len(read_names(subset)) >= _FEWEST_JOINTS:
+                self.bones = subset
+                break
         self.labels = dict(labels or {name: name for name in self.bones})
         deforming = {without_role(name): name for name in self.bones}
         self.parent = {name: self._deforming_parent(name, deforming) for name in self.bones}
@@ -60,9 +64,9 @@ class Rig:
                 self.children[parent].append(name)
 
     def _deforming_parent(self, name: str, deforming: Mapping[str, str]) -> str | None:
-        """Nearest bone above one that deforms, or whose counterpart does; None at the top.
+        """Nearest ancestor in ``bones``, or counterpart of an ancestor; None at the top.
 
-        ``deforming`` holds the bones that do by their names without a rig's marks.
+        ``deforming`` maps names without a Rigify role to the considered bones.
         """
         above = self.by_name[name].parent
         seen = {name}
@@ -75,7 +79,7 @@ class Rig:
         return None
 
     def ancestors(self, name: str) -> Iterator[str]:
-        """Yield the ancestors of a bone, nearest first."""
+        """Yield the ancestors of a bone, nearest first; stops at a cycle."""
         seen = {name}
         above = self.parent[name]
         while above is not None and above not in seen:
@@ -88,17 +92,17 @@ class Rig:
         return sum(1 for _ in self.ancestors(name))
 
     def head(self, name: str) -> F64:
-        """Start of a bone, (3,) metres."""
+        """Head of a bone, (3,) metres, armature space."""
         return np.array(self.by_name[name].head, np.float64)
 
     def tail(self, name: str) -> F64:
-        """End of a bone, (3,) metres."""
+        """Tail of a bone, (3,) metres, armature space."""
         return np.array(self.by_name[name].tail, np.float64)
 
 
 @lru_cache(maxsize=1)
 def canonical_parents() -> dict[str, str | None]:
-    """Parent of each canonical bone, parents before children."""
+    """Parent name of each canonical bone (None for roots), parents first; cached."""
     skeleton = load_skeleton()
     names = skeleton.bone_names
     return {
@@ -109,7 +113,7 @@ def canonical_parents() -> dict[str, str | None]:
 
 @lru_cache(maxsize=1)
 def canonical_heads() -> dict[str, F64]:
-    """Head of each canonical bone, (3,) metres in rest space."""
+    """Head (3,) of each canonical bone, metres, rest space; cached."""
     skeleton = load_skeleton()
     heads = skeleton.rest[:, :3, 3].astype(np.float64)
     return dict(zip(skeleton.bone_names, heads, strict=True))

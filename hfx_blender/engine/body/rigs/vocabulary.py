@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Words of bone names: the body joint that a set of words names, sides, and words without meaning.
+"""Vocabulary of bone names: joints, sides, filler words, Japanese names.
 
-A joint is named by a set of words, in any order and glued or not: ``upper arm`` also stands for
-``ArmUpper``, ``upperarm`` and ``UPPER_ARM``. The words come from the public naming of Mixamo, Unity
-and VRM, VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman, the CMU motion capture
-files, Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced
-Skeleton, mGear and Second Life, and from anatomy.
+A joint is a set of words in any order, joined or not: ``upper arm`` matches ``ArmUpper``,
+``upperarm`` and ``UPPER_ARM``. The words come from the public naming of Mixamo, Unity and VRM,
+VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman, the CMU motion capture files,
+Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced Skeleton,
+mGear and Second Life, and from anatomy.
 """
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Final
@@ -22,7 +24,7 @@ FINGERS: Final = ("thumb", "index", "middle", "ring", "pinky")
 # Slot: comma-separated sets of words.
 _SIDED_WORDS: Final = {
     "clavicle": "clavicle, clav, collar, collar bone, scapula, scap, sternoclavicular",
-    "shoulder": "shoulder, shldr",  # the collar bone or the upper arm, as the rest decides
+    "shoulder": "shoulder, shldr",  # collar bone or upper arm, decided by the other bones
     "upper_arm": "upper arm, up arm, u arm, arm stretch, shldr bend, upper arm bend, shoulder bend,"
     "humerus, upper arm stretch, bicep, biceps",
     "upper_arm_twist": "shldr twist, upper arm twist, up arm twist, arm twist, shoulder part,"
@@ -35,7 +37,7 @@ _SIDED_WORDS: Final = {
     "hand": "hand, wrist, arm hand, fist, arm end",
     "thigh": "thigh, up leg, upper leg, thigh stretch, thigh bend, femur, upper thigh",
     "thigh_twist": "thigh twist, up leg twist, upper leg twist, hip part",
-    "leg": "leg, leg div loc",  # the shin of Mixamo, the thigh beside a bone called knee
+    "leg": "leg, leg div loc",  # the shin of Mixamo; the thigh in rigs with a knee
     "hip": "hip, hips",
     "shin": "shin, calf, lower leg, lo leg, low leg, leg stretch, knee, tibia, crus",
     "shin_twist": "shin twist, calf twist, lower leg twist, leg twist, knee part",
@@ -57,7 +59,7 @@ _SIDED_WORDS: Final = {
 }
 _CENTRE_WORDS: Final = {
     "hips": "hips, hip, pelvis, groin, sacroiliac",
-    "lower_body": "lower body",  # of MikuMikuDance: beside the upper body, not below it
+    "lower_body": "lower body",  # MikuMikuDance: sibling of the upper body
     "spine": "spine, chest, upper chest, lower chest, mid chest, abdomen, lower abdomen,"
     "upper abdomen, lower back, upper back, mid back, back, torso, upper torso, lower torso, waist,"
     "stomach, ribs, rib cage, thorax, lower spine, low spine, upper spine, up spine, mid spine,"
@@ -93,54 +95,56 @@ VERTEBRAE: Final = {
 """Letters of lumbar, thoracic and cervical vertebrae (Xsens, H-Anim) -> slot."""
 
 LETTERS: Final = frozenset("abdeghijknopqstvwyz")
-"""Single letters that count or mark bones ("Spine_A", "HandN"), beside those that mean a side."""
+"""Single letters that number or mark bones ("Spine_A", "HandN"); sides excluded."""
 
 CARRIERS: Final = frozenset({"stretch", "skin"})
-"""Marks of the one of two bones of a joint that the skin hangs on (Auto-Rig Pro, MikuMikuDance)."""
+"""Marks of the skinned bone among two bones of a joint (Auto-Rig Pro, MikuMikuDance)."""
 
 FILLERS: Final = frozenset(
     "bone bones bn bnd jnt jnts joint joints jt jo j b bind bound binding sk skin skinned skel "
     "skeleton env def deform deformer rig hub bip biped valve".split()
 )
-"""Words that say no more than that it is a bone, before, after or between the others."""
+"""Words without meaning for the joint, in any position."""
 
 CONTROLS: Final = frozenset(
     "org mch vis wgt ctrl ctl control controller ik fk vb adj sec pole target helper tweak end nub "
     "tip twist roll share corrective socket attach slot prop grp group offset null driver".split()
 )
-"""Words of controls and helpers, which stay meaningful however many bones have them."""
+"""Words of controls and helpers, significant however many names share one."""
 
 
 def _entries(table: Mapping[str, str]) -> dict[Words, str]:
+    """Set of words to slot, from comma-separated sets of words by slot."""
     return {
         frozenset(words.split()): slot for slot, sets in table.items() for words in sets.split(",")
     }
 
 
 def _finger_entries() -> dict[Words, str]:
-    found: dict[Words, str] = {}
+    """Set of words to slot ``finger <name>`` or ``metacarpal <name>``."""
+    entries: dict[Words, str] = {}
     for finger, names in _FINGER_WORDS.items():
         for name in names.split(","):
             word = name.strip()
             for around in ((), ("hand",), ("f",), ("finger",), ("hand", "finger"), ("fingers",)):
                 for phalanx in ((), *((each,) for each in _PHALANGES)):
-                    found[frozenset((word, *around, *phalanx))] = f"finger {finger}"
+                    entries[frozenset((word, *around, *phalanx))] = f"finger {finger}"
             for marks in (
                 *(("metacarpal",), ("meta",), ("carpal",), ("in", "hand"), ("base",), ("palm",)),
                 ("start",),
                 *(("finger", "meta"), ("finger", "metacarpal")),
             ):
-                # The first joint of the thumb is its metacarpal in every rig.
+                # All rigs count the thumb's metacarpal as its first joint.
                 slot = f"{'finger' if finger == 'thumb' else 'metacarpal'} {finger}"
-                found[frozenset((word, *marks))] = slot
-    return found
+                entries[frozenset((word, *marks))] = slot
+    return entries
 
 
 SIDED: Final = _finger_entries() | _entries(_SIDED_WORDS)
-"""Set of words of a joint that a body has on both sides -> its slot."""
+"""Set of words to slot, for joints on both sides."""
 
 CENTRE: Final = _entries(_CENTRE_WORDS)
-"""Set of words of a joint in the middle of the body -> its slot."""
+"""Set of words to slot, for joints in the middle of the body."""
 
 CONTEXT: Final = {
     "arm": ("clavicle", "shoulder", "upper_arm", "forearm", "hand", "finger"),
@@ -151,7 +155,7 @@ CONTEXT: Final = {
     "head": ("head", "neck", "jaw", "eye"),
     "face": ("jaw", "eye"),
 }
-"""Part of the body that may stand before a more exact word -> slots that it may stand before."""
+"""Body part allowed as additional word, to the slots specified by the other words."""
 
 _LONG_SIDES: Final = frozenset(side for side in SIDES if len(side) > 3)
 _JOINT_WORDS: Final = frozenset().union(*SIDED, *CENTRE)
@@ -167,18 +171,18 @@ HALVES: Final = {
     for initial, half in (("u", "upper"), ("l", "lower"))
     for limb in ("arm", "leg")
 }
-"""Limbs with the first letter of their half, as in ``r_uarm``, ``r_larm``."""
+"""Limbs with the initial of their half, as in ``r_uarm``, ``r_larm``."""
 
 _INITIALS: Final = frozenset({"lu", "ru", "lf", "rf"})
-"""Side and first letter of "upper" or "fore", as in ``LUArm``."""
+"""Side and initial of "upper" or "fore", as in ``LUArm``."""
 
 
 @lru_cache(maxsize=4096)
 def parted(token: str) -> tuple[str, ...]:
-    """Known words of a lower-case token: ``upperarm`` is ``upper``, ``arm``.
+    """Known words of a lower-case token: ``upperarm`` becomes ``upper``, ``arm``.
 
-    A side of one letter may be glued to either end (``handl``, ``lthigh``). A token that known
-    words do not cover wholly is returned as it is.
+    A one-letter side may be joined to either end (``handl``, ``lthigh``). A token not covered by
+    known words is returned unchanged, or completed if the start of one word ("clavic", "fing").
     """
     if token in KNOWN or token.isdigit():
         return (token,)
@@ -191,20 +195,82 @@ def parted(token: str) -> tuple[str, ...]:
     ):
         if start + end in ("", "l", "r") and (words := _words(core)):
             return tuple(word for word in (start, *words, end) if word)
-    # The beginning of one word: "clavic", "fing".
-    meant = [word for word in _JOINT_WORDS if word.startswith(token)] if len(token) > 3 else []
-    shortest = min(meant, key=len, default="")
-    return (shortest if all(word.startswith(shortest) for word in meant) and meant else token,)
+    completions = (
+        [word for word in _JOINT_WORDS if word.startswith(token)] if len(token) > 3 else []
+    )
+    shortest = min(completions, key=len, default="")
+    return (
+        shortest
+        if all(word.startswith(shortest) for word in completions) and completions
+        else token,
+    )
 
 
 def _words(text: str) -> tuple[str, ...]:
-    """Fewest glued words that make up a text; empty if none do."""
-    best: list[tuple[str, ...] | None] = [()]
+    """Shortest sequence of joined words equal to a text; empty without any."""
+    # shortest[n]: fewest words for the first n letters, None without any.
+    shortest: list[tuple[str, ...] | None] = [()]
     for stop in range(1, len(text) + 1):
-        found = [
+        splits = [
             (*before, text[start:stop])
             for start in range(stop)
-            if (before := best[start]) is not None and text[start:stop] in _GLUED
+            if (before := shortest[start]) is not None and text[start:stop] in _GLUED
         ]
-        best.append(min(found, key=len) if found else None)
-    return best[-1] or ()
+        shortest.append(min(splits, key=len) if splits else None)
+    return shortest[-1] or ()
+
+
+_JAPANESE_JOINTS: Final = {
+    "下半身": "lowerbody",
+    "上半身": "upperbody",
+    "首": "neck",
+    "頭": "head",
+    "肩": "shoulder",
+    "腕": "upperarm",
+    "腕捩": "upperarmtwist",
+    "ひじ": "forearm",
+    "肘": "forearm",
+    "手捩": "forearmtwist",
+    "手首": "hand",
+    "足": "thigh",
+    "ひざ": "shin",
+    "膝": "shin",
+    "足首": "foot",
+    # The toe joint; "つま先" is the toe tip, a target of foot controls.
+    "足先EX": "toe skin",
+    "目": "eye",
+    "胸": "breast",
+    "親指": "thumb",
+    "人指": "index",
+    "人差指": "index",
+    "人差し指": "index",
+    "中指": "middle",
+    "薬指": "ring",
+    "小指": "pinky",
+}
+_JAPANESE_SIDES: Final = {"左": "left", "右": "right"}
+_NUMERALS: Final = str.maketrans("一二三", "123")
+_JAPANESE_NAME: Final = re.compile(r"([左右]?)(.+?)(\d*)([左右]?)(?:[._ ]([LR]))?")
+
+
+def in_english(name: str) -> str:
+    """English words of a MikuMikuDance bone name, ``左ひじ`` as ``left forearm``.
+
+    Other names, and names of controls and helpers, are returned unchanged.
+    """
+    if name.isascii():
+        return name
+    folded = unicodedata.normalize("NFKC", name).translate(_NUMERALS)
+    match = _JAPANESE_NAME.fullmatch(folded)
+    if match is None:
+        return name
+    before, stem, number, after, mark = match.groups()
+    side = _JAPANESE_SIDES.get(before or after, {"L": "left", "R": "right"}.get(mark or "", ""))
+    is_carrier = stem not in _JAPANESE_JOINTS
+    if is_carrier:  # "足D" carries the skin and follows the posed bone "足"
+        stem = stem.removesuffix("D")
+    if stem not in _JAPANESE_JOINTS:
+        return name
+    return " ".join(
+        w for w in (side, _JAPANESE_JOINTS[stem], number, "skin" if is_carrier else "") if w
+    )
