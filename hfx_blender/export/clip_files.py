@@ -63,5 +63,5 @@ def write_clips(
             of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
             played = result_files.placed(whole.header, of_clip.played, stem, part)
             made = writing.write_all(formats, played, track, devices, part, tolerance)
-            written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
+            written += replace(made, left_out=made.prefixed(f"clip '{named.name}'").left_out)
     return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of other programs and of our own: writers, readers, rules, conversion."""
+"""File formats: writers, readers, rules and conversion for own and foreign formats."""

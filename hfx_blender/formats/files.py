@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of any format: detection, validation, signals, short descriptions.
+"""Files of any registered format: detection, validation, signals and facts.
 
-Written files pass our own validation, or they do not get their names. Conversions, of files of
-strangers, check whatever they wrote. Exports check what has rules of its own on how many points,
-how long and how fast, which takes 1 % of their time; their tables, sound and samples are made of
-numbers that were checked before. They do not read envelopes here: writers of keyframes have done
-so for the error that their notes tell.
+A written file has to pass its own validation before it gets its name. A conversion validates
+every file. An export validates only formats whose rules limit the number of points, durations and
+frequencies (1 % of the export's time); tables, sound and samples consist of checked numbers. The
+export does not decode envelopes here: keyframe writers read them back for their error notes.
 """
 
 from __future__ import annotations
@@ -33,15 +32,13 @@ _HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
 
 
 def format_of(path: Path) -> FormatInfo:
-    """Format of a file, by its name, and of a ``.json`` by its content.
+    """Return the format of a file by its name, or by its content for ``.json``.
 
-    Raises
-    ------
-    InputError
-        It is none that is checked by its content, or cannot be read.
+    Only formats with ``check`` are considered. Raises InputError for another name or content, or
+    an unreadable file.
     """
     name = path.name.lower()
-    checked = [each for each in FORMATS.values() if each.check]
+    checked = [entry for entry in FORMATS.values() if entry.check]
     for info in checked:
         suffix = info.read_suffix or info.suffix
         if name.endswith(suffix) and not (info.marks and suffix.endswith(".json")):
@@ -51,19 +48,18 @@ def format_of(path: Path) -> FormatInfo:
         for info in checked:
             if info.marks and all(mark in head for mark in info.marks):
                 return info
-    known = ", ".join(each.read_suffix or each.suffix for each in [*checked, *_read_whole()])
+    known = ", ".join(
+        info.read_suffix or info.suffix for info in [*checked, *_formats_without_check()]
+    )
     raise InputError(
         f"{path}: is {title_of(path)}, of no format that is known here; known are {known}."
     )
 
 
 def refuse_strangers(files: Iterable[Path], target: Path) -> None:
-    """Refuse to replace files beside a target, which nobody named, unless HFX wrote them.
+    """Raise OutputError for an existing companion file of a target without HFX's signature.
 
-    Raises
-    ------
-    OutputError
-        There is one whose content does not prove that.
+    The target itself may be replaced; files that do not exist are ignored.
     """
     for path in files:
         if path != target and path.is_file() and not _is_ours(path):
@@ -74,7 +70,8 @@ def refuse_strangers(files: Iterable[Path], target: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    starts = (each.own_start for each in FORMATS.values() if path.name.endswith(each.suffix))
+    """Test for a file that begins as HFX writes it; False if it is unreadable or unmarked."""
+    starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
     start = next(filter(None, starts), None)
     try:
         with path.open("rb") as file:
@@ -83,13 +80,13 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def _read_whole() -> list[FormatInfo]:
-    """Formats that are checked by reading a file with what is beside it, or part by part."""
-    return [each for each in FORMATS.values() if each.read]
+def _formats_without_check() -> list[FormatInfo]:
+    """Formats validated by a reader of the path: large files, or files with companions."""
+    return [info for info in FORMATS.values() if info.read]
 
 
 def is_known(path: Path) -> bool:
-    """Test that :func:`facts_of` knows a file's format; a ``.json`` is looked into."""
+    """Test for a file of a format with ``check``; the content of ``.json`` files is read."""
     try:
         format_of(path)
     except InputError:
@@ -98,27 +95,26 @@ def is_known(path: Path) -> bool:
 
 
 def can_validate(path: Path) -> bool:
-    """Test for a file that :func:`validate` knows; a ``.json`` is looked into."""
-    return any(path.name.endswith(each.suffix) for each in _read_whole()) or is_known(path)
+    """Test for a file of a format with ``check`` or ``read``; ``.json`` files are read."""
+    return any(path.name.endswith(info.suffix) for info in _formats_without_check()) or is_known(
+        path
+    )
 
 
 def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
-    """The format of a file, and what is wrong with it.
+    """Return the format of a file and its findings in the order of the file; none: valid.
 
-    A file that cannot be parsed at all has the single finding ``<FORMAT>-UNREADABLE``.
+    A file that cannot be parsed has one finding, ``<FORMAT>-UNREADABLE`` (``-LARGE``: beyond a
+    limit, ``-CONTENT``: of a format with ``read``). Raises InputError if the path is missing,
+    unreadable or of an unknown format.
 
     Parameters
     ----------
     reads : bool
-        Read its envelopes as well, to see that they can be read: most of the work.
-
-    Raises
-    ------
-    InputError
-        It is of no known format, or cannot be read.
+        Decode the envelopes of a file without errors too, most of the time spent.
     """
     refuse_no_file(path)
-    for info in _read_whole():
+    for info in _formats_without_check():
         if path.name.endswith(info.suffix):
             try:
                 info.function("read")(path)
@@ -129,8 +125,8 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
     content = mapped(path) if info.id == "wav" else read_bytes(path, _MOST_BYTES)
     try:
         findings: list[Finding] = info.function("check")(content, str(path))
-        if reads and info.decode and not any(each.severity == "error" for each in findings):
-            decoded(info, content, str(path))  # a valid file can be read
+        if reads and info.decode and not any(finding.severity == "error" for finding in findings):
+            decoded(info, content, str(path))  # raises for a file beyond the reader's limits
         return info, findings
     except limits.TooLargeError as error:
         return info, [_finding(info, "LARGE", error, path)]
@@ -139,44 +135,26 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
 
 
 def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Finding:
-    """The error of a reader as the only finding about a file."""
+    """Convert a reader's error to a finding without the path and the final full stop."""
     message = str(error).removeprefix(f"{path}: ").rstrip(".")
     return Finding(f"{info.id.upper()}-{code}", "", message)
 
 
 def read_track(path: Path) -> None:
-    """Read a track to its end, as it may be larger than memory.
-
-    Raises
-    ------
-    InputError
-        It is damaged.
-    """
+    """Read a track file run by run, in bounded memory; InputError if it is damaged."""
     with TrackReader(path) as track:
         for _ in track.runs():
             pass
 
 
 def read_blend(path: Path) -> None:
-    """Read the beginning of a Blender file; Blender alone reads the rest.
-
-    Raises
-    ------
-    InputError
-        It is none.
-    """
+    """Check the first bytes of a ``.blend`` file (plain or zstd); InputError if they differ."""
     if not mapped(path)[:7].startswith((b"BLENDER", b"\x28\xb5\x2f\xfd")):
         raise InputError(f"{path}: is no .blend file.")
 
 
 def read_svg(path: Path) -> None:
-    """Read a picture as XML.
-
-    Raises
-    ------
-    InputError
-        It is not well-formed, or no SVG.
-    """
+    """Parse an SVG file as XML; InputError if it is not well-formed or its root is not ``svg``."""
     root = ""
     parser = expat.ParserCreate()
 
@@ -194,29 +172,24 @@ def read_svg(path: Path) -> None:
 
 
 def fault_of(path: Path, *, reads: bool = True) -> str:
-    """Reason that a file that was just written is not valid; empty: it is.
+    """First error of a file as "place: message [code]"; empty for a valid file.
 
-    Parameters
-    ----------
-    reads : bool
-        See :func:`validate`.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or is of no format of ours.
+    ``reads`` as for :func:`validate`. Raises InputError for an unreadable or unknown file.
     """
     _, findings = validate(path, reads=reads)
-    errors = [each for each in findings if each.severity == "error"]
+    errors = [finding for finding in findings if finding.severity == "error"]
     if not errors:
         return ""
-    place = f"{errors[0].place}: " if errors[0].place else ""
-    return f"{place}{errors[0].message} [{errors[0].code}]"
+    location = f"{errors[0].place}: " if errors[0].place else ""
+    return f"{location}{errors[0].message} [{errors[0].code}]"
 
 
 def valid_only(written: Written) -> Written:
-    """An export's files without those that are not valid, which are removed and told."""
-    with_rules = tuple(each.suffix for each in FORMATS.values() if each.decode)
+    """Delete invalid files of an export and report each in ``left_out``.
+
+    Only formats with ``decode`` are validated, without decoding them; the order is kept.
+    """
+    with_rules = tuple(info.suffix for info in FORMATS.values() if info.decode)
     files: list[Path] = []
     left_out: list[str] = []
     for path in written.files:
@@ -230,28 +203,24 @@ def valid_only(written: Written) -> Written:
 
 
 def decoded(info: FormatInfo, content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Vibration signals of a file, within the limits of what a file may ask for.
+    """Decode the vibration signals of a file's content, and the frequency range of the file.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, has errors, asks for too much, or is of a format without envelopes.
+    Raises InputError for a format without envelopes or undecodable content, and TooLargeError
+    for signals longer than ``limits.SECONDS``.
     """
     if not info.decode:
         raise InputError(f"{name}: {info.title} holds no vibration envelopes.")
     signals, frequencies = info.function("decode")(content, name)
-    lasts_s = max((each.duration_s for each in signals), default=0.0)
+    lasts_s = max((signal.duration_s for signal in signals), default=0.0)
     limits.SECONDS.check(lasts_s, name, "its envelopes last")
     return signals, frequencies
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """Vibration signals in a file; those of AHAP with the ticks of the pattern beside it.
+    """Decode the vibration signals of a file and its frequency range.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, or is of a format without envelopes.
+    An AHAP pattern includes the ticks of ``<name>.transients.ahap`` in the same folder. Raises
+    InputError for an unreadable file or a format without envelopes.
     """
     info = format_of(path)
     signals, frequencies = decoded(info, read_bytes(path), str(path))
@@ -263,17 +232,13 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
 
 
 def facts_of(path: Path) -> dict[str, Any]:
-    """Format, validity and content of a file.
+    """Return a file's format, size, validity and content for ``hfx info``.
 
-    Files of formats that other tools write may have errors that readers tolerate.
-
-    Raises
-    ------
-    InputError
-        It is of no known format, or cannot be read.
+    Errors of formats with ``decode`` are only counted, as readers tolerate some of them. Raises
+    InputError for other invalid files, and unknown or unreadable ones.
     """
     info, findings = validate(path)
-    errors = [each for each in findings if each.severity == "error"]
+    errors = [finding for finding in findings if finding.severity == "error"]
     if not info.decode:
         refuse_errors(errors, str(path))
     facts: dict[str, Any] = {
@@ -286,9 +251,10 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def _facts_of_signals(path: Path) -> dict[str, Any]:
+    """Metadata, notes, frequency range and one row per signal of a file with envelopes."""
     signals, frequencies = read_signals(path)
-    notes = [note for each in signals for note in each.notes]
-    left_out = [note for each in signals for note in each.left_out]
+    notes = [note for signal in signals for note in signal.notes]
+    left_out = [note for signal in signals for note in signal.left_out]
     return {
         **({"metadata": texts} if signals and (texts := signals[0].credits.texts) else {}),
         **as_fact("notes", notes),
@@ -297,12 +263,12 @@ def _facts_of_signals(path: Path) -> dict[str, Any]:
         "highest_hz": frequencies.highest_hz,
         "signals": [
             {
-                "signal": each.name,
-                "seconds": round(each.duration_s, 6),
-                "peak": round(float(each.amplitude.values.max()), 4),
-                "keyframes": len(each.amplitude),
-                "transients": len(each.transients),
+                "signal": signal.name,
+                "seconds": round(signal.duration_s, 6),
+                "peak": round(float(signal.amplitude.values.max()), 4),
+                "keyframes": len(signal.amplitude),
+                "transients": len(signal.transients),
             }
-            for each in signals
+            for signal in signals
         ],
     }

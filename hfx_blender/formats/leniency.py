@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faults that a reader passes over, and tells of."""
+"""Faults tolerated by readers, and their sentences."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..files.findings import Finding, refuse_errors
 from ..files.json_shapes import shown
 
 ToleratedFaults = tuple[str, ...]
-"""Sentences about a file that was read."""
+"""Sentences about tolerated faults of a file."""
 
 _HUGE: Final = 1e15
 
@@ -21,42 +21,39 @@ def refuse_but(
     findings: list[Finding],
     name: str,
     tolerated: Callable[[Finding], bool],
-    found: Any = None,
+    document: Any = None,
 ) -> ToleratedFaults:
-    """Raise the first error that a reader does not tolerate; tell of the others, and of warnings.
+    """Raise InputError for the first fault that is not tolerated; describe the others.
 
     Parameters
     ----------
-    found : optional
-        The document, where its ranges are tolerated: numbers beyond all sense are not.
+    tolerated : callable
+        Predicate of errors; warnings are always tolerated.
+    document : optional
+        Parsed document whose ranges are tolerated: numbers beyond 1e15 are refused.
 
     Returns
     -------
     tuple of str
-        A sentence for each code of an error that is tolerated, and of a warning.
-
-    Raises
-    ------
-    InputError
-        There is another error.
+        One sentence for each code of tolerated errors, then of warnings.
     """
-    errors = [each for each in findings if each.severity == "error"]
-    refuse_errors([each for each in errors if not tolerated(each)], name)
-    if errors and found is not None:
-        _refuse_huge(found, name)
-    warnings = [each for each in findings if each.severity == "warning"]
+    errors = [finding for finding in findings if finding.severity == "error"]
+    refuse_errors([error for error in errors if not tolerated(error)], name)
+    if errors and document is not None:
+        _refuse_huge(document, name)
+    warnings = [finding for finding in findings if finding.severity == "warning"]
     return _sentences(errors, "not valid but read: ") + _sentences(warnings, "")
 
 
 def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
-    """Sentences about how a file was read as a fact of it, a line each, if there are any."""
-    return {key: [{"": each} for each in sentences]} if sentences else {}
+    """Fact with one line for each sentence; empty without sentences."""
+    return {key: [{"": sentence} for sentence in sentences]} if sentences else {}
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
-    """A sentence for each code: its first place, and how many more there are."""
-    counts = Counter(each.code for each in findings)
-    firsts = {each.code: each for each in reversed(findings)}
+    """One sentence for each code: its first finding and the number of further ones."""
+    counts = Counter(finding.code for finding in findings)
+    firsts = {finding.code: finding for finding in reversed(findings)}
     return tuple(
         f"{begin}{first.place or 'the document'}: {first.message} [{code}]"
         + (f", and {counts[code] - 1} more of this kind" if counts[code] > 1 else "")
@@ -64,25 +61,24 @@ def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
     )
 
 
-def without_nulls(found: Any, members: Container[str] | None = None) -> Any:
-    """A document without members that are null, or those of some names: tools write them so."""
-    if isinstance(found, dict):
+def without_nulls(document: Any, members: Container[str] | None = None) -> Any:
+    """Copy a document without null members, or only without null members of these names."""
+    if isinstance(document, dict):
         return {
             key: without_nulls(item, members)
-            for key, item in found.items()
+            for key, item in document.items()
             if item is not None or (members is not None and key not in members)
         }
-    return [without_nulls(item, members) for item in found] if isinstance(found, list) else found
+    return (
+        [without_nulls(item, members) for item in document]
+        if isinstance(document, list)
+        else document
+    )
 
 
-def _refuse_huge(found: Any, name: str) -> None:
-    """Refuse a document with a number that no time or strength is, for readers without ranges.
-
-    Raises
-    ------
-    InputError
-    """
-    waiting = [found]
+def _refuse_huge(document: Any, name: str) -> None:
+    """Raise InputError for a number beyond +-1e15 anywhere in a document."""
+    waiting = [document]
     while waiting:
         item = waiting.pop()
         if isinstance(item, dict | list):

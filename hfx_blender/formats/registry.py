@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Table of the file formats: their names, what they hold, and where their functions are.
+"""Table of the file formats: names, contents and functions.
 
-An entry is all that registers a format: commands, checks, the export dialog and help texts are
-made of the table, which imports none of the formats until one is used.
+The table is the only registration of a format: commands, checks, the export dialog and help
+texts are derived from it. A format's module is imported at the first use of a function.
 """
 
 from __future__ import annotations
@@ -19,72 +19,72 @@ from ..files.suffixes import TEXTURE_MAP
 
 @dataclass(frozen=True)
 class FormatInfo:
-    """A file format: its names, what it holds, and its functions.
+    """File format: its names, contents and functions.
 
     A function is named ``"module:function"`` below :mod:`hfx_blender.formats`; :meth:`function`
-    imports it. The smallest entry is a file that is only checked::
+    imports it. The smallest entry is a format with a check only::
 
         FormatInfo("x", "X file", ".x", check="folder.module:validate")
 
     Attributes
     ----------
     id : str
-        Name in commands; in capital letters, codes of findings begin with it.
+        Name in commands; in capitals the prefix of finding codes.
     title : str
         Name in messages.
     suffix : str
-        End of the names of its files.
+        End of its file names.
     dialog : (str, str, int), optional
-        Formats of an export: label and tooltip in the export dialog, and the number of the bit
-        of its check box, which stays the same for ever.
+        Export formats: label, tooltip and bit number of the check box in the export dialog. The
+        number is stored in .blend files and never changes.
     modalities : tuple of str, optional
-        What it holds of a device's output; None: all.
+        Modalities that a file holds; None: all.
     holds_waves : bool
-        It holds several frequencies of an actuator at once.
+        A file holds several simultaneous frequencies of an actuator.
     beside : tuple of str
-        Ends of the names of files that are written beside its own.
+        Suffixes of companion files written with each file.
     read_suffix : str
-        End of the names of files that are read, where it is shorter than ``suffix``.
+        Suffix accepted by readers, where shorter than ``suffix``.
     marks : tuple of str
-        Texts at the beginning of a ``.json`` of any name that is of this format.
+        Texts within the first 64 KiB that identify a ``.json`` of any name.
     own_start : bytes
-        Pattern of the beginning that only our writers make, spaces included: who changes a file
-        with another program lays it out anew. Without one, no file counts as ours.
+        Regular expression for the first bytes written by HFX, spaces included; a file saved by
+        another program does not match. Empty: no file counts as written by HFX.
     credits : frozenset of str
-        Statements of :class:`~.signals.signals.Credits` that it has a place for.
+        Fields of :class:`~.signals.signals.Credits` that a file stores.
     write_track : str
-        ``(track, devices, stem, tolerance) -> Written``: what is felt, of a ``TrackReader``;
-        raises ``NothingFeltError`` where a format cannot hold that nothing is.
+        ``(track, devices, stem, tolerance) -> Written``: the samples of a ``TrackReader``; raises
+        ``NothingFeltError`` if there are none and the format requires some.
     write_played : str
-        ``(header, played, stem, scene) -> Written``: what all devices play, in one file.
+        ``(header, played, stem, scene) -> Written``: output of all devices in one file.
     write_raster : str
-        ``(raster, device, stem, tolerance) -> Written``: what one device plays.
+        ``(raster, device, stem, tolerance) -> Written``: output of one device.
     write_signals : str
-        ``(signals, frequencies, stem, tolerance) -> Written``: vibration as envelopes, also from
+        ``(signals, frequencies, stem, tolerance) -> Written``: vibration envelopes, also from
         files of other formats.
     held : str
-        ``(frequencies) -> FrequencyRange`` that it holds of those of ``write_signals``.
+        ``(frequencies) -> FrequencyRange`` stored by ``write_signals``.
     why_nothing : str
-        ``(device) -> str``: why it can hold nothing of a device; empty: it can.
+        ``(device) -> str``: reason that no output of a device can be stored; empty: some can.
     check : str
-        ``(content, name) -> list of Finding``: faults of a file of anybody.
+        ``(content, name) -> list of Finding`` for files of any program.
     unchecked : str
-        Rules that ``check`` leaves to others, told with its verdict.
+        Rules that ``check`` omits, shown with its verdict.
     read : str
-        ``(path)``: reads a file that is too large, or needs too many others, for ``check``;
-        raises ``InputError`` for its first fault.
+        ``(path)``: validates a file that is large or needs companions; raises ``InputError`` for
+        the first fault.
     decode : str
-        ``(content, name) -> (signals, frequencies)``: vibration as envelopes.
+        ``(content, name) -> (signals, frequencies)``: vibration envelopes.
     read_raster : str
         ``(path) -> Raster``.
     facts : str
-        ``(path) -> dict``: what ``hfx info`` shows beyond signals; with ``check`` only.
+        ``(path) -> dict``: rows of ``hfx info`` besides signals; formats with ``check`` only.
 
     Notes
     -----
-    Writers get ``folder/stem``, without a suffix. They raise ``InputError`` when the format can
-    hold nothing, or not all of a signal, and ``OutputError`` when a file cannot be written; what
-    else is lost is told by ``Written.left_out``.
+    Writers get ``folder/stem`` without suffix. They raise ``InputError`` if the format can store
+    nothing, or a signal only in part, and ``OutputError`` if a file cannot be written; all other
+    losses are sentences in ``Written.left_out``.
     """
 
     id: str
@@ -112,23 +112,23 @@ class FormatInfo:
     facts: str = ""
 
     def function(self, kind: str) -> Callable[..., Any]:
-        """Import one of the functions: ``info.function("check")(content, name)``."""
+        """Import the function of a field: ``info.function("check")(content, name)``."""
         module, _, name = getattr(self, kind).partition(":")
-        found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), name)
-        return found
+        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), name)
+        return function
 
     @property
     def is_written(self) -> bool:
-        """Test that a writer of its own makes it, which conversions can use."""
+        """Test for a format with a writer that conversions can use."""
         return bool(self.write_track or self.write_played or self.is_of_device)
 
     @property
     def is_of_device(self) -> bool:
-        """Test that a file of this format holds the output of one device only."""
+        """Test for a format whose file holds the output of one device."""
         return bool(self.write_raster or self.write_signals) and not self.write_track
 
     def plays_of(self, modalities: Iterable[str]) -> tuple[str, ...]:
-        """Select the modalities that a file of this format can hold, in the given order."""
+        """Select the modalities that a file can hold, in the given order."""
         return tuple(m for m in modalities if self.modalities is None or m in self.modalities)
 
 
@@ -137,8 +137,8 @@ _OF_HE: Final = frozenset({"created"})
 _START_OF_HE: Final = rb'\{"Meta[Dd]ata":\{"Version":.*?; 0 to 100 is \S+ to \S+ Hz"\},"'
 
 FORMATS: Final[dict[str, FormatInfo]] = {
-    each.id: each
-    for each in (
+    info.id: info
+    for info in (
         FormatInfo(
             "track",
             "HapticTrack",
@@ -333,11 +333,11 @@ FORMATS: Final[dict[str, FormatInfo]] = {
     )
 }
 
-EXPORTED: Final = tuple(each.id for each in FORMATS.values() if each.dialog is not None)
-"""Formats of an export, in the order of its dialog; ``track`` and ``glb`` it writes itself."""
+EXPORTED: Final = tuple(info.id for info in FORMATS.values() if info.dialog is not None)
+"""Ids of the export formats in dialog order; the export writes ``track`` and ``glb`` directly."""
 
-TARGETS: Final = tuple(each.id for each in FORMATS.values() if each.is_written)
-"""Formats that a file can be converted to."""
+TARGETS: Final = tuple(info.id for info in FORMATS.values() if info.is_written)
+"""Ids of the formats that a file can be converted to."""
 
 _REMOVED: Final = {
     "ahap-sqrt": ("ahap", ".sqrt.ahap"),
@@ -345,15 +345,13 @@ _REMOVED: Final = {
     "wav24": ("wav", ".24bit.wav"),
     "wavfloat": ("wav", ".float.wav"),
 }
-"""Formats that are read, but written no more: what is written instead, and their suffixes."""
+"""Formats that are read but no longer written: replacement format and own suffix, by id."""
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Reject names of formats that are not known; for a removed one, name its replacement.
+    """Raise UsageError for a name outside ``known``; for a removed format it names the replacement.
 
-    Raises
-    ------
-    UsageError
+    ``option`` begins the message, such as ``--format``.
     """
     for name in names:
         if name in _REMOVED:
@@ -364,12 +362,9 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
 
 
 def target_of(path: Path) -> FormatInfo:
-    """Format that the suffix of a file to be written names.
+    """Return the format named by the suffix of an output path; the longest suffix wins.
 
-    Raises
-    ------
-    UsageError
-        It names none, or one that is written no more.
+    Raises UsageError for an unknown suffix, and for one of a removed format with its replacement.
     """
     for removed, (instead, suffix) in _REMOVED.items():
         if path.name.endswith(suffix):
@@ -381,12 +376,12 @@ def target_of(path: Path) -> FormatInfo:
     for info in sorted(targets, key=lambda each: -len(each.suffix)):
         if path.name.endswith(info.suffix) and path.name != info.suffix:
             return info
-    suffixes = ", ".join(each.suffix for each in targets)
+    suffixes = ", ".join(target.suffix for target in targets)
     raise UsageError(f"{path}: its suffix names no format; there are {suffixes}, or say --to")
 
 
 def suffixes(ids: Sequence[str]) -> tuple[str, ...]:
-    """Ends of the names of the files that formats of an export write, also beside others."""
+    """Suffixes of the files that export formats write, companions included, without duplicates."""
     return tuple(
-        dict.fromkeys(each for id in ids for each in (FORMATS[id].suffix, *FORMATS[id].beside))
+        dict.fromkeys(name for id in ids for name in (FORMATS[id].suffix, *FORMATS[id].beside))
     )

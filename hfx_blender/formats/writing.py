@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing tracks and devices' output in the formats of the table."""
+"""Writing of tracks and device output in the registered formats."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ def write(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write a device's output in one format, and report what it could not hold.
+    """Write the output of a device in one format, and report the losses.
 
     Parameters
     ----------
     id : str
-        Key of ``FORMATS``; one with ``write_raster`` or ``write_signals``.
+        Key of ``FORMATS`` with ``write_raster`` or ``write_signals``.
     stem : Path
-        ``folder/stem``; the files' names begin with it.
+        ``folder/stem``: begin of the file names.
     tolerance : float
-        Of the amplitude, a share of full scale, for formats with keyframes.
+        Amplitude error of keyframe formats, a share of full scale.
 
     Raises
     ------
     InputError
-        The format can hold nothing of the device, or the signals do not fit into it.
+        The format can hold nothing of the device, or not all of a signal.
     OutputError
         A file cannot be written.
     """
     info = FORMATS[id]
     held = info.plays_of(device.modalities)
-    lost = [each for each in device.modalities if each not in held]
+    lost = [modality for modality in device.modalities if modality not in held]
     if not held:
         raise InputError(
             f"Device '{device.id}' plays {' and '.join(lost)}, the format {id} holds "
@@ -61,7 +61,7 @@ def write(
         written = _write_as_signals(info, raster, device, stem, tolerance)
     if not info.holds_waves:
         written += Written(notes=losses.several_frequencies(raster))
-    written = written.of(f"{info.title} of device '{device.id}'")
+    written = written.prefixed(f"{info.title} of device '{device.id}'")
     if lost:
         missing = f"the format {id} cannot hold the {' and '.join(lost)} of device '{device.id}'"
         written = Written(written.files, (missing, *written.left_out), written.notes)
@@ -71,9 +71,10 @@ def write(
 def _write_as_signals(
     info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
+    """Convert a raster to envelopes and write these, with notes on clipped values."""
     signals, frequencies = signals_of(raster, device)
     written = write_signals(info, signals, frequencies, stem, tolerance)
-    # Where the format's range ends below what skin feels, that is told by this range.
+    # A format whose range ends below MAX_HZ reports its own limit (off_range), not that of skin.
     frequencies = info.function("held")(frequencies)
     highest_hz = MAX_HZ if frequencies.highest_hz >= MAX_HZ else np.inf
     return written + Written((), losses.beyond_limits(raster, device, highest_hz=highest_hz))
@@ -86,14 +87,9 @@ def write_signals(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write signals in a format of envelopes, cut to the frequencies that it holds.
+    """Write signals in an envelope format, clipped to the frequencies that the format holds.
 
-    Raises
-    ------
-    InputError
-        The signals do not fit into it.
-    OutputError
-        A file cannot be written.
+    Raises InputError for signals that do not fit, OutputError for an unwritable file.
     """
     left_out: tuple[str, ...] = ()
     if info.held:
@@ -101,27 +97,25 @@ def write_signals(
         low, high = frequencies.lowest_hz, frequencies.highest_hz
         left_out = losses.off_range(signals, frequencies)
         signals = [
-            replace(each, frequency_hz=clipped(each.frequency_hz, low, high)) for each in signals
+            replace(signal, frequency_hz=clipped(signal.frequency_hz, low, high))
+            for signal in signals
         ]
     written: Written = info.function("write_signals")(signals, frequencies, stem, tolerance)
     return written + Written((), left_out)
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
-    """Reject formats and devices with which no scene could be exported.
+    """Reject formats and devices that no scene could be exported with.
 
-    Raises
-    ------
-    UsageError
-        A format is unknown, needs a device, or none of the devices has anything for it; or two
-        different devices have one id, which their files are named by.
+    Raises UsageError for an unknown format, a device format without devices or without a device
+    of its modalities, and for two different devices with one id (their files would coincide).
     """
     refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
-    for each in devices:
-        other = known.setdefault(name_key(each.id), each)
-        if vars(other) != vars(each):
-            ids = dict.fromkeys((f"'{other.id}'", f"'{each.id}'"))
+    for device in devices:
+        known_device = known.setdefault(name_key(device.id), device)
+        if vars(known_device) != vars(device):
+            ids = dict.fromkeys((f"'{known_device.id}'", f"'{device.id}'"))
             raise UsageError(
                 f"two different devices have the id {' or '.join(ids)}, which their files are "
                 "named by: give the configuration of one of them another 'id', as its file is "
@@ -142,26 +136,26 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
 
 
 def _played(devices: Iterable[DeviceConfig]) -> list[str]:
-    """Modalities that any of the devices plays."""
+    """Modalities of all devices, with duplicates."""
     return [modality for device in devices for modality in device.modalities]
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Formats that hold what is felt, or what any of these devices plays."""
+    """Select the formats of tracks, and those that hold a modality of the devices."""
     played = _played(devices)
     infos = [FORMATS[id] for id in formats]
-    return tuple(each.id for each in infos if not each.is_of_device or each.plays_of(played))
+    return tuple(info.id for info in infos if not info.is_of_device or info.plays_of(played))
 
 
 def _why_nothing(info: FormatInfo, device: DeviceConfig) -> str:
-    """Reason that a format can hold nothing of a device; empty: it can."""
+    """Reason that a format holds nothing of a device; empty: it holds something."""
     if not info.plays_of(device.modalities):
         return f"device '{device.id}' has no {' or '.join(info.modalities or ())} actuators"
     return str(info.function("why_nothing")(device)) if info.why_nothing else ""
 
 
 def why_nothing(id: str, devices: Sequence[DeviceConfig]) -> str:
-    """Reason why a format can hold nothing of any of these devices; empty: it can."""
+    """Tooltip: why a format holds nothing of any device; empty if it holds something."""
     info = FORMATS[id]
     if not info.is_of_device:
         return ""
@@ -182,23 +176,23 @@ def write_all(
     tolerance: float = DEFAULT_TOLERANCE,
     scene: SpatialRecorder | None = None,
 ) -> Written:
-    """Write all formats but the track itself, and the scene's volumes.
+    """Write the files of all formats except the track and the glTF scene.
 
-    A format that can hold nothing of a device, or not all of it, is left out for that device,
-    and told; so is a format of the track in which nothing is felt.
+    A format that holds nothing of a device, or only part of it, is left out for that device and
+    reported; so is a track format without any samples.
 
     Parameters
     ----------
     formats : sequence of str
         Keys of ``FORMATS``.
     played : sequence of (Path, DeviceConfig, Raster)
-        ``folder/stem`` of a device's files, and what it plays.
+        ``folder/stem``, device and output of each device.
     stem : Path
-        ``folder/stem`` of files that are of no device.
+        ``folder/stem`` of files without a device.
     tolerance : float
         See :func:`write`.
     scene : SpatialRecorder, optional
-        What the formats of several devices tell of the scene itself.
+        Bodies and effects for the formats with ``write_played``.
 
     Raises
     ------
@@ -209,14 +203,14 @@ def write_all(
     for info in (FORMATS[id] for id in formats):
         if info.write_track:
             try:
-                made = info.function("write_track")(track, devices, stem, tolerance)
-                written += made.of(info.title)
+                result = info.function("write_track")(track, devices, stem, tolerance)
+                written += result.prefixed(info.title)
             except NothingFeltError:
                 written += Written(left_out=(f"nothing is felt: no {info.title}",))
         elif info.write_played:
             of_devices = [(device, raster) for _, device, raster in played]
-            made = info.function("write_played")(track.header, of_devices, stem, scene)
-            written += made.of(info.title)
+            result = info.function("write_played")(track.header, of_devices, stem, scene)
+            written += result.prefixed(info.title)
         elif info.is_of_device:
             for path, device, raster in played:
                 written += _write_or_tell(info, raster, device, path, tolerance)
@@ -226,7 +220,7 @@ def write_all(
 def _write_or_tell(
     info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
-    """Write a device's output, or tell why the format has no file for it."""
+    """Write a device's output, or return the reason for no file in ``left_out``."""
     why = _why_nothing(info, device)
     if not why:
         try:

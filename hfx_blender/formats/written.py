@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Result of a writer: files, and what had to be left out."""
+"""Result of a writer, and helpers for its files and their names."""
 
 from __future__ import annotations
 
@@ -19,42 +19,39 @@ _LONGEST: Final = 100
 
 @dataclass(frozen=True)
 class Written:
-    """The result of writing in one format."""
+    """Result of a writer: files, losses and notes; ``+`` concatenates."""
 
     files: tuple[Path, ...] = ()
-    left_out: tuple[str, ...] = ()  # one sentence each, without a full stop
-    notes: tuple[str, ...] = ()  # the error that simplification made, what needed no file
+    left_out: tuple[str, ...] = ()  # losses, one sentence each without a full stop
+    notes: tuple[str, ...] = ()  # simplification errors, silent actuators without a file
 
     def __add__(self, other: Written) -> Written:
         return Written(
             self.files + other.files, self.left_out + other.left_out, self.notes + other.notes
         )
 
-    def of(self, title: str) -> Written:
-        """The same, each sentence said of something."""
-        left_out = tuple(f"{title}: {each}" for each in self.left_out)
-        return Written(self.files, left_out, tuple(f"{title}: {each}" for each in self.notes))
+    def prefixed(self, title: str) -> Written:
+        """Prefix every sentence with a title and a colon."""
+        left_out = tuple(f"{title}: {loss}" for loss in self.left_out)
+        return Written(self.files, left_out, tuple(f"{title}: {note}" for note in self.notes))
 
 
 def write_json(document: Any, path: Path) -> None:
-    """Write a document.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
-    """
+    """Write a JSON document; OutputError for an unwritable file, which is then removed."""
     with atomic_file(path) as file:
         file.write(encoded(document))
 
 
 def beside(stem: Path, part: str, suffix: str) -> Path:
-    """``folder/stem.part<suffix>``; the part may be any text, of any length."""
+    """Path ``folder/stem.part<suffix>`` for any text ``part``, see :func:`name_part`."""
     return stem.with_name(f"{stem.name}.{name_part(part)}{suffix}")
 
 
 def name_part(part: str) -> str:
-    """Part of a file's name for any text, of 1 to 100 characters."""
+    """Convert any text to a safe part of a file name, 1 to 100 characters.
+
+    Unsafe characters are percent-encoded; a longer text ends with 8 digits of its SHA-256.
+    """
     safe = quote(clean(part), safe="!,-_+()=@ ") or "_"
     if len(safe) > _LONGEST:
         digest = hashlib.sha256(safe.encode()).hexdigest()[:8]
@@ -63,5 +60,5 @@ def name_part(part: str) -> str:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """Note on actuators that play nothing and got no file."""
-    return (f"no file for what stays silent: {named(names)}",) if names else ()
+    """Note on silent actuators without a file; empty without names."""
+    return (f"no file for silent actuators: {named(names)}",) if names else ()

@@ -75,17 +75,17 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
     """
     files: list[Path] = []
-    for each in signals:
+    for signal in signals:
         for suffix, content in (
-            (SUFFIX, document(each, frequencies)),
-            (TICKS_SUFFIX, ticks(each, frequencies)),
+            (SUFFIX, document(signal, frequencies)),
+            (TICKS_SUFFIX, ticks(signal, frequencies)),
         ):
             if content["Pattern"]:
-                files.append(beside(stem, each.name, suffix))
+                files.append(beside(stem, signal.name, suffix))
                 content["Metadata"][_LAW_KEY] = _LINEAR
                 write_json(content, files[-1])
     return Written(
-        tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+        tuple(files), notes=silent_note([signal.name for signal in signals if signal.is_silent])
     )
 
 
@@ -101,7 +101,7 @@ def _with_squares(signal: Signal) -> Signal:
     return replace(
         signal,
         amplitude=Curve(np.append(cut_times, times[-1]), np.append(cut_values, values[-1]) ** 2.0),
-        transients=tuple(replace(each, amplitude=each.amplitude**2) for each in signal.transients),
+        transients=tuple(replace(tick, amplitude=tick.amplitude**2) for tick in signal.transients),
     )
 
 
@@ -133,15 +133,15 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     pattern = [
         {
             "Event": {
-                "Time": _rounded(each.time_s),
+                "Time": _rounded(tick.time_s),
                 "EventType": "HapticTransient",
                 "EventParameters": [
-                    _parameter(INTENSITY, each.amplitude),
-                    _parameter(SHARPNESS, float(frequencies.share(each.frequency_hz))),
+                    _parameter(INTENSITY, tick.amplitude),
+                    _parameter(SHARPNESS, float(frequencies.share(tick.frequency_hz))),
                 ],
             }
         }
-        for each in signal.transients
+        for tick in signal.transients
     ]
     if pattern and not (signal.amplitude.values > 0.0).any():
         pattern += _silent_end(signal, pattern)
@@ -230,7 +230,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     codes = {f"AHAP-{code}" for code in lenient}
     notes = refuse_but(findings(found), name, lambda each: each.code in codes)
     found = known_members(DOCUMENT, found)
-    if any("[AHAP-MISSING]" in each for each in notes):
+    if any("[AHAP-MISSING]" in note for note in notes):
         found = completed(found)
         notes += refuse_but(findings(found), name, lambda each: each.code in codes)
     metadata = found.get("Metadata")
@@ -279,7 +279,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             pieces.append(Piece(start, end, strength, pitches[pitch]))
     title = metadata.get("Description") if isinstance(metadata, dict) else None
     label = title if isinstance(title, str) and title else Path(name).stem
-    end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
+    end = max((tick.time_s + _TRANSIENT_S for tick in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
     if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == _SQUARE_ROOT:
         signal = _with_squares(signal)
@@ -299,7 +299,7 @@ def _credits_of(metadata: Any) -> Credits:
     return Credits(
         project="" if project == _OWN_PROJECT else project,
         created=text_of(metadata, "Created"),
-        others=tuple(each for each in others if each[1]),
+        others=tuple(credit for credit in others if credit[1]),
     )
 
 
@@ -349,15 +349,17 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
     elif event is not None:
-        for each in event.get("EventParameters", []):
-            value = each["ParameterValue"]
-            is_ramp = each["ParameterID"] in RAMPS and event["EventType"] == "HapticContinuous"
+        for parameter in event.get("EventParameters", []):
+            value = parameter["ParameterValue"]
+            is_ramp = parameter["ParameterID"] in RAMPS and event["EventType"] == "HapticContinuous"
             if is_ramp:
                 continue
-            if each["ParameterID"] not in (INTENSITY, SHARPNESS):
-                lost[f"parameters {each['ParameterID']} of events"] += 1
+            if parameter["ParameterID"] not in (INTENSITY, SHARPNESS):
+                lost[f"parameters {parameter['ParameterID']} of events"] += 1
             elif not 0.0 <= value <= 1.0:
-                lost[f"values of {each['ParameterID']} beyond 0 to 1, taken as the nearest"] += 1
+                lost[
+                    f"values of {parameter['ParameterID']} beyond 0 to 1, taken as the nearest"
+                ] += 1
     for key in ("Parameter", "ParameterCurve"):
         found = entry.get(key, {})
         control = found.get("ParameterID", INTENSITY_CONTROL)
@@ -366,7 +368,7 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
             continue
         lowest, highest = _CONTROLS[control]
         points = found.get("ParameterCurveControlPoints", [found] if found else [])
-        beyond = sum(not lowest <= each["ParameterValue"] <= highest for each in points)
+        beyond = sum(not lowest <= point["ParameterValue"] <= highest for point in points)
         if beyond:
             what = f"values of {control} beyond {lowest:g} to {highest:g}, taken as the nearest"
             lost[what] += beyond

@@ -108,8 +108,8 @@ def findings(found: Any) -> list[Finding]:
             elif duration > MAX_EVENT_S:
                 message = f"lasts {duration:g} s, the most is {MAX_EVENT_S:g} s"
                 report.error("DURATION", (place, "Event"), message)
-        for each in event.get("EventParameters", []):
-            _check_range(each, report, (place, "Event"))
+        for parameter in event.get("EventParameters", []):
+            _check_range(parameter, report, (place, "Event"))
         if "Parameter" in entry:
             _check_range(entry["Parameter"], report, (place, "Parameter"))
         curve = entry.get("ParameterCurve", {})
@@ -170,7 +170,7 @@ def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
         if listed in found:
             rows = [_completed(listed, each) for each in found[listed]]
-            found[listed] = [each for each in rows if each is not None]
+            found[listed] = [row for row in rows if row is not None]
     has_no_points = found.get("ParameterCurveControlPoints") == []
     return None if has_no_points or any(key not in found for key in _NEEDED[kind]) else found
 

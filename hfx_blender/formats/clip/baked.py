@@ -130,8 +130,8 @@ class _Baked:
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
-                numbers_of(values[:, k], each.lowest, each.highest, each.neutral)
-                for k, each in enumerate(kind.controls)
+                numbers_of(values[:, k], control.lowest, control.highest, control.neutral)
+                for k, control in enumerate(kind.controls)
             ],
             axis=1,
         )
@@ -161,7 +161,8 @@ class _Baked:
             )
         )
         self._columns += [
-            self._column(len(self._actuators) - 1, each, kind.unit(each)) for each in kind.controls
+            self._column(len(self._actuators) - 1, control, kind.unit(control))
+            for control in kind.controls
         ]
         self._rows.append(rows)
         self._numbers.append(numbers[rows].ravel())
@@ -207,7 +208,7 @@ def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | Non
         np.add.at(shares, weights.bones[part], skin_m2)
     if not shares.any():
         return ""
-    joints = np.array([rig_names(each).human for each in model.bone_names])
+    joints = np.array([rig_names(bone_name).human for bone_name in model.bone_names])
     joint = max(dict.fromkeys(joints.tolist()), key=lambda each: shares[joints == each].sum())
     return model.bone_names[int(np.argmax(np.where(joints == joint, shares, 0.0)))]
 
@@ -216,11 +217,15 @@ def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
     """Named clips of a track, from its first row on; those outside of it are told."""
     rate_hz = float(header.time.rate_hz)
     found, notes = [], []
-    for each in named_clips(header):
-        rows = sample_range(each.clip, header.time)
+    for named_clip in named_clips(header):
+        rows = sample_range(named_clip.clip, header.time)
         if rows is None:
-            notes.append(f"clip '{each.name}' is outside the exported frames, so it is not in it")
+            notes.append(
+                f"clip '{named_clip.name}' is outside the exported frames, so it is not in it"
+            )
             continue
-        loops = each.name.casefold().endswith(_LOOPS)
-        found.append((texts.add(each.name), loops, rows[0] / rate_hz, (rows[1] + 1) / rate_hz))
+        loops = named_clip.name.casefold().endswith(_LOOPS)
+        found.append(
+            (texts.add(named_clip.name), loops, rows[0] / rate_hz, (rows[1] + 1) / rate_hz)
+        )
     return records("CLIP", found), Written(notes=tuple(notes))

@@ -37,8 +37,8 @@ Sections = Mapping[str, Records]
 def _record(*fields: str) -> np.dtype[Any]:
     """Layout of a record: fields ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
     kinds: list[Any] = []
-    for each in fields:
-        name, _, kind = each.partition(":")
+    for field in fields:
+        name, _, kind = field.partition(":")
         kind, _, count = (kind or "u4").partition("*")
         kinds.append((name, f"<{kind}", (int(count),)) if count else (name, f"<{kind}"))
     return np.dtype(kinds)
@@ -125,7 +125,11 @@ def encoded(sections: Sections, name: str) -> bytes:
     InputError
         It would be larger than the format allows.
     """
-    kept = [(each, sections[each]) for each in RECORDS if each in sections and len(sections[each])]
+    kept = [
+        (record, sections[record])
+        for record in RECORDS
+        if record in sections and len(sections[record])
+    ]
     at = _HEAD.size + _SECTION.size * len(kept)
     table = b""
     parts: list[bytes] = []

@@ -15,7 +15,7 @@ from ...files import limits
 from ...files.findings import Finding
 from .container import MOST_TEXT, NONE, RECORDS, Records, Sections, decoded, texts_at
 
-_PARAMETERS: Final = {each.name for one in MODALITIES.values() for each in one.parameters}
+_PARAMETERS: Final = {parameter.name for one in MODALITIES.values() for parameter in one.parameters}
 _MOST_ROWS: Final = 2**31 - 1
 _MOST_HZ: Final = 1e6
 _HUGE: Final = float(np.finfo(np.float32).max)
@@ -100,8 +100,8 @@ def read(content: bytes, name: str) -> dict[str, Records]:
         It names the file and the field.
     """
     sections = decoded(content, name)
-    for each in findings_of(sections, name):
-        raise InputError(f"{name}: '{each.place}' {each.message} [{each.code}].")
+    for finding in findings_of(sections, name):
+        raise InputError(f"{name}: '{finding.place}' {finding.message} [{finding.code}].")
     return sections
 
 

@@ -67,7 +67,10 @@ def sections_of(
     found |= _effects(effects, bodies, texts)
     found |= _reactions(played, bodies, {effect.modality for effect, _ in effects})
     standing = [
-        f"{x.name}: {each.id}" for x, _ in played for each in x.actuators if _has_fixed_place(each)
+        f"{x.name}: {actuator.id}"
+        for x, _ in played
+        for actuator in x.actuators
+        if _has_fixed_place(actuator)
     ]
     lost += counted(standing, "actuators at a place in the room follow no avatar")
     return found, Written(notes=lost)
@@ -88,7 +91,7 @@ class _Bodies:
 
     def __init__(self, texts: Texts, model_ids: tuple[str, ...], level: int) -> None:
         self._texts, self._level = texts, level
-        self._models = [load_model(each) for each in model_ids]
+        self._models = [load_model(model_id) for model_id in model_ids]
         self.index: dict[str, int] = {}
         self.kept: dict[tuple[str, str], tuple[int, I64, PerceptualModel]] = {}
         self._rows: dict[str, list[Any]] = {

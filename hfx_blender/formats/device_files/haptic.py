@@ -61,29 +61,29 @@ _DOCUMENT = Record(
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
     """Write one file for each audible signal: ``stem.<name>.haptic``."""
     files = []
-    for each in signals:
-        if not each.is_silent:
-            files.append(beside(stem, each.name, SUFFIX))
-            write_json(document(each, frequencies), files[-1])
+    for signal in signals:
+        if not signal.is_silent:
+            files.append(beside(stem, signal.name, SUFFIX))
+            write_json(document(signal, frequencies), files[-1])
     left_out: list[str] = []
-    for each in signals:
-        lost = len(each.transients) - len({_rounded(tick.time_s) for tick in each.transients})
+    for signal in signals:
+        lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
         if lost:
-            left_out.append(f"'{each.name}': {lost} ticks at the same time as a stronger one")
+            left_out.append(f"'{signal.name}': {lost} ticks at the same time as a stronger one")
         # An emphasis that is weaker than the envelope is none.
         raised = sum(
-            tick.amplitude < float(each.amplitude.at(tick.time_s)) - 1e-6
-            for tick in each.transients
+            tick.amplitude < float(signal.amplitude.at(tick.time_s)) - 1e-6
+            for tick in signal.transients
         )
         if raised:
             left_out.append(
-                f"'{each.name}': {raised} ticks weaker than the vibration at their time are "
+                f"'{signal.name}': {raised} ticks weaker than the vibration at their time are "
                 "as strong as it"
             )
     return Written(
         tuple(files),
         tuple(left_out),
-        silent_note([each.name for each in signals if each.is_silent]),
+        silent_note([signal.name for signal in signals if signal.is_silent]),
     )
 
 

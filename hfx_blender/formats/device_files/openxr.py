@@ -61,9 +61,9 @@ _DOCUMENT = Record(
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
     """Write all audible signals into one file: ``stem.openxr.json``."""
-    silent = [each.name for each in signals if each.is_silent]
+    silent = [signal.name for signal in signals if signal.is_silent]
     path = stem.with_name(stem.name + SUFFIX)
-    write_json(document([each for each in signals if not each.is_silent], frequencies), path)
+    write_json(document([signal for signal in signals if not signal.is_silent], frequencies), path)
     notes = tuple(note.replace("file", "channel") for note in silent_note(silent))
     return Written((path,), notes=notes)
 
@@ -83,7 +83,8 @@ def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str
         "minFrequencyHz": hertz.lowest_hz,
         "maxFrequencyHz": hertz.highest_hz,
         "channels": [
-            {"actuator": clean(each.name), "frames": list(_frames(each, hertz))} for each in signals
+            {"actuator": clean(signal.name), "frames": list(_frames(signal, hertz))}
+            for signal in signals
         ],
     }
 
@@ -91,7 +92,7 @@ def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str
 def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
     """A signal in as few frames as the limits of points allow."""
     ticks = sorted(signal.transients, key=lambda each: each.time_s)
-    knots = np.unique(np.concatenate([signal.amplitude.times_s, [each.time_s for each in ticks]]))
+    knots = np.unique(np.concatenate([signal.amplitude.times_s, [tick.time_s for tick in ticks]]))
     if len(knots) == 1:
         knots = np.append(knots, knots[0] + 0.001)
     pitch_times = signal.frequency_hz.times_s
@@ -125,12 +126,12 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
             "frequencyPoints": _points(pitch - start, shares),
             "transients": [
                 {
-                    "time": _ns(each.time_s - start),
-                    "amplitude": round(each.amplitude, 6),
-                    "frequency": round(float(hertz.share(each.frequency_hz)), 6),
+                    "time": _ns(tick.time_s - start),
+                    "amplitude": round(tick.amplitude, 6),
+                    "frequency": round(float(hertz.share(tick.frequency_hz)), 6),
                 }
-                for each in ticks
-                if start <= each.time_s < end or (is_last and each.time_s == end)
+                for tick in ticks
+                if start <= tick.time_s < end or (is_last and tick.time_s == end)
             ],
         }
 

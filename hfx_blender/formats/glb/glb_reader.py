@@ -42,9 +42,9 @@ def model_hashes(content: bytes, name: str) -> dict[str, str]:
     """
     extras = (mesh.get("extras") for mesh in read_json(content, name).get("meshes", []))
     pairs = (
-        (each.get("hfx_model"), each.get("hfx_content_hash"))
-        for each in extras
-        if isinstance(each, dict)  # others write anything there
+        (item.get("hfx_model"), item.get("hfx_content_hash"))
+        for item in extras
+        if isinstance(item, dict)  # others write anything there
     )
     return {id: sum for id, sum in pairs if isinstance(id, str) and isinstance(sum, str)}
 
@@ -53,7 +53,7 @@ def facts(path: Path) -> dict[str, Any]:
     """Short description of a valid file."""
     found = read_json(read_bytes(path, _MOST_BYTES), str(path))
     return {
-        "meshes": [str(each.get("name", "")) for each in found.get("meshes", [])],
+        "meshes": [str(mesh.get("name", "")) for mesh in found.get("meshes", [])],
         "nodes": len(found.get("nodes", [])),
         "animations": len(found.get("animations", [])),
         "extensions": [str(each) for each in found.get("extensionsUsed", [])],
@@ -79,7 +79,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
         return report.findings
     for key in _LISTS:
         items = found.get(key, [])
-        if not isinstance(items, list) or not all(isinstance(each, dict) for each in items):
+        if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
             report.error("TYPE", (None, key), "expected a list of objects")
     _check_extensions(found, report)
     return report.findings

@@ -70,11 +70,11 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     Events follow each other without gaps; there may be any number of them.
     """
     late = [
-        each.name
-        for each in signals
+        signal.name
+        for signal in signals
         if any(
             group[0].start_ms < start
-            for start, group in patterns_of(events_of(each, frequencies, falls_to_zero=False))
+            for start, group in patterns_of(events_of(signal, frequencies, falls_to_zero=False))
         )
     ]
     text = f"ticks closer than {TRANSIENT_MS} ms come up to that later between two patterns"
@@ -109,7 +109,7 @@ def write_v1(
             return None
         return {
             "Metadata": _metadata(signal, frequencies, 1),
-            "Pattern": [{"Event": event_entry(each, each.start_ms)} for each in events],
+            "Pattern": [{"Event": event_entry(event, event.start_ms)} for event in events],
         }
 
     limit = f"{MAX_PATTERN_EVENTS} events within {MAX_RELATIVE_MS // 1000} s; version 2 holds more"
@@ -133,7 +133,7 @@ def write_openharmony(
         events = _with_end(signal, events, most, OPENHARMONY_MAX_START_MS)
         if len(events) > OPENHARMONY_MAX_EVENTS:
             return None
-        if any(each.start_ms > OPENHARMONY_MAX_START_MS for each in events):
+        if any(event.start_ms > OPENHARMONY_MAX_START_MS for event in events):
             return None
         found = _openharmony(signal, frequencies, events)
         return found if len(encoded(found)) <= OPENHARMONY_MAX_BYTES else None
@@ -169,16 +169,16 @@ def _write(
     signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
 ) -> Written:
     files = []
-    for each in signals:
-        if not each.is_silent:
-            files.append(beside(stem, each.name, suffix))
-            write_json(build(each), files[-1])
+    for signal in signals:
+        if not signal.is_silent:
+            files.append(beside(stem, signal.name, suffix))
+            write_json(build(signal), files[-1])
     notes = []
-    for each in signals:
-        weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in each.transients)
+    for signal in signals:
+        weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in signal.transients)
         if weak:
-            notes.append(f"'{each.name}': {weak} ticks too weak for steps of 1 % are silent")
-    silent = silent_note([each.name for each in signals if each.is_silent])
+            notes.append(f"'{signal.name}': {weak} ticks too weak for steps of 1 % are silent")
+    silent = silent_note([signal.name for signal in signals if signal.is_silent])
     return Written(tuple(files), notes=(*silent, *notes))
 
 
@@ -281,7 +281,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         parameters = event["Parameters"]
         curve = parameters.get("Curve") or ()
         hundredths = [parameters["Frequency"] + each.get("Frequency", 0) for each in curve]
-        beyond += sum(not 0 <= each <= 100 for each in hundredths)
+        beyond += sum(not 0 <= percent <= 100 for percent in hundredths)
         level, pitch = (
             min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
         )
@@ -316,7 +316,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             *left_out,
         )
     created = text_of(metadata, "Created") or text_of(metadata, "Create")
-    signals = [replace(each, credits=Credits(created=created)) for each in signals]
+    signals = [replace(signal, credits=Credits(created=created)) for signal in signals]
     signals[0] = replace(signals[0], left_out=left_out, notes=notes)
     return signals, frequencies
 

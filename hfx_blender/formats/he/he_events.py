@@ -41,7 +41,7 @@ class HeEvent:
 def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
     """Silent events from the last event to the end of a signal: a loop keeps its length."""
     end = round(1000.0 * signal.duration_s)
-    begin = max((each.end_ms for each in events), default=0)
+    begin = max((event.end_ms for event in events), default=0)
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
     silence = [(start, min(end - start, MAX_DURATION_MS)) for start in starts]
     return [
@@ -62,13 +62,13 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
     """
     ticks = [
         HeEvent(
-            round(each.time_s * 1000.0),
+            round(tick.time_s * 1000.0),
             (),
-            (round(100 * each.amplitude), round(100 * float(frequencies.share(each.frequency_hz)))),
+            (round(100 * tick.amplitude), round(100 * float(frequencies.share(tick.frequency_hz)))),
         )
-        for each in signal.transients
+        for tick in signal.transients
     ]
-    cuts = sorted({each.start_ms for each in ticks})
+    cuts = sorted({tick.start_ms for tick in ticks})
     events = []
     times = signal.amplitude.times_s
     for first, last in bursts(signal.amplitude):

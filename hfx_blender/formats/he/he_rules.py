@@ -165,11 +165,11 @@ class PatternSpacing:
     def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
         """Take the next pattern: relative times and durations, None for a transient."""
         ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
-        self.library_ms = start_ms + max((sum(each) for each in ends), default=0)
+        self.library_ms = start_ms + max((sum(end) for end in ends), default=0)
         continuous = [(time, lasts) for time, lasts in events if lasts is not None]
         self._last_duration_ms = continuous[-1][1] if continuous else self._last_duration_ms
         last_ms = events[-1][0] if events else 0
-        ended_ms = start_ms + max((sum(each) for each in continuous), default=0)
+        ended_ms = start_ms + max((time + lasts for time, lasts in continuous), default=0)
         self.android_ms = max(last_ms + self._last_duration_ms, ended_ms)
 
     def after(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bands of HJIF as curves, tones, ticks and waveforms; only tones have the channel's gain."""
+"""HJIF bands as curves, tones, ticks and waveforms (reader); only tones include the gain."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from .interpolation import interpolated
 
 DEFAULT_HZ: Final = 100.0
 _LEAST_RATE_HZ: Final = 2000.0
-_SAMPLES: Final = 64  # for each point of a slow curve, and of few of them
+_SAMPLES: Final = 64  # samples per keyframe, at most, of a curve used as waveform
 _LEAST_SAMPLES: Final = 1 << 16
-_OVERSAMPLING: Final = 8.0  # of the highest frequency of a curve that is a waveform
+_OVERSAMPLING: Final = 8.0  # sampling rate over the band's upper frequency
 
 Placed = tuple[int, dict[str, Any]]  # position, ticks, and effect
 _Points = list[tuple[float, float]]  # times, s, and values
 
 
 def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> Piece:
-    """A vectorial wave, times ``gain``: amplitude and frequency to its last keyframe."""
+    """Vectorial wave as a piece: amplitude times ``gain``, and frequency, to its last keyframe.
+
+    Frequencies are clipped to the band; without any, the band's middle or 100 Hz is used.
+    """
     position, effect = placed
     levels, hertz = _columns(effect.get("keyframes", ()), position, timescale)
     begin = position / timescale
@@ -42,7 +45,7 @@ def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> P
 
 
 def ticks(band: dict[str, Any], placed: Placed, timescale: int) -> Iterator[Transient]:
-    """Ticks of a transient effect."""
+    """Yield the ticks of a transient effect; the default frequency is the band's middle."""
     position, effect = placed
     middle = (band["lower_frequency_limit"] + band["upper_frequency_limit"]) / 2.0
     for frame in effect.get("keyframes", ()):
@@ -52,21 +55,19 @@ def ticks(band: dict[str, Any], placed: Placed, timescale: int) -> Iterator[Tran
 
 
 def curve(band: dict[str, Any], effects: Iterable[Placed], timescale: int) -> Curve | None:
-    """Values of a curve band, effect after effect; None without keyframes."""
-    found = []
+    """Concatenate the effects of a curve band; None without keyframes."""
+    curves = []
     for position, effect in effects:
         levels, _ = _columns(effect.get("keyframes", ()), position, timescale)
         if levels:
-            found.append(interpolated(_curve_of(levels), band.get("curve_type")))
-    return one_after_another(found) if found else None
+            curves.append(interpolated(_curve_of(levels), band.get("curve_type")))
+    return one_after_another(curves) if curves else None
 
 
 def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Waveform:
-    """A curve band of a vibration: the samples themselves, of its low frequencies.
+    """Sample a curve band of a vibration as a waveform of low frequencies.
 
-    Raises
-    ------
-    TooLargeError
+    Raises TooLargeError beyond the limits of duration or memory.
     """
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band["upper_frequency_limit"], 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
@@ -80,7 +81,7 @@ def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Wavefor
 def _columns(
     frames: Iterable[dict[str, Any]], position: int, timescale: int
 ) -> tuple[_Points, _Points]:
-    """Amplitudes and frequencies with their times; a keyframe need not have both."""
+    """Points (seconds, amplitude) and (seconds, hertz), ascending; a keyframe may lack either."""
     levels, hertz = [], []
     for frame in frames:
         time = (position + frame.get("relative_position", 0)) / timescale
@@ -92,17 +93,18 @@ def _columns(
 
 
 def _curve_of(points: _Points, otherwise: tuple[float, float] = (0.0, 0.0)) -> Curve:
+    """Curve through points, or through ``otherwise`` without points."""
     times, values = np.array(points or [otherwise], np.float64).T
     return Curve(times, values)
 
 
 def one_after_another(curves: list[Curve]) -> Curve:
-    """Join curves in the order of time; where they overlap the later one goes on."""
+    """Concatenate curves in time order, with 0 in gaps; the later curve wins where they overlap."""
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):
-        kept = times[-1] <= after.times_s[0]
-        times[-1], values[-1] = times[-1][kept], values[-1][kept]
+        is_before = times[-1] <= after.times_s[0]
+        times[-1], values[-1] = times[-1][is_before], values[-1][is_before]
         gap = float(after.times_s[0]) > float(before.times_s[-1])
         if gap:  # silent in between
             times.append(np.array([before.times_s[-1], after.times_s[0]]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body parts of HJIF: bits of the mask for the vertices of our models."""
+"""HJIF body part masks of vertices and of actuator places."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ BITS: Final = (
     "left fingers,right thigh,left thigh,right calf,left calf,right sole,left sole,"
     "right foot dorsum,left foot dorsum,right toes,left toes"
 ).split(",")
-"""Names of the mask's bits; right and left are the wearer's own."""
+"""Body part of each mask bit; right and left of the wearer."""
 
-# Heights of the shipped body (1.8 m, rest pose) where the standard's parts of the torso meet.
+# Heights on the shipped body (1.8 m, rest pose) of the borders between the parts of the torso.
 _CHEST_M: Final = 1.25
 _ABDOMEN_M: Final = 1.08
 _LOWER_BACK_M: Final = 1.20
@@ -40,16 +40,15 @@ _RIGHT_BIT: Final = {  # the left one is the next
 
 
 def vertex_masks(model: PerceptualModel) -> U32:
-    """The mask of each vertex, (V,); one bit, two on the midline of a part with sides.
+    """Body part mask of each vertex, (V,) uint32.
 
-    Parameters
-    ----------
-    model : PerceptualModel
-        In rest space: the body faces -Y, its left is +X.
+    One bit each; two bits on the midline of a part with sides. The model is in rest space: facing
+    -Y, left +X.
     """
     masks = np.zeros(len(model), np.uint32)
     x, _, z = model.vertices.T
-    normal_x, normal_y, _ = model.normals.T  # inner folds may look anywhere
+    # Normals separate front from back: places alone are ambiguous on limbs and folds.
+    normal_x, normal_y, _ = model.normals.T
     is_right = (model.side == RIGHT) | ((model.side != LEFT) & (x <= 0.0))
     is_left = (model.side == LEFT) | ((model.side != RIGHT) & (x >= 0.0))
     for index, part in enumerate(PARTS):
@@ -73,7 +72,10 @@ def vertex_masks(model: PerceptualModel) -> U32:
 
 
 def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
-    """Mask of an actuator's place, from the body parts that it names; 0: unknown."""
+    """Body part mask of an actuator's place; 0 if unknown.
+
+    A part without centre sets all of its bits, or those of the place's side.
+    """
     if isinstance(place, RoomPlace):
         parts: tuple[str, ...] = place.parts
         centre, side = None, None
@@ -104,6 +106,6 @@ def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
 
 
 def described(mask: int) -> str:
-    """The parts of a mask in words."""
+    """Names of a mask's parts; "all of the body" or "nowhere" for all or no bits."""
     names = [name for bit, name in enumerate(BITS) if mask >> bit & 1]
     return "all of the body" if len(names) == len(BITS) else ", ".join(names) or "nowhere"

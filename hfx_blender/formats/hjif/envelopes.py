@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bands and effects of HJIF from dense envelopes."""
+"""HJIF bands and effects from dense envelopes (writer)."""
 
 from __future__ import annotations
 
@@ -18,33 +18,32 @@ from ..signals.curves import Curve, simplified
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000
-_WHOLE_HZ: Final = 0.5  # that rounding to whole hertz may take
+_WHOLE_HZ: Final = 0.5  # rounding error of whole hertz
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
-_FINE_TICKS: Final = 8000  # a second, where that divides well
+_FINE_TICKS: Final = 8000  # ticks per second, unless a rate does not divide it
 
 _SILENT: Final = 0.01
-"""Share of the tolerance that may be left where the original is silent."""
+"""Largest value, as a share of the tolerance, where the original is 0."""
 
 _STRAIGHT: Final = 1e-9
-"""Distance from the straight line between its neighbours at which a keyframe is needed."""
+"""Smallest deviation from the line between its neighbours for which a keyframe is stored."""
 
 _HOLD: Final = 3
-"""Number of successive rows with the same value from which on they are a hold."""
+"""Least number of successive equal rows that form a hold."""
 
 PITCH_HZ: Final = 1.0
-"""Largest error of the frequency of a vibration."""
+"""Largest frequency error of a vibration, hertz."""
 
 MAX_POSITION: Final = 2**16 - 1
-"""Ticks from the beginning of an effect to its last keyframe: the binary form has 16 bits."""
+"""Largest tick of a keyframe within its effect: the binary encoding has 16 bits."""
 
 
 def timescale_of(*rates_hz: Fraction, seconds: float = 0.0) -> int:
-    """Timescale, in ticks a second, with a whole number of ticks per period of each rate, if
-    possible.
+    """Ticks per second with whole ticks in one period of each rate, where possible.
 
-    The first rate counts most. 48000 is the standard's most; rates that need more are met
-    within a tick. Where that many ``seconds`` fit into one effect, the timescale is one with
-    which they do.
+    Earlier rates have priority; the result is at most 48000, the standard's limit, where periods
+    of the remaining rates are rounded to ticks. For ``seconds`` > 0 the scale is reduced, if
+    possible, so that an effect of this duration fits into 16 bits.
     """
     ticks = 1
     for rate in rates_hz:
@@ -57,29 +56,32 @@ def timescale_of(*rates_hz: Fraction, seconds: float = 0.0) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """A row a sample: strength -1..1 of full scale and, of a vibration, its frequency."""
+    """Strength -1..1 of full scale, and the frequency of a vibration, at ascending times from 0."""
 
-    times_s: F64  # (T,) from 0
+    times_s: F64  # (T,)
     strength: F64  # (T,)
-    frequency_hz: F64 | None = None  # (T,)
+    frequency_hz: F64 | None = None  # (T,); None for other modalities
 
 
 class Keyframe(NamedTuple):
-    """Point of an envelope."""
+    """Keyframe of an effect; ``hertz`` is None for curves."""
 
-    ticks: int  # since the effect's position
+    ticks: int  # from the effect's position
     level: float  # -1..1
     hertz: int | None = None
 
 
 Burst = tuple[int, tuple[Keyframe, ...]]
-"""Position in ticks, and keyframes."""
+"""Position of an effect in ticks, and its keyframes."""
 
 
 def shared_waves(
     bands: Sequence[Sequence[Burst]],
 ) -> tuple[list[dict[str, Any]], list[list[dict[str, Any]]]]:
-    """The effects of each band of a perception, after its library, which has repeated ones once."""
+    """Return the effect library of a perception, and the effects of each band.
+
+    Repeated keyframes are stored once in the library (ids from 1) and referenced by the bands.
+    """
     counts = Counter(keyframes for bursts in bands for _, keyframes in bursts)
     repeated = [keyframes for keyframes, count in counts.items() if count > 1]
     ids = {keyframes: k + 1 for k, keyframes in enumerate(repeated)}
@@ -97,27 +99,28 @@ def shared_waves(
 
 
 def _wave(position: int, keyframes: Iterable[Keyframe], **id: int) -> dict[str, Any]:
+    """Sine effect with keyframes; ``id`` for entries of the library."""
     wave = {"position": position, "phase": 0.0, "base_signal": "Sine"}
     return {"effect_type": "Basis", **id, **wave, "keyframes": keyframes_of(keyframes)}
 
 
 def keyframes_of(frames: Iterable[Keyframe]) -> list[dict[str, Any]]:
-    """Keyframes as members of an effect."""
-    found: list[dict[str, Any]] = []
+    """Encode keyframes as members of an effect."""
+    members: list[dict[str, Any]] = []
     for ticks, level, hertz in frames:
-        found.append({"relative_position": ticks, "amplitude_modulation": level})
+        members.append({"relative_position": ticks, "amplitude_modulation": level})
         if hertz is not None:
-            found[-1]["frequency_modulation"] = hertz
-    return found
+            members[-1]["frequency_modulation"] = hertz
+    return members
 
 
 def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
-    """A vibration as stretches between silences: position and keyframes of each.
+    """Split a vibration at its silences into effects: position and keyframes of each.
 
-    Equal stretches get equal keyframes, so that a library can hold them once.
+    Equal stretches get equal keyframes, so a library can store them once. Empty for silence.
     """
-    found = []
-    known: dict[bytes, tuple[Keyframe, ...]] = {}
+    bursts = []
+    cached: dict[bytes, tuple[Keyframe, ...]] = {}  # by rounded rows
     frequency = dense.frequency_hz
     assert frequency is not None
     loud = np.flatnonzero(dense.strength > 0.0)
@@ -129,15 +132,16 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
     for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
         start, stop = max(first - 1, 0), min(last + 2, len(dense.strength))
         levels, hertz = dense.strength[start:stop], frequency[start:stop].copy()
-        hertz[: first - start] = hertz[first - start]  # silent rows beside have no pitch
+        # The silent rows at both ends carry no pitch: a ramp from their value would be heard.
+        hertz[: first - start] = hertz[first - start]
         hertz[last + 1 - start :] = hertz[last - start]
         times = dense.times_s[start:stop] - dense.times_s[start]
         key = np.round(np.concatenate([times, levels, hertz]), 9).tobytes()
-        if key not in known:
-            known[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance)
+        if key not in cached:
+            cached[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance)
         begin = round(float(dense.times_s[start]) * timescale)
-        found += [(begin + tick, part) for tick, part in _split(known[key])]
-    return found
+        bursts += [(begin + tick, part) for tick, part in _split(cached[key])]
+    return bursts
 
 
 def _wave_keyframes(
@@ -147,10 +151,11 @@ def _wave_keyframes(
     timescale: int,
     tolerance: float,
 ) -> tuple[Keyframe, ...]:
+    """Simplify amplitude and frequency separately, then sample both at all keyframes."""
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
     amplitude = _on_grid(few, strength, tolerance, timescale)
-    left_hz = PITCH_HZ - _WHOLE_HZ
+    left_hz = PITCH_HZ - _WHOLE_HZ  # rounding to whole hertz takes the rest
     few = simplified(tone, left_hz, lowest=float(hertz.min()), highest=float(hertz.max()))
     pitch = _on_grid(few, tone, left_hz, timescale)
     knots = np.union1d(amplitude[0], pitch[0])
@@ -166,18 +171,18 @@ def _wave_keyframes(
 
 
 def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tuple[I64, F64]:
-    """Times and values of a simplified curve whose keyframes lie on whole ticks.
+    """Move the keyframes of a simplified curve to whole ticks; returns ticks and values.
 
-    Holds of the original, three rows of one value or more, stay exactly constant. Where a
-    moved keyframe leaves the tolerance, the original's own rows beside it are taken: they are
-    met exactly wherever they lie on ticks.
+    Holds of the original (three or more equal rows) stay exactly constant. Where a moved keyframe
+    leaves the tolerance, the adjacent rows of the original replace it; rows on whole ticks are
+    then exact.
 
     Parameters
     ----------
     few : Curve
         Within ``tolerance`` of ``dense``.
     dense : Curve
-        Times ascend strictly.
+        Original, times strictly ascending.
     tolerance : float
         In the unit of the values.
     ticks_per_s : int
@@ -193,17 +198,20 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
     is_held = _holds(dense.values)
     is_pinned = is_held.copy()
     is_pinned[1:] |= is_held[:-1]  # a hold's last row
+    # Each round pins the rows around every violation, so the loop ends at the latest with the
+    # original itself. Errors of piecewise linear curves are largest at a keyframe of either one.
     while True:
         ticks, values = _merged(few_ticks, few.values, own_ticks, dense.values, is_pinned)
-        at = np.union1d(ticks, own_ticks)
-        wanted = np.interp(at, own_ticks, dense.values)
-        off = np.abs(np.interp(at, ticks, values) - wanted)
-        is_off = (off > tolerance) | ((wanted == 0.0) & (off > _SILENT * tolerance))
-        row = np.searchsorted(own_ticks, at[is_off], side="right") - 1
-        newly = np.unique(np.concatenate([row, np.minimum(row + 1, len(own_ticks) - 1)]))
-        if is_pinned[newly].all():
+        knots = np.union1d(ticks, own_ticks)
+        exact = np.interp(knots, own_ticks, dense.values)
+        errors = np.abs(np.interp(knots, ticks, values) - exact)
+        is_off = (errors > tolerance) | ((exact == 0.0) & (errors > _SILENT * tolerance))
+        row = np.searchsorted(own_ticks, knots[is_off], side="right") - 1
+        pinned = np.unique(np.concatenate([row, np.minimum(row + 1, len(own_ticks) - 1)]))
+        if is_pinned[pinned].all():
             break
-        is_pinned[newly] = True
+        is_pinned[pinned] = True
+    # A keyframe on the line between its neighbours is redundant.
     keep = np.ones(len(ticks), np.bool_)
     slopes = np.diff(values) / np.diff(ticks)
     keep[1:-1] = (
@@ -213,20 +221,20 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
 
 
 def _holds(values: F64) -> Bool:
-    """Mask of rows whose next row continues a hold, (n,)."""
+    """Mask of the rows whose successor continues a hold, (n,) bool."""
     is_same = np.concatenate([values[1:] == values[:-1], [False]])
     edges = np.diff(np.concatenate([[0], is_same.astype(np.int8), [0]]))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    found = np.zeros(len(values), np.bool_)
+    is_held = np.zeros(len(values), np.bool_)
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-        found[begin:end] = end - begin + 1 >= _HOLD
-    return found
+        is_held[begin:end] = end - begin + 1 >= _HOLD
+    return is_held
 
 
 def _merged(
     few_ticks: I64, few_values: F64, own_ticks: I64, own_values: F64, is_pinned: Bool
 ) -> tuple[I64, F64]:
-    """Simplified keyframes, but rows of the original where these are pinned."""
+    """Simplified keyframes, replaced by rows of the original where these are pinned."""
     row = np.clip(np.searchsorted(own_ticks, few_ticks, side="right") - 1, 0, len(own_ticks) - 1)
     after = np.minimum(row + 1, len(own_ticks) - 1)
     is_taken = is_pinned[row] & (is_pinned[after] | (own_ticks[row] == few_ticks))
@@ -238,22 +246,22 @@ def _merged(
 
 
 def _split(frames: tuple[Keyframe, ...]) -> list[Burst]:
-    """Cut keyframes so that each part fits into an effect: its first tick, and its keyframes.
+    """Cut keyframes at 16-bit limits: first tick and keyframes, from tick 0, of each part.
 
-    A part begins with the last keyframe of the one before.
+    Each part begins with an interpolated copy of the last keyframe of the previous part.
     """
     if frames[-1].ticks <= MAX_POSITION:
         return [(0, frames)]
     firsts = [*range(frames[0].ticks, frames[-1].ticks, MAX_POSITION), frames[-1].ticks]
     return [
-        (first, tuple(each._replace(ticks=each.ticks - first) for each in part))
+        (first, tuple(frame._replace(ticks=frame.ticks - first) for frame in part))
         for first, stop in pairwise(firsts)
         for part in [_between(frames, first, stop)]
     ]
 
 
 def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe]:
-    """Keyframes from one tick to another, both with one of their own, on the straight lines."""
+    """Keyframes from ``first`` to ``stop`` ticks, with interpolated keyframes at both ends."""
     ticks, levels, hertz = zip(*frames, strict=True)
 
     def at(tick: int) -> Keyframe:
@@ -262,11 +270,11 @@ def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe
             return Keyframe(tick, level)
         return Keyframe(tick, level, round(float(np.interp(tick, ticks, hertz))))
 
-    return [at(first), *(each for each in frames if first < each.ticks < stop), at(stop)]
+    return [at(first), *(frame for frame in frames if first < frame.ticks < stop), at(stop)]
 
 
 def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[str, Any]]:
-    """A pressure, temperature or wind over the whole time: one effect at position 0, if it fits."""
+    """Effects of a pressure, temperature or wind; more than one only beyond 16-bit ticks."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
     ticks, values = _on_grid(few, strength, tolerance, timescale)
@@ -287,7 +295,7 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
 
 
 def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
-    """Three keyframes at least, without changing the curve."""
+    """Insert a keyframe on the line where there are fewer than three and the duration allows it."""
     first, stop = frames[0].ticks, frames[-1].ticks
     if len(frames) >= _SHORTEST or stop - first < 2:
         return frames
@@ -296,7 +304,7 @@ def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]
 
 
 def band(kind: str, effects: Sequence[dict[str, Any]], **members: str) -> dict[str, Any]:
-    """A band of all frequencies that skin feels."""
+    """Band from 0 to 1000 Hz with effects and further members."""
     return {
         "band_type": kind,
         "lower_frequency_limit": 0,

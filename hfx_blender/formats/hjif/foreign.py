@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF of other tools, and from before the standard, brought into its form for reading."""
+"""HJIF of other tools and of drafts before the standard, converted to the standard's form."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ _DEFAULTS: Final[Mapping[str, Any]] = {
     "type": "Custom",
     "lod": 0,
 }
-"""Values of members that are missing, or of no known choice, where they change nothing felt."""
+"""Values of missing or unknown members that do not change the haptic content."""
 
 _LARGEST_SCALE: Final = 16.0
-_HIGHEST_RATE: Final = 192_000  # of wavelet bands: their upper limit is the sampling rate
+_HIGHEST_RATE: Final = 192_000  # upper limit of wavelet bands, their sampling rate
 
 _EARLY: Final = "files of MPEG's reference software from before the standard are like that"
 _ENCODER: Final = "MPEG's reference encoder writes files like that"
@@ -75,7 +75,7 @@ _TOOLS: Final = (  # code, part of the place or message, the tool
 
 
 def with_tool(finding: Finding) -> Finding:
-    """A finding whose message says which tool's files are like that, where one is known."""
+    """Append the name of the tool known for this fault to a finding's message."""
     for code, part, tool in _TOOLS:
         if finding.code == f"HJIF-{code}" and part in f"{finding.place} {finding.message}":
             return replace(finding, message=f"{finding.message} ({tool})")
@@ -83,21 +83,21 @@ def with_tool(finding: Finding) -> Finding:
 
 
 def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
-    """A value in the standard's form, as far as its meaning is clear; the rest as it is.
+    """Convert a value to the standard's form as far as its meaning is clear.
 
-    Old names of members and old choices become the standard's; unknown members are left out,
-    missing ones that change nothing felt added; numbers are cut to their range.
+    Old names and choices are replaced, unknown members dropped, missing members without haptic
+    effect added, and numbers clipped to their range. Other values are returned unchanged.
     """
     if isinstance(shape, Record):
         return _record(shape, value) if isinstance(value, dict) else value
     if isinstance(shape, Items):
         if not isinstance(value, list):
             return value
-        items = [in_standard_form(shape.item, each) for each in value]
+        items = [in_standard_form(shape.item, element) for element in value]
         if name == "composition":  # the standard's schema lets anything be in it
-            return [each for each in items if _is_effect(shape.item, each)]
+            return [item for item in items if _is_effect(shape.item, item)]
         if isinstance(shape.item, Text) and shape.item.choices:
-            return [each for each in items if each in shape.item.choices]
+            return [item for item in items if item in shape.item.choices]
         return items
     if isinstance(shape, Number):
         return _number(shape, value, name)
@@ -107,38 +107,41 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
 
 
 def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
-    members = {**shape.required, **shape.optional}
-    found = {}
+    """Convert an object: old member names, defaults, and draft encodings of bands."""
+    known = {**shape.required, **shape.optional}
+    members = {}
     for key, item in value.items():
         name = key
-        if key not in members and _OLD_NAMES.get(key) not in value:
+        if key not in known and _OLD_NAMES.get(key) not in value:
             name = _OLD_NAMES.get(key, key)
         if name == "block_length" and not _is_length(item):
             continue  # of other bands, in files from before the standard
-        if name in members:
-            found[name] = in_standard_form(members[name], item, name)
+        if name in known:
+            members[name] = in_standard_form(known[name], item, name)
     if value.get("band_type") == "Wave" and value.get("encoding_modality") in _ENCODINGS:
-        found["band_type"] = _ENCODINGS[value["encoding_modality"]]
+        members["band_type"] = _ENCODINGS[value["encoding_modality"]]
     for name in shape.required:
-        if name not in found and name in _DEFAULTS:
-            found[name] = _DEFAULTS[name]
-    return found
+        if name not in members and name in _DEFAULTS:
+            members[name] = _DEFAULTS[name]
+    return members
 
 
 def _is_effect(shape: Shape, item: Any) -> bool:
-    """Test for an effect of a composition whose own members, not those within it, can be read."""
+    """Test for a readable effect of a composition, ignoring nested compositions."""
     report = Report("HJIF")
     if isinstance(item, dict):
         item = {key: member for key, member in item.items() if key != "composition"}
     check(shape, item, report)
-    return not any(each.code != "HJIF-RANGE" for each in report.findings)
+    return not any(finding.code != "HJIF-RANGE" for finding in report.findings)
 
 
 def _is_length(item: Any) -> bool:
+    """Test for a whole block length of 16 or more."""
     return isinstance(item, int | float) and item >= 16 and float(item).is_integer()
 
 
 def _number(shape: Number, value: Any, name: str) -> Any:
+    """Clip a number to its range; wavelet scales and sampling rates have wider ranges."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
@@ -149,6 +152,7 @@ def _number(shape: Number, value: Any, name: str) -> Any:
 
 
 def _text(shape: Text, value: str, name: str) -> str:
+    """Replace an old choice by the standard's; the default for an unknown choice."""
     known = _OLD_VALUES.get(name, {}).get(value, value)
     is_known = not shape.choices or known in shape.choices
     is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None

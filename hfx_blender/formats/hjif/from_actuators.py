@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF of one device's output: a channel for each actuator, one perception for each modality."""
+"""HJIF of one device's output: one channel per actuator, one perception per modality."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .perceptions import DATE, SUFFIX, TOO_WEAK, Place, document_of, perception_
 from .semantics import is_date
 
 _TICK_S: Final = 1e-4
-_SAMPLING_HZ: Final = 8000  # that the length of the original is told in
+_SAMPLING_HZ: Final = 8000  # unit of the stored duration
 
 
 def write(
@@ -44,13 +44,7 @@ def write(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write ``stem.hjif``.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
-    """
+    """Write ``stem.hjif``; OutputError for an unwritable file, of which no part remains."""
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
     within = f"curves are within {tolerance:.1%} of full scale"
@@ -60,11 +54,11 @@ def write(
 def _compose(
     raster: Raster, device: DeviceConfig, name: str, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """A raster as a document, and actuators of which nothing is left in it.
+    """Compose the document of a raster; second, actuators that became silent.
 
     Strengths are relative to each actuator's neutral value.
     """
-    columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
+    columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     timescale = timescale_of(raster.rate_hz, seconds=float(times[-1]))
@@ -99,20 +93,19 @@ def write_signals(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write vibration of another format as ``stem.hjif``; its full scale is not known.
+    """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    The file is read back to measure the error. Raises OutputError for an unwritable file, of
+    which no part remains.
     """
     timescale = timescale_of(Fraction(1000))
     places = [
-        Place(each.name, 1.0, 0, _dense(each), transients=each.transients) for each in signals
+        Place(signal.name, 1.0, 0, _dense(signal), transients=signal.transients)
+        for signal in signals
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
-    duration_s = max((each.duration_s for each in signals), default=0.0)
-    for channel in perception["channels"]:  # as long as the original, silence at the end included
+    duration_s = max((signal.duration_s for signal in signals), default=0.0)
+    for channel in perception["channels"]:  # includes the silence at the end
         channel["frequency_sampling"] = _SAMPLING_HZ
         channel["sample_count"] = round(duration_s * _SAMPLING_HZ)
     credits = signals[0].credits if signals else Credits()
@@ -122,19 +115,29 @@ def write_signals(
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
     path = _write(document, stem)
-    read = {each.name: each for each in to_signals.decode(read_bytes(path), path.name)[0]}
-    cut = (replace(each, frequency_hz=clipped(each.frequency_hz, 0.0, MAX_HZ)) for each in signals)
-    pairs = [(each, read[clean(each.name)]) for each in cut if clean(each.name) in read]
+    read = {
+        clipped_signal.name: clipped_signal
+        for clipped_signal in to_signals.decode(read_bytes(path), path.name)[0]
+    }
+    cut = (
+        replace(signal, frequency_hz=clipped(signal.frequency_hz, 0.0, MAX_HZ))
+        for signal in signals
+    )
+    pairs = [
+        (clipped_signal, read[clean(clipped_signal.name)])
+        for clipped_signal in cut
+        if clean(clipped_signal.name) in read
+    ]
     return Written((path,), left_out, (error_note(pairs, 2.0 / timescale), *notes))
 
 
 def _dense(signal: Signal) -> Dense:
-    """A signal's own keyframes as rows; a step takes a tick."""
+    """Rows at a signal's own keyframes; steps become ramps of one tick."""
     end = float(signal.amplitude.times_s[-1])
     frequency = clipped(signal.frequency_hz, 0.0, MAX_HZ)
     times = joined_times([signal.amplitude, frequency], 0.0, end)
     knots, steps = signal.amplitude.times_s, np.diff(signal.amplitude.times_s) <= 0.0
-    # A row beside a silent one has its frequency: it is to be right there, not a ramp away.
+    # Rows next to silence keep the signal's frequency exactly instead of ramping towards it.
     silent = times[(signal.amplitude.at(times) == 0.0) | (signal.amplitude.before(times) == 0.0)]
     beside = np.concatenate([knots[1:][steps] - _TICK_S, silent - _TICK_S, silent + _TICK_S])
     times = np.unique(np.concatenate([times, beside[(beside > 0.0) & (beside < end)]]))
@@ -144,6 +147,7 @@ def _dense(signal: Signal) -> Dense:
 
 
 def _write(document: dict[str, Any], stem: Path) -> Path:
+    """Write a document as ``stem.hjif``."""
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document, path)
     return path

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF from a recorded track: painted effects as they are, contacts baked by body part.
+"""HJIF of a recorded track: painted effects exactly, contacts by body part.
 
-One perception a body, model and modality. A painted effect is one channel for each class of
-its weights, with the effect's own envelope; a volume is one channel for each body part that it
-touched, with the strongest contact there and all vertices that it touched there.
+One perception per body, model and modality. A painted effect becomes one channel for each class
+of its weights, with the effect's own envelope. A volume becomes one channel for each touched body
+part, with the strongest contact at each sample and all touched vertices of the part.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ def write(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write ``stem.hjif`` and beside it each body model as ``stem.<model>.glb``.
+    """Write ``stem.hjif``, and each body model as ``stem.<model>.glb`` in the same folder.
 
     Raises
     ------
     NothingFeltError
-        Nothing was felt in the whole track.
+        The track has no samples on a body.
     InputError
-        A model is not the one it was recorded on.
+        A body model differs from the recorded version.
     OutputError
-        A file cannot be written; none is left half written.
+        A file cannot be written; no partial file remains.
     """
     document, meshes, loss = compose(track, devices, stem.name, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
@@ -65,9 +65,12 @@ def write(
         files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
         glb.write_model(model, files[-1], quote(path.name))
     write_json(document, path)
-    driven = [each.name for each in track.header.effects if each.kind == "actuators"]
+    driven = [effect.name for effect in track.header.effects if effect.kind == "actuators"]
     notes = (
-        *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
+        *(
+            f"'{clean(effect_name)}' drives single actuators: it is not felt on a body"
+            for effect_name in driven
+        ),
         f"curves are within {tolerance:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
         "more where a long vibration is cut into effects)",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
@@ -81,22 +84,26 @@ def compose(
     name: str,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[dict[str, Any], list[PerceptualModel], Written]:
-    """A document, its models, and, without files, what of the track it does not hold."""
+    """Compose the HJIF document of a track; also its models, and losses as a Written without files.
+
+    Raises as :func:`write`, except OutputError. ``name`` begins the mesh file names.
+    """
     header = track.header
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
     timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
     loaded = {id: _checked(load_model(id), id, track) for id in used}
     masks = {id: vertex_masks(model) for id, model in loaded.items()}
-    found = {
+    collected = {
         stream: _Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
         for stream in header.streams
     }
     for run in track.runs():
-        found[run.stream].add(run)
-    groups = _groups(header, found)
+        collected[run.stream].add(run)
+    groups = _groups(header, collected)
     if not groups:
         raise NothingFeltError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
+    # Avatars are numbered by the models in use: a model without samples gets no mesh file.
     avatars = {
         id: {"id": k + 1, "lod": 0, "type": "Custom", "mesh": quote(f"{name}.{id}{glb.SUFFIX}")}
         for k, id in enumerate(dict.fromkeys(model_id for _, model_id, _ in groups))
@@ -107,35 +114,36 @@ def compose(
     turning: list[str] = []
     for k, ((body_id, model_id, modality), streams) in enumerate(groups.items()):
         places = [
-            place
+            channel_place
             for stream in streams
-            for place in _places(stream, found[stream], track, masks[model_id])
+            for channel_place in _places(stream, collected[stream], track, masks[model_id])
         ]
         perception = perception_of(k, modality, places, devices, timescale, tolerance)
         weak += too_weak_places(perception, places)
         if modality == "wind":
-            turning += [each.title for each in places if each.direction is None]
+            turning += [item.title for item in places if item.direction is None]
         perception["avatar_id"] = avatars[model_id]["id"]
         perception["description"] = clean(f"{bodies[body_id]}: {modality}")
         perceptions.append(perception)
     title = clean(str(header.source.get("name", "")) or name)
     document = document_of(title, perceptions, timescale, list(avatars.values()))
-    loss = _loss(header, found, turning) + Written(notes=tuple(map(clean, counted(weak, TOO_WEAK))))
+    loss = _loss(header, collected, turning) + Written(
+        notes=tuple(map(clean, counted(weak, TOO_WEAK)))
+    )
     return document, [loaded[id] for id in avatars], loss
 
 
 class _Collected:
     """Samples of one stream, collected run by run.
 
-    A few numbers a sample and body part are kept, not the contacts: a long track needs little
-    memory.
+    Memory is bounded: per sample one weight for each body part is stored, not the contacts.
 
     Parameters
     ----------
     masks : (V,) uint32
-        The body part of each vertex of its model.
+        Body part mask of each vertex of the model.
     by_part : bool
-        Keep the strongest weight of each body part; if not, only the first vertex set is kept.
+        Store the strongest weight of each body part; otherwise only the first vertex set.
     """
 
     def __init__(self, masks: U32, *, by_part: bool) -> None:
@@ -148,12 +156,12 @@ class _Collected:
         self._parameters: list[F64] = []
         self._strongest: list[F32] = []  # (n, parts)
         self.first_set: tuple[I64, F64] | None = None
-        """Vertices and weights of the first sample."""
+        """Vertices and weights of the first sample; None before it."""
         self.changes = False
-        """Test for a sample with other vertices; only told if not by part."""
+        """True if the vertices change; always False by part."""
 
     def add(self, run: SampleRun) -> None:
-        """Take the next samples."""
+        """Append the next samples of the stream."""
         self._rows.append(run.indices)
         self._levels.append(run.levels)
         self._parameters.append(run.parameters)
@@ -169,6 +177,7 @@ class _Collected:
                 run.vertices, np.tile(first, len(run.offsets) - 1)
             )
         else:
+            # Row-wise maximum: each contact goes to cell (set, part) of a flattened table.
             sizes, parts = np.diff(run.offsets), len(self._masks)
             table = np.zeros(len(sizes) * parts, np.float32)
             base = np.repeat(np.arange(len(sizes)) * parts, sizes)
@@ -181,21 +190,21 @@ class _Collected:
 
     @property
     def rows(self) -> I64:
-        """Sample indices, (n,)."""
+        """Sample indices, (n,) int64 ascending."""
         return np.concatenate(self._rows)
 
     @property
     def levels(self) -> F64:
-        """(n,)"""
+        """Effect levels, (n,)."""
         return np.concatenate(self._levels)
 
     @property
     def parameters(self) -> F64:
-        """(n, P)"""
+        """Parameters of the modality, (n, P)."""
         return np.concatenate(self._parameters)
 
     def touched(self) -> list[tuple[int, F64, I64]]:
-        """Touched body parts: mask, strongest weight of each sample, vertices."""
+        """Touched body parts: mask, strongest weight per sample (n,), ascending vertex ids."""
         touched = np.flatnonzero(self._is_touched)
         strongest = np.concatenate(self._strongest)
         return [
@@ -209,28 +218,30 @@ class _Collected:
 
 
 def _groups(
-    header: TrackHeader, found: Mapping[Stream, _Collected]
+    header: TrackHeader, collected: Mapping[Stream, _Collected]
 ) -> dict[tuple[str, str, str], list[Stream]]:
-    """Streams with a place on a body that are felt, by body, model and modality."""
+    """Group the streams with samples on a body by (body, model, modality)."""
     groups: dict[tuple[str, str, str], list[Stream]] = {}
     for stream in header.streams:
-        if len(found[stream]) and header.effect(stream).kind != "actuators":
+        if len(collected[stream]) and header.effect(stream).kind != "actuators":
             key = (stream.body_id, stream.model_id, stream.modality)
             groups.setdefault(key, []).append(stream)
     return groups
 
 
 def _loss(
-    header: TrackHeader, found: Mapping[Stream, _Collected], turning: Sequence[str]
+    header: TrackHeader, collected: Mapping[Stream, _Collected], turning: Sequence[str]
 ) -> Written:
-    """Contents of the streams that a document does not hold."""
+    """Losses of a document: high frequencies, turning winds, changing painted areas."""
     high = [
         header.effect(stream).name
-        for streams in _groups(header, found).values()
+        for streams in _groups(header, collected).values()
         for stream in streams
-        if stream.modality == "vibration" and (found[stream].parameters[:, 1] > MAX_HZ).any()
+        if stream.modality == "vibration" and (collected[stream].parameters[:, 1] > MAX_HZ).any()
     ]
-    changing = [header.effect(stream).name for stream in header.streams if found[stream].changes]
+    changing = [
+        header.effect(stream).name for stream in header.streams if collected[stream].changes
+    ]
     left_out = (
         *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
         *counted(turning, "it holds one direction of a wind, and none of those that turn"),
@@ -240,27 +251,33 @@ def _loss(
 
 
 def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:
-    recorded = next(each for each in track.header.models if each.id == id)
+    """Return a model with the recorded content hash; InputError for another version."""
+    recorded = next(
+        recorded_model for recorded_model in track.header.models if recorded_model.id == id
+    )
     if model.content_hash != recorded.content_hash:
         raise InputError(f"{track.path}: was recorded on another version of the body model '{id}'.")
     return model
 
 
-def _places(stream: Stream, found: _Collected, track: TrackReader, masks: U32) -> Iterator[Place]:
-    """The channels of one effect on one body, their strength in physical units."""
+def _places(
+    stream: Stream, collected: _Collected, track: TrackReader, masks: U32
+) -> Iterator[Place]:
+    """Yield the channels of one effect on one body, strengths in the modality's unit."""
     effect = track.header.effect(stream)
     count = track.header.time.sample_count
     period_s = 1.0 / float(track.header.time.rate_hz)
     times = np.arange(count + 1) * period_s
-    rows, parameters = found.rows, found.parameters
+    rows, parameters = collected.rows, collected.parameters
     neutral = neutral_temperature_c(effect.is_contact) if stream.modality == "temperature" else 0.0
-    strengths = found.levels * (parameters[:, 0] - neutral)
+    strengths = collected.levels * (parameters[:, 0] - neutral)
     pitch = None
     if stream.modality == "vibration":
         hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)
         pitch = np.interp(np.arange(count + 1), rows, hertz)
     direction = _direction(parameters) if stream.modality == "wind" else None
 
+    # Samples without contact are absent from a track: they are 0 in the dense column.
     def dense(values: F64) -> Dense:
         column = np.zeros(count + 1)
         column[rows] = values
@@ -268,33 +285,36 @@ def _places(stream: Stream, found: _Collected, track: TrackReader, masks: U32) -
         return Dense(times, column, pitch)
 
     if effect.kind == "painted":
-        assert found.first_set is not None
-        classes = _weight_classes(*found.first_set)
+        assert collected.first_set is not None
+        classes = _weight_classes(*collected.first_set)
         for weight, vertices in classes:
             mask = int(np.bitwise_or.reduce(masks[vertices], initial=0))
             share = "" if len(classes) == 1 else f", weight {weight:.3g}"
             title = f"{effect.name}{share}"
             yield Place(title, weight, mask, dense(strengths), set(vertices.tolist()), direction)
         return
-    for mask, weights, touched in found.touched():
+    for mask, weights, touched in collected.touched():
         title = f"{effect.name}, {described(mask)}"
         ids = set(touched.tolist())
         yield Place(title, 1.0, mask, dense(strengths * weights), ids, direction)
 
 
 def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
-    """Vertices of a painted area by weight: mean weight and ids of each class."""
+    """Group a painted area's vertices into at most 8 classes, heaviest first: mean weight, ids.
+
+    Weights within 1/255 of each other form one class.
+    """
     steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
     if np.ptp(weights) < 1.0 / 255.0:
         steps[:] = steps[0]
     return [
-        (round(float(weights[steps == each].mean()), 6), vertices[steps == each])
-        for each in np.unique(steps)[::-1]
+        (round(float(weights[steps == step].mean()), 6), vertices[steps == step])
+        for step in np.unique(steps)[::-1]
     ]
 
 
 def _direction(parameters: F64) -> dict[str, int] | None:
-    """Direction of a wind, if it is constant within about a degree."""
+    """Mean wind direction in glTF axes times 127; None if it turns by more than about 1 degree."""
     vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
     mean = vectors.mean(axis=0)
     length = float(np.linalg.norm(mean))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptions of HJIF from places and their envelopes."""
+"""HJIF documents and perceptions from places with dense envelopes."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from .envelopes import (
 from .semantics import MAX_CHANNELS
 
 SUFFIX: Final = FORMATS["hjif"].suffix
-DATE: Final = "2024-01-01T00:00:00+00:00"  # the same scene gives the same bytes
+DATE: Final = "2024-01-01T00:00:00+00:00"  # constant, so equal scenes give equal bytes
 
 TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
-"""Remark on :func:`too_weak_places` places."""
+"""Note on the places of :func:`too_weak_places`."""
 
 
 @dataclass(eq=False)
 class Place:
-    """Channel in the making."""
+    """Content of one channel: envelope, body part mask, vertices and ticks."""
 
     title: str
     gain: float
     mask: int
     dense: Dense
     vertices: set[int] = field(default_factory=set)
-    direction: dict[str, int] | None = None
-    transients: tuple[Transient, ...] = ()  # amplitudes are shares of full scale
+    direction: dict[str, int] | None = None  # X, Y, Z up to 127; of a wind
+    transients: tuple[Transient, ...] = ()  # amplitudes 0..1 of full scale
 
 
 def document_of(
@@ -53,11 +53,11 @@ def document_of(
     avatars: Sequence[dict[str, Any]] = (),
     date: str = DATE,
 ) -> dict[str, Any]:
-    """A whole document, of the lowest level that allows so many channels.
+    """Compose a document of the lowest level for its channels, and number the channels in place.
 
-    Channels are numbered over the whole file: decoders look them up so.
+    Channel ids are unique in the whole file, as decoders require.
     """
-    channels = [channel for each in perceptions for channel in each["channels"]]
+    channels = [channel for perception in perceptions for channel in perception["channels"]]
     for number, channel in enumerate(channels):
         channel["id"] = number
     return {
@@ -83,25 +83,27 @@ def perception_of(
     *,
     has_units: bool = True,
 ) -> dict[str, Any]:
-    """A perception whose full scale is the strongest of its channels.
+    """Compose a perception whose full scale is the strongest value of its channels.
 
-    Without units the strengths are shares of a full scale that nobody knows.
+    ``has_units=False``: strengths are shares of an unknown full scale, without reference device.
     """
-    full = (max(_peak(place) for place in places) or 1.0) if has_units else 1.0
+    full = (max(_peak(source) for source in places) or 1.0) if has_units else 1.0
     dense = [
-        replace(each.dense, strength=np.clip(each.dense.strength / full, -1.0, 1.0))
-        for each in places
+        replace(source.dense, strength=np.clip(source.dense.strength / full, -1.0, 1.0))
+        for source in places
     ]
     library: list[dict[str, Any]] = []
     if modality == "vibration":
-        library, waves = shared_waves([wave_bursts(each, timescale, tolerance) for each in dense])
-        bands = [[band("VectorialWave", each)] for each in waves]
+        library, waves = shared_waves(
+            [wave_bursts(source, timescale, tolerance) for source in dense]
+        )
+        bands = [[band("VectorialWave", wave)] for wave in waves]
     else:
-        curves = [curve_effects(each, timescale, tolerance) for each in dense]
-        bands = [[band("Curve", each, curve_type="Linear")] for each in curves]
-    for of_place, place in zip(bands, places, strict=True):
-        if place.transients:
-            of_place.append(_transient_band(place.transients, timescale))
+        curves = [curve_effects(source, timescale, tolerance) for source in dense]
+        bands = [[band("Curve", curve, curve_type="Linear")] for curve in curves]
+    for place_bands, source in zip(bands, places, strict=True):
+        if source.transients:
+            place_bands.append(_transient_band(source.transients, timescale))
     reference: list[dict[str, Any]] = []
     if has_units:
         title = f"full scale: {full:.6g} {MODALITIES[modality].hjif_unit}"
@@ -113,8 +115,8 @@ def perception_of(
         "description": modality,
         "perception_modality": MODALITIES[modality].hjif,
         "channels": [
-            _channel(k, place, of_place, has_units=has_units)
-            for k, (place, of_place) in enumerate(zip(places, bands, strict=True))
+            _channel(k, source, place_bands, has_units=has_units)
+            for k, (source, place_bands) in enumerate(zip(places, bands, strict=True))
         ],
         "effect_library": library,
         "reference_devices": reference,
@@ -126,7 +128,8 @@ def perception_of(
 def _channel(
     id: int, place: Place, bands: list[dict[str, Any]], *, has_units: bool
 ) -> dict[str, Any]:
-    found: dict[str, Any] = {
+    """Compose a channel; ``has_units`` refers to reference device 1, the full scale."""
+    channel: dict[str, Any] = {
         "id": id,
         "description": clean(place.title),
         "gain": place.gain,
@@ -135,38 +138,41 @@ def _channel(
         "body_part_mask": place.mask,
     }
     if has_units:
-        found["reference_device_id"] = 1
+        channel["reference_device_id"] = 1
     if place.vertices:
-        found["vertices"] = sorted(place.vertices)
+        channel["vertices"] = sorted(place.vertices)
     if place.direction is not None:
-        found["direction"] = place.direction
-    return found
+        channel["direction"] = place.direction
+    return channel
 
 
 def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list[str]:
-    """Places of a perception so weak beside the strongest that nothing is left of them."""
-    library = {each["id"]: each for each in perception["effect_library"]}
+    """Titles of places that sound but have only zero keyframes within the tolerance."""
+    library = {effect_band["id"]: effect_band for effect_band in perception["effect_library"]}
 
     def sounds(effect: dict[str, Any]) -> bool:
         effect = library[effect["id"]] if effect["effect_type"] == "Reference" else effect
-        return any(each["amplitude_modulation"] for each in effect["keyframes"])
+        return any(keyframe["amplitude_modulation"] for keyframe in effect["keyframes"])
 
     return [
-        place.title
-        for place, channel in zip(places, perception["channels"], strict=True)
-        if _peak(place) > 0.0
-        and not any(sounds(effect) for each in channel["bands"] for effect in each["effects"])
+        source.title
+        for source, channel in zip(places, perception["channels"], strict=True)
+        if _peak(source) > 0.0
+        and not any(
+            sounds(effect) for effect_band in channel["bands"] for effect in effect_band["effects"]
+        )
     ]
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str, Any]:
+    """Transient band with one keyframe per tick."""
     effects = []
-    for each in sorted(transients, key=lambda each: each.time_s):
-        frame = Keyframe(0, round(each.amplitude, 6), round(min(each.frequency_hz, MAX_HZ)))
+    for tick in sorted(transients, key=lambda each: each.time_s):
+        frame = Keyframe(0, round(tick.amplitude, 6), round(min(tick.frequency_hz, MAX_HZ)))
         effects.append(
             {
                 "effect_type": "Basis",
-                "position": round(each.time_s * timescale),
+                "position": round(tick.time_s * timescale),
                 "base_signal": "Sine",
                 "keyframes": keyframes_of([frame]),
             }
@@ -175,24 +181,27 @@ def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str
 
 
 def _peak(place: Place) -> float:
+    """Largest absolute strength of a place; 0 without rows."""
     return float(np.abs(place.dense.strength).max(initial=0.0))
 
 
 def _devices(
     devices: Sequence[DeviceConfig], modality: str, first: int
 ) -> Iterator[dict[str, Any]]:
-    """Reference devices: one for each type of actuator of this modality."""
+    """Yield one reference device for each actuator type of a modality; ids from ``first`` + 1."""
     number = first
     for device in devices:
         for kind in device.actuator_types.values():
-            here = [each for each in device.actuators if each.type == kind]
-            if kind.modality != modality or not here:
+            actuators = [actuator for actuator in device.actuators if actuator.type == kind]
+            if kind.modality != modality or not actuators:
                 continue
             number += 1
             mask = 0
-            for actuator in here:
+            for actuator in actuators:
                 mask |= place_mask(actuator.place, is_mirrored=device.is_mirrored)
-            pitch = next((each for each in kind.controls if each.name == "frequency_hz"), None)
+            pitch = next(
+                (control for control in kind.controls if control.name == "frequency_hz"), None
+            )
             limits = (
                 {"maximum_frequency": pitch.highest, "minimum_frequency": pitch.lowest}
                 if pitch

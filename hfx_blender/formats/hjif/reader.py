@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reads HJIF, our own files and those of others."""
+"""HJIF reader for own and foreign files."""
 
 from __future__ import annotations
 
@@ -20,42 +20,36 @@ _FATAL = _STRUCTURAL - {"HJIF-RANGE"}  # amplitudes of early wavelets
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
-    """A file's content, and what about it is not valid but was read.
+    """Parse a document, and return sentences about its tolerated faults.
 
-    Files of other tools and of versions before the standard are taken, as far as their meaning
-    is clear; unknown members are left out.
-
-    Raises
-    ------
-    InputError
-        It cannot be read.
+    Files of other tools and drafts are converted to the standard's form as far as their meaning
+    is clear; unknown members are dropped. Raises InputError for other files.
     """
-    found = parse(content, name)
-    faults = findings(found)
-    if any(each.code in _STRUCTURAL and each.severity == "error" for each in faults):
-        found = in_standard_form(DOCUMENT, found)
+    document = parse(content, name)
+    faults = findings(document)
+    if any(fault.code in _STRUCTURAL and fault.severity == "error" for fault in faults):
+        document = in_standard_form(DOCUMENT, document)
         report = Report("HJIF")
-        check(DOCUMENT, found, report)
-        refuse_errors([each for each in report.findings if each.code in _FATAL], name)
+        check(DOCUMENT, document, report)
+        refuse_errors([finding for finding in report.findings if finding.code in _FATAL], name)
     notes = refuse_but(faults, name, lambda each: True)
-    document: dict[str, Any] = known_members(DOCUMENT, found)
-    return document, notes
+    return known_members(DOCUMENT, document), notes
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a file."""
+    """Description, avatars and perceptions of a file for ``hfx info``."""
     document, notes = decode(read_bytes(path), str(path))
     return {
         **as_fact("notes", notes),
         "description": document["description"],
         "profile": f"{document['profile']}, level {document['level']}",
         "timescale": document.get("timescale"),
-        "avatars": [each.get("mesh") or each["type"] for each in document["avatars"]],
+        "avatars": [avatar.get("mesh") or avatar["type"] for avatar in document["avatars"]],
         "perceptions": [
             {
-                "perception": each["description"] or str(each["id"]),
-                "modality": each["perception_modality"],
-                "library": len(each["effect_library"]),
+                "perception": perception["description"] or str(perception["id"]),
+                "modality": perception["perception_modality"],
+                "library": len(perception["effect_library"]),
                 "channels": [
                     {
                         "channel": channel["description"] or str(channel["id"]),
@@ -63,9 +57,9 @@ def facts(path: Path) -> dict[str, Any]:
                         "vertices": len(channel.get("vertices", ())),
                         "effects": sum(len(band["effects"]) for band in channel["bands"]),
                     }
-                    for channel in each["channels"]
+                    for channel in perception["channels"]
                 ],
             }
-            for each in document["perceptions"]
+            for perception in document["perceptions"]
         ],
     }

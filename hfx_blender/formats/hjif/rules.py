@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of HJIF files: the schemas of ISO/IEC 23090-31; unknown keys are warnings.
+"""HJIF schema rules (ISO/IEC 23090-31); unknown keys are warnings.
 
-The rules that look at several members at once are in :mod:`.semantics`.
+Rules across several members are in :mod:`.semantics`.
 """
 
 from __future__ import annotations
@@ -163,25 +163,20 @@ DOCUMENT = Record(
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
+    """Return the findings of a file; InputError if it is not JSON.
 
-    Codes are ``HJIF-`` and a word: MISSING, UNKNOWN, TYPE, RANGE, CHOICE and COUNT for the
-    schemas, those of :mod:`.semantics` for the rest. REFERENCE-... are warnings about what the
+    Codes are ``HJIF-`` and a word: MISSING, UNKNOWN, TYPE, RANGE, CHOICE and COUNT for the schema,
+    those of :mod:`.semantics` otherwise. REFERENCE-... are warnings about content that the
     standard's reference software cannot read.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
     """
     return findings(parse(content, name))
 
 
-def findings(found: Any) -> list[Finding]:
-    """Faults of a parsed document."""
+def findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document; semantic rules only without schema faults."""
     report = Report("HJIF")
-    check(DOCUMENT, found, report)
-    structural = [each for each in report.findings if each.code != "HJIF-UNKNOWN"]
+    check(DOCUMENT, document, report)
+    structural = [finding for finding in report.findings if finding.code != "HJIF-UNKNOWN"]
     if not structural:
-        check_semantics(found, report)
-    return [with_tool(each) for each in report.findings]
+        check_semantics(document, report)
+    return [with_tool(finding) for finding in report.findings]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of HJIF across several members: ids, limits, profiles and levels.
+"""HJIF rules across several members: ids, limits, profiles and levels.
 
-The list is that of the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
+Source: the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ SEMANTICS: Final = frozenset(
     }.items()
     for word in words.split()
 )
-"""The closed list of semantic keywords, misspellings included."""
+"""Closed list of semantic keywords, including the standard's misspellings."""
 
 _CRASHING: Final = ("Humidity", "User-defined Temporal", "User-defined Spatial")
-# RFC 3986: characters that a URI may have, and a percent sign only before two digits.
+# RFC 3986: unreserved and reserved characters; a percent sign precedes two hexadecimal digits.
 _URI: Final = re.compile(r"(?:[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+")
 _YEAR: Final = re.compile(r"[0-9]{4}")
 _DATE: Final = re.compile(
@@ -48,54 +48,54 @@ _DATE: Final = re.compile(
 )
 
 
-def check_semantics(found: dict[str, Any], report: Report) -> None:
-    """Report semantic faults of a document that is valid by the schemas."""
-    is_simple = found["profile"] == "Simple Parametric"
-    _check_root(found, report, is_simple=is_simple)
-    avatars = _ids(found["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)
-    for k, avatar in enumerate(found["avatars"]):
+def check_semantics(document: dict[str, Any], report: Report) -> None:
+    """Report semantic faults of a document without schema faults."""
+    is_simple = document["profile"] == "Simple Parametric"
+    _check_root(document, report, is_simple=is_simple)
+    avatars = _ids(document["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)
+    for k, avatar in enumerate(document["avatars"]):
         mesh = avatar.get("mesh")
         if mesh is not None and not _URI.fullmatch(mesh):
             where = (((None, "avatars"), k), "mesh")
             message = "is no URI (RFC 3986): encode other characters"
             (report.warn if mesh else report.error)("AVATAR-URI", where, message)
-    _ids(found["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
-    level = min(max(found["level"], 1), 2)
-    counts = [len(perception["channels"]) for perception in found["perceptions"]]
+    _ids(document["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
+    level = min(max(document["level"], 1), 2)
+    counts = [len(perception["channels"]) for perception in document["perceptions"]]
     if sum(counts) > MAX_CHANNELS[level]:
         message = f"{sum(counts)} channels, level {level} allows {MAX_CHANNELS[level]}"
         # The reference software counts each perception by itself.
         tell = report.error if max(counts) > MAX_CHANNELS[level] else report.warn
         tell("CHANNEL-COUNT", (None, "perceptions"), message)
-    for k, perception in enumerate(found["perceptions"]):
-        place = ((None, "perceptions"), k)
+    for k, perception in enumerate(document["perceptions"]):
+        location = ((None, "perceptions"), k)
         if perception["avatar_id"] and perception["avatar_id"] not in avatars:
             message = f"there is no avatar {perception['avatar_id']}"
-            report.error("AVATAR-ID-UNKNOWN", (place, "avatar_id"), message)
-        _check_perception(perception, place, report, level=level, is_simple=is_simple)
+            report.error("AVATAR-ID-UNKNOWN", (location, "avatar_id"), message)
+        _check_perception(perception, location, report, level=level, is_simple=is_simple)
 
 
-def _check_root(found: dict[str, Any], report: Report, *, is_simple: bool) -> None:
-    """Check version, profile, level, date and timescale."""
-    year, _, amendment = found["version"].partition("-")
+def _check_root(document: dict[str, Any], report: Report, *, is_simple: bool) -> None:
+    """Report faults of version, profile, level, date and timescale."""
+    year, _, amendment = document["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
     if amendment and int(amendment) == 0:
         report.error("VERSION-AMENDMENT", (None, "version"), "the amendment is 0")
-    if found["profile"] not in PROFILES:
+    if document["profile"] not in PROFILES:
         report.error("PROFILE", (None, "profile"), f"is none of {', '.join(PROFILES)}")
-    if found["level"] not in MAX_CHANNELS:
-        report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
-    if not is_date(found["date"]):
-        has_year = _YEAR.search(found["date"]) is not None  # the reference software wants no more
+    if document["level"] not in MAX_CHANNELS:
+        report.error("LEVEL", (None, "level"), f"{document['level']} is neither 1 nor 2")
+    if not is_date(document["date"]):
+        has_year = _YEAR.search(document["date"]) is not None  # enough for the reference software
         message = "is no ISO 8601 date and time with an offset"
         (report.warn if has_year else report.error)("DATE", (None, "date"), message)
-    timescale = found.get("timescale", 1000)
+    timescale = document.get("timescale", 1000)
     if timescale > MAX_TIMESCALE or (is_simple and timescale != 1000):
         allowed = "1000" if is_simple else f"1 to {MAX_TIMESCALE}"
         report.error("TIMESCALE", (None, "timescale"), f"{timescale}, allowed is {allowed}")
     for key in ("timescale", "syncs"):
-        if key not in found:
+        if key not in document:
             report.warn("REFERENCE-MISSING", None, f"the reference software needs '{key}'")
 
 
@@ -111,6 +111,7 @@ def is_date(text: str) -> bool:
 
 
 def _ids(items: list[dict[str, Any]], place: Place, code: str, report: Report) -> set[int]:
+    """Collect the ids of items; duplicates are reported with ``code``."""
     seen: set[int] = set()
     for k, item in enumerate(items):
         if item["id"] in seen:
@@ -122,6 +123,7 @@ def _ids(items: list[dict[str, Any]], place: Place, code: str, report: Report) -
 def _check_perception(
     perception: dict[str, Any], place: Place, report: Report, *, level: int, is_simple: bool
 ) -> None:
+    """Report faults of a perception: profile, devices, library, channels and bands."""
     modality = perception["perception_modality"]
     here: Place = (place, "perception_modality")
     if is_simple and level == 1 and modality not in SIMPLE_MODALITIES:
@@ -167,6 +169,7 @@ def _check_perception(
 
 
 def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
+    """Report contradictory frequencies of a reference device."""
     low, high = device.get("minimum_frequency"), device.get("maximum_frequency")
     resonance = device.get("resonance_frequency")
     if low is not None and high is not None and high < low:
@@ -179,6 +182,7 @@ def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
 
 
 def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> None:
+    """Report actuators outside the resolution, and a direction whose length is not 127."""
     resolution = channel.get("actuator_resolution")
     if resolution is not None and min(resolution[axis] for axis in "XYZ") < 0:
         message = "a resolution is not negative"
@@ -205,6 +209,7 @@ def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> Non
 def _check_band(
     band: dict[str, Any], place: Place, report: Report, library: set[int], is_simple: bool
 ) -> None:
+    """Report faults of a band: curve type, block length, limits, and its effects."""
     kind = band["band_type"]
     if "curve_type" in band and kind != "Curve":
         report.error("CURVE-TYPE", (place, "curve_type"), f"a {kind} band has no curve_type")
@@ -227,7 +232,7 @@ def _check_band(
 
 
 def _check_content(effect: dict[str, Any], place: Place, report: Report, band: str) -> None:
-    """Report members of a basis effect without which the standard's readers leave it out."""
+    """Report missing members of a basis effect that the standard's readers require."""
     if band == "WaveletWave" and "wavelet_stream" not in effect:
         report.error("WAVELET-STREAM", place, "'wavelet_stream' is missing")
     if band != "WaveletWave" and "keyframes" not in effect:
@@ -245,6 +250,7 @@ def _check_effect(
     is_simple: bool,
     band: str | None,
 ) -> None:
+    """Report faults of an effect and its composition; ``band`` is None for the library."""
     kind = effect["effect_type"]
     if is_simple and kind == "Composite":
         message = "the profile Simple Parametric has no composite effects"

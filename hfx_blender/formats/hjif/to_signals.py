@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Envelopes of HJIF, for other formats and for effects of our own."""
+"""HJIF envelopes of all channels, for other formats and for imported effects."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .perceptions import DATE
 from .reader import decode as read
 
 VIBRATIONS: Final = ("Vibrotactile", "Other")
-"""Modalities that are vibration; the reference encoder says Other for every sound and AHAP."""
+"""HJIF modalities taken as vibration; the reference encoder writes Other for any sound or AHAP."""
 
 _LARGEST_GAIN: Final = 1e6
-_DEEPEST: Final = 8
+_DEEPEST: Final = 8  # levels of nested references and compositions
 
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """Envelope of one channel, its gain included."""
+    """Envelope of one channel, multiplied by its gain."""
 
     modality: str  # of the standard, such as "Vibrotactile"
     channel: str
@@ -36,17 +36,15 @@ class Envelope:
     strength: Curve  # times gain; of a curve band -1..1 of full scale
     frequency_hz: Curve | None  # None: curves have no pitch
     transients: tuple[Transient, ...]
-    full_scale: float | None  # of its reference device, where that is known
-    left_out: tuple[str, ...] = ()  # left-out parts, one sentence each
+    full_scale: float | None  # largest amplitude of its reference device; None: unknown
+    left_out: tuple[str, ...] = ()  # losses, one sentence each
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """The vibration of a file, a signal a channel.
+    """Decode the vibration channels of a file as signals, and the range of their frequencies.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, or unfolds to more effects than is sane.
+    Losses and notes of the file are on the first signal. Raises InputError for an unreadable file,
+    and TooLargeError for references that unfold to too many effects.
     """
     document, notes = read(content, name)
     signals = []
@@ -54,78 +52,80 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         description=document["description"],
         created="" if document["date"] == DATE else document["date"],
     )
-    lost: Counter[str] = Counter()  # channels that are no signal, by the reason
-    for each in envelopes(document, name):
-        if each.frequency_hz is None or each.modality not in VIBRATIONS:
-            lost[f"modality {each.modality}"] += 1
+    lost: Counter[str] = Counter()  # channels without a signal, by reason
+    for envelope in envelopes(document, name):
+        if envelope.frequency_hz is None or envelope.modality not in VIBRATIONS:
+            lost[f"modality {envelope.modality}"] += 1
             continue
-        lost_here = each.left_out
-        if (each.strength.values > 1.0).any():
-            lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
-        strength = clipped(each.strength, 0.0, 1.0)
+        losses = envelope.left_out
+        if (envelope.strength.values > 1.0).any():
+            losses += (f"'{envelope.channel}': is louder than full scale: cut to it",)
+        strength = clipped(envelope.strength, 0.0, 1.0)
         signals.append(
             Signal(
-                each.channel,
+                envelope.channel,
                 strength,
-                each.frequency_hz,
-                each.transients,
-                lost_here,
+                envelope.frequency_hz,
+                envelope.transients,
+                losses,
                 credits=credits,
             )
         )
     if signals:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
-        if any(each["perception_modality"] == "Other" for each in document["perceptions"]):
+        if any(
+            perception["perception_modality"] == "Other" for perception in document["perceptions"]
+        ):
             notes += ("modality Other is taken as vibration",)
-        channels = [one for each in document["perceptions"] for one in each["channels"]]
+        channels = [one for perception in document["perceptions"] for one in perception["channels"]]
         if any(map(_is_placed, channels)):
             notes += ("where on the body its channels are is not kept",)
-        if any(abs(each["mixing_coefficient"] - 1.0) > 1e-3 for each in channels):
+        if any(abs(channel["mixing_coefficient"] - 1.0) > 1e-3 for channel in channels):
             notes += ("mixing coefficients of its channels are not kept",)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
     hertz = [
         float(f)
-        for each in signals
-        for f in (each.frequency_hz.values.min(), each.frequency_hz.values.max())
+        for signal in signals
+        for f in (signal.frequency_hz.values.min(), signal.frequency_hz.values.max())
     ]
-    hertz += [tick.frequency_hz for each in signals for tick in each.transients]
+    hertz += [tick.frequency_hz for signal in signals for tick in signal.transients]
     return signals, FrequencyRange(
         min(hertz, default=0.0), max(hertz, default=1.0), is_stated=False
     )
 
 
 def _is_placed(channel: dict[str, Any]) -> bool:
+    """Test for a channel with a place on the body or a direction."""
     places = ("body_part_mask", "vertices", "body_part_target", "actuator_target", "direction")
     return any(map(channel.get, places))
 
 
 def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope]:
-    """Envelopes of all channels: all bands, references resolved, compositions unfolded.
+    """Yield the envelope of each channel with all bands, references and compositions resolved.
 
-    ``name`` is the file's, for messages.
-
-    Raises
-    ------
-    TooLargeError
-        References unfold to more effects, or envelopes last longer, than a file may ask for.
+    ``name`` is the file's name in messages. Raises TooLargeError for too many unfolded effects or
+    too long envelopes, and InputError for cyclic references.
     """
     unfolding = Unfolding(name)
     timescale = document.get("timescale", 1000)
     for perception in document["perceptions"]:
-        devices = {each["id"]: each for each in perception.get("reference_devices", ())}
+        devices = {
+            reference_device["id"]: reference_device
+            for reference_device in perception.get("reference_devices", ())
+        }
         for channel in perception["channels"]:
             device = devices.get(channel.get("reference_device_id", 0), {})
             full_scale = device.get("maximum_amplitude")
-            found = _envelope(perception, channel, timescale, full_scale, unfolding)
-            ends = [float(found.strength.times_s[-1]), *(t.time_s for t in found.transients)]
-            where = f"{name}: channel '{found.channel[:60]}'"
+            envelope = _envelope(perception, channel, timescale, full_scale, unfolding)
+            ends = [float(envelope.strength.times_s[-1]), *(t.time_s for t in envelope.transients)]
+            where = f"{name}: channel '{envelope.channel[:60]}'"
             limits.SECONDS.check(max(ends), where, "lasts")
-            yield found
+            yield envelope
 
 
 class _Parts:
-    """Contents of a channel's bands."""
+    """Decoded content of a channel's bands."""
 
     def __init__(self, is_vibration: bool, gain: float) -> None:
         self.pieces: list[Piece] = []
@@ -136,24 +136,27 @@ class _Parts:
         self._is_vibration, self._gain = is_vibration, gain
 
     def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
-        """Take a band's effects."""
+        """Decode the effects of a band, multiplied by the gain, and count losses in ``lost``."""
         placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
-            for tick in (tick for each in placed for tick in bands.ticks(band, each, timescale)):
+            for tick in (
+                tick for effect in placed for tick in bands.ticks(band, effect, timescale)
+            ):
+                # A tick above 1 would be refused by writers: it is clipped and reported.
                 level = self._gain * tick.amplitude
                 if level > 1.0:
                     self.lost["are ticks louder than full scale: cut to it"] += 1
                 self.transients.append(replace(tick, amplitude=min(level, 1.0)))
         elif band["band_type"] == "VectorialWave":
-            for each in placed:
-                if each[1].get("keyframes"):
-                    self.pieces.append(bands.tone(band, each, timescale, self._gain))
-                    if (shape := each[1].get("base_signal", "Sine")) != "Sine":
+            for effect in placed:
+                if effect[1].get("keyframes"):
+                    self.pieces.append(bands.tone(band, effect, timescale, self._gain))
+                    if (shape := effect[1].get("base_signal", "Sine")) != "Sine":
                         self.lost[f"are waves of the shape {shape}: as Sine"] += 1
         elif band["band_type"] == "WaveletWave":
-            found, lost = wavelets.waveform(band, placed, timescale, unfolding.name)
+            waveform, lost = wavelets.waveform(band, placed, timescale, unfolding.name)
             self.lost.update(lost)
-            self.waveforms += [found] if found else []
+            self.waveforms += [waveform] if waveform else []
         else:
             values = bands.curve(band, placed, timescale)
             if values is not None and self._is_vibration:
@@ -169,10 +172,11 @@ def _envelope(
     full_scale: float | None,
     unfolding: Unfolding,
 ) -> Envelope:
-    unfolding.library = {each.get("id"): each for each in perception["effect_library"]}
+    """Combine the bands of one channel into an envelope."""
+    unfolding.library = {effect.get("id"): effect for effect in perception["effect_library"]}
     is_vibration = perception["perception_modality"] in VIBRATIONS
     gain = min(channel["gain"], _LARGEST_GAIN)
-    if is_vibration:  # others tell their unit by it
+    if is_vibration:  # other modalities state their unit with this exponent
         gain *= 10.0 ** min(max(perception.get("perception_unit_exponent", 0), -30), 6)
     parts = _Parts(is_vibration, gain)
     for band in channel["bands"]:
@@ -207,7 +211,10 @@ def _envelope(
 
 
 class Unfolding:
-    """Expansion of a file's effects with all references, counted."""
+    """Resolver of references and compositions with a limit on the total number of effects.
+
+    ``library`` maps effect ids of the current perception to effects.
+    """
 
     def __init__(self, name: str) -> None:
         self.library: dict[int | None, dict[str, Any]] = {}
@@ -221,7 +228,10 @@ class Unfolding:
         start: int = 0,
         depth: int = 0,
     ) -> Iterator[bands.Placed]:
-        """Basis effects and their positions, ticks; counts in ``lost`` what cannot be found."""
+        """Yield (position in ticks, basis effect); missing references are counted in ``lost``.
+
+        Raises InputError beyond eight nested levels, and TooLargeError beyond the file's limit.
+        """
         if depth > _DEEPEST:
             raise InputError(
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."

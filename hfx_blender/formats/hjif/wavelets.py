@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wavelet bands of HJIF as waveforms.
+"""HJIF wavelet bands as waveforms.
 
 Source of the filters: A. Cohen, I. Daubechies, J.-C. Feauveau, "Biorthogonal bases of compactly
 supported wavelets", 1992 (9/7, as in JPEG 2000), with gain sqrt(2).
@@ -27,17 +27,19 @@ _SHORTEST, _LONGEST = 16, 1 << 16  # samples of a block
 
 
 def _symmetric(half: F64, middle: float) -> F64:
+    """Symmetric filter from its first half and its middle tap."""
     return np.concatenate([half, [middle], half[::-1]])
 
 
-# Synthesis filters: those of the other band's analysis with every second sign changed.
+# Quadrature mirror: synthesis filters are the other band's analysis filters, alternating in sign.
 _FROM_LOW: Final = _symmetric(_HIGH * [1.0, -1.0, 1.0], -_HIGH_MIDDLE)
 _FROM_HIGH: Final = _symmetric(_LOW * [-1.0, 1.0, -1.0, 1.0], -_LOW_MIDDLE)
 
 
 def synthesized(coefficients: F64) -> F64:
-    """Samples of a block, (n,), from its coefficients; n is a power of two, 16 or more."""
+    """Samples of a block, (n,), from its wavelet coefficients; n is a power of two, 16 or more."""
     samples = coefficients.copy()
+    # Inverse transform level by level: upsample the low and high halves, filter, add.
     length = 8
     while length <= len(samples):
         low, high = np.zeros((2, length))
@@ -48,7 +50,7 @@ def synthesized(coefficients: F64) -> F64:
 
 
 def _filtered(samples: F64, taps: F64) -> F64:
-    """Convolution with both ends mirrored about their last sample."""
+    """Convolve samples with taps; both ends are mirrored without repeating the last sample."""
     reach = len(taps) // 2
     return np.convolve(np.pad(samples, reach, mode="reflect"), taps, mode="valid")
 

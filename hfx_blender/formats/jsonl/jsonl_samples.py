@@ -269,8 +269,8 @@ def facts(path: Path) -> dict[str, Any]:
     return {
         "rate_hz": header["rate_hz"],
         "seconds": header["duration_s"],
-        "bodies": [each["name"] for each in header["bodies"]],
-        "effects": [each["name"] for each in header["effects"]],
+        "bodies": [body["name"] for body in header["bodies"]],
+        "effects": [effect["name"] for effect in header["effects"]],
         "samples": sum(line["type"] == "sample" for line in rest),
         "sets": sum(line["type"] == "set" for line in rest),
     }
@@ -323,9 +323,9 @@ class _Rules:
         if self._report.count > before:
             return False
         if kind == "header":
-            self._models = {each["id"]: each["vertex_count"] for each in value["models"]}
-            self._effects = {each["id"]: each for each in value["effects"]}
-            self._bodies = {each["id"] for each in value["bodies"]}
+            self._models = {model["id"]: model["vertex_count"] for model in value["models"]}
+            self._effects = {effect["id"]: effect for effect in value["effects"]}
+            self._bodies = {body["id"] for body in value["bodies"]}
         elif kind == "set":
             self._check_set(value, place)
         else:

@@ -32,7 +32,7 @@ _MAX_COLUMNS: Final = 100_000
 
 def header_line(raster: Raster) -> str:
     """Column names with units: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
-    return ",".join(["time_s", *(column_name(each) for each in raster.columns)])
+    return ",".join(["time_s", *(column_name(column) for column in raster.columns)])
 
 
 def column_name(column: Column) -> str:
@@ -124,7 +124,7 @@ def decode(content: bytes, name: str) -> Raster:
     raster = Raster(
         device_id="",
         body_id="",
-        actuators=tuple(dict.fromkeys(each.actuator for each in columns)),
+        actuators=tuple(dict.fromkeys(column.actuator for column in columns)),
         columns=columns,
         times_s=times,
         rate_hz=_rate_of(times),

@@ -90,7 +90,7 @@ def write(raster: Raster, path: Path) -> None:
             {"actuator": c.actuator, "parameter": c.parameter, "unit": c.unit}
             for c in raster.columns
         ],
-        "shortfalls": [vars(each) for each in raster.shortfalls],
+        "shortfalls": [vars(shortfall) for shortfall in raster.shortfalls],
         "felt": [
             [each.stream.effect_id, each.stream.body_id, each.stream.modality, each.stream.model_id]
             for each in raster.felt
@@ -155,7 +155,7 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
     entries = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
     if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
         raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")
-    limits.check_unpacked(sum(each.file_size for each in entries.values()), packed_bytes, name)
+    limits.check_unpacked(sum(entry.file_size for entry in entries.values()), packed_bytes, name)
     heads = {key: _head(archive, each) for key, each in entries.items()}
     if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
         raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
@@ -169,12 +169,12 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
         device_id=meta["device"],
         body_id=meta["body"],
         actuators=tuple(meta["actuators"]),
-        columns=tuple(Column(**each) for each in meta["columns"]),
+        columns=tuple(Column(**column) for column in meta["columns"]),
         times_s=arrays["times_s"],
         rate_hz=Fraction(*meta["rate_hz"]),
         values=arrays["values"],
         neutral=arrays["neutral"],
-        shortfalls=tuple(Shortfall(**each) for each in meta["shortfalls"]),
+        shortfalls=tuple(Shortfall(**shortfall) for shortfall in meta["shortfalls"]),
         felt=tuple(
             FeltStream(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
             for k, each in enumerate(meta["felt"])

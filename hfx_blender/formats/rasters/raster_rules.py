@@ -64,5 +64,5 @@ def facts(raster: Raster) -> dict[str, Any]:
         "seconds": len(raster.times_s) / float(raster.rate_hz),
         "actuators": len(raster.actuators),
         "columns": len(raster.columns),
-        "parameters": sorted({f"{each.parameter} [{each.unit}]" for each in raster.columns}),
+        "parameters": sorted({f"{column.parameter} [{column.unit}]" for column in raster.columns}),
     }

@@ -110,7 +110,7 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
-    named = {each.name.casefold(): each for each in signals}
+    named = {signal.name.casefold(): signal for signal in signals}
     found = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
     if not found:
         dots = {key: f"{dot.position} {dot.index}" for key, dot in motors_of(device).items()}
@@ -118,7 +118,7 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
     if not found and len(signals) == 1:
         return {a.id: signals[0] for a in vibrating}
     if not found:
-        shown = ", ".join(each.name for each in signals[:6])
+        shown = ", ".join(signal.name for signal in signals[:6])
         raise InputError(
             f"{name}: holds signals for {shown}{', ...' * (len(signals) > 6)}; the vibration "
             f"actuators of '{device.id}' are {', '.join(a.id for a in vibrating)}."

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Curves of few keyframes: the fewest straight pieces that stay within a tolerance."""
+"""Piecewise linear curves, and their reduction to the fewest keyframes within a tolerance."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ import numpy.typing as npt
 from ...engine.arrays import F64
 
 _MARGIN: Final = 1e-6
-"""Share of a tolerance that is kept back for rounding."""
+"""Share of a tolerance reserved for rounding."""
 
 _SILENT: Final = 0.01
-"""Share of a tolerance within which a keyframe is zero, where silence is to be exact."""
+"""Share of a tolerance within which a keyframe becomes 0, where silence must be exact."""
 
 _SILENT_WALL: Final = 0.0025
-"""``_SILENT`` for the corridor: a line through two silent rows is within ``_SILENT`` a
-row later."""
+"""Half width of the corridor at silent rows, a share of the tolerance.
+
+A line through two silent rows is then within ``_SILENT`` one row later.
+"""
 
 _APART_S: Final = 1e-6
-"""Duration of a step in a simplified curve, seconds, as that has one value at a time."""
+"""Duration of a step in a simplified curve, seconds, as curves there have one value per time."""
 
 _Point = tuple[float, float]  # time, value
 _Line = tuple[float, float, float]  # time, value there, slope
@@ -30,12 +32,10 @@ _Line = tuple[float, float, float]  # time, value there, slope
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Keyframes joined by straight lines; constant before the first and after the last.
+    """Keyframes joined by straight lines, constant before the first and after the last.
 
-    Raises
-    ------
-    ValueError
-        There is no keyframe, a number is not finite, or times descend.
+    Two keyframes at one time are a step. Raises ValueError without keyframes, for numbers that are
+    not finite, and for descending times.
     """
 
     times_s: F64  # (n,) ascending
@@ -55,23 +55,23 @@ class Curve:
         return len(self.times_s)
 
     def at(self, times_s: npt.ArrayLike) -> F64:
-        """Values at these times; at a step the later one."""
+        """Values at times; at a step the right limit."""
         times = np.asarray(times_s, np.float64)
-        found = np.interp(times, self.times_s, self.values)
+        values = np.interp(times, self.times_s, self.values)
         last = np.searchsorted(self.times_s, times, side="right") - 1
         is_keyframe = (last >= 0) & (self.times_s[np.maximum(last, 0)] == times)
-        return np.asarray(np.where(is_keyframe, self.values[last], found))
+        return np.asarray(np.where(is_keyframe, self.values[last], values))
 
     def before(self, times_s: npt.ArrayLike) -> F64:
-        """Values just before these times: at a step the earlier one."""
+        """Left limits of the values at times: at a step the earlier value."""
         times = np.asarray(times_s, np.float64)
-        found = np.interp(times, self.times_s, self.values)
+        values = np.interp(times, self.times_s, self.values)
         first = np.minimum(np.searchsorted(self.times_s, times, side="left"), len(self) - 1)
-        return np.asarray(np.where(self.times_s[first] == times, self.values[first], found))
+        return np.asarray(np.where(self.times_s[first] == times, self.values[first], values))
 
     @classmethod
     def of(cls, times_s: npt.ArrayLike, values: npt.ArrayLike) -> Curve:
-        """A curve from any sequences of numbers."""
+        """Create a curve from any sequences of numbers."""
         return cls(np.asarray(times_s, np.float64), np.asarray(values, np.float64))
 
 
@@ -84,22 +84,22 @@ def simplified(
     keeps_silence: bool = False,
     is_free: npt.NDArray[np.bool_] | None = None,
 ) -> Curve:
-    """The curve of the fewest keyframes within a tolerance.
+    """Return the curve of the fewest keyframes within a tolerance.
 
-    Keyframes may lie anywhere between those of the original, in time and in value: none of
-    its own has to be kept. The count is the least possible (Imai and Iri, "An optimal algorithm
-    for approximating a piecewise linear function", 1986).
+    Keyframes may lie anywhere between the original ones in time and value; the count is minimal
+    (Imai and Iri, "An optimal algorithm for approximating a piecewise linear function", 1986).
+    Steps become ramps of 1 us. A tolerance of 0 only removes keyframes within constant stretches.
 
     Parameters
     ----------
     tolerance : float
         Largest distance at any time, in the unit of the values.
     lowest, highest : float
-        Bounds of the values; those of the original must be within them.
+        Bounds of the result; the original must be within.
     keeps_silence : bool
-        Keyframes where the original is 0 are 0 exactly.
+        Keep zeros of the original exactly 0.
     is_free : (n,) bool, optional
-        Keyframes of the original whose value means nothing (the frequency of silence).
+        Keyframes of the original with an arbitrary value (the frequency of silence).
     """
     times = _strictly_ascending(curve.times_s)
     values = curve.values
@@ -107,6 +107,7 @@ def simplified(
         return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
     if (values == values[0]).all():
         return Curve(times[[0, -1]], values[[0, -1]])
+    # The corridor is narrower than the tolerance by the later snapping to 0 and by rounding.
     silent = _SILENT * tolerance if keeps_silence else 0.0
     reach = tolerance * (1.0 - _MARGIN) - silent
     low, high = values - reach, values + reach
@@ -120,19 +121,21 @@ def simplified(
         low = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low)
         high = np.where(is_free, min(highest, float(values.max())) + 1e-9, high)
     found_times, found_values = _fewest_pieces(times, low, high)
-    kept = np.clip(found_values, lowest, highest)
+    values_within = np.clip(found_values, lowest, highest)
     if keeps_silence:
-        kept = np.where(np.abs(kept) <= silent * (1.0 + _MARGIN), 0.0, kept)
-    return Curve(found_times, kept)
+        values_within = np.where(
+            np.abs(values_within) <= silent * (1.0 + _MARGIN), 0.0, values_within
+        )
+    return Curve(found_times, values_within)
 
 
 def with_zeros(curve: Curve) -> Curve:
-    """The same curve, with keyframes where it passes 0 between two others."""
+    """Insert keyframes at sign changes."""
     return _with_crossings(curve, 0.0)
 
 
 def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
-    """Curve cut to a range at every time: between keyframes, too, it goes along the limits."""
+    """Clip a curve to a range at every time, with keyframes where it crosses the limits."""
     if curve.values.min() >= lowest and curve.values.max() <= highest:
         return curve
     crossed = _with_crossings(_with_crossings(curve, lowest), highest)
@@ -140,7 +143,7 @@ def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
 
 
 def _with_crossings(curve: Curve, level: float) -> Curve:
-    """The same curve, with keyframes where it passes a level between two others."""
+    """Insert keyframes where a curve passes a level between two keyframes."""
     times, values = curve.times_s, curve.values - level
     signs = np.sign(values)
     passes = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
@@ -152,6 +155,7 @@ def _with_crossings(curve: Curve, level: float) -> Curve:
 
 
 def _strictly_ascending(times: F64) -> F64:
+    """Move equal times at least 1 us apart; the time of the first of them stays."""
     if len(times) < 2 or (np.diff(times) >= _APART_S).all():
         return times
     steps = np.arange(len(times)) * _APART_S
@@ -159,14 +163,14 @@ def _strictly_ascending(times: F64) -> F64:
 
 
 def _open(low: F64, high: F64) -> tuple[F64, F64]:
-    """Widen a corridor so that it is nowhere closed."""
+    """Widen a corridor to a positive width everywhere."""
     middle, half = (low + high) / 2.0, (high - low) / 2.0
     half = np.maximum(half, 1e-9 * np.maximum(1.0, np.abs(middle)))
     return middle - half, middle + half
 
 
 def _without_collinear(times: F64, values: F64) -> Curve:
-    """Curve without the keyframes inside of constant stretches."""
+    """Remove keyframes within constant stretches."""
     keep = np.ones(len(times), np.bool_)
     keep[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
     return Curve(times[keep], values[keep])
@@ -175,11 +179,13 @@ def _without_collinear(times: F64, values: F64) -> Curve:
 def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
     """Keyframes of the continuous curve of fewest straight pieces within a corridor.
 
-    The corridor's walls are straight from row to row. Each piece is the line that gets
-    furthest; the next must cross the last stretch of it, between where it last touches a wall
-    and where it leaves the corridor. A piece in work is bounded by two lines: the steepest
-    upwards, over a lower point and under a later upper one, and the steepest downwards.
+    The walls of the corridor are straight from row to row. Greedy: each piece is the line that
+    reaches furthest, and its successor crosses it within its last window, between its last contact
+    with a wall and its exit from the corridor. The lines of the current piece are bounded by the
+    steepest rising line (over a lower point, under a later upper point) and the steepest falling
+    line.
     """
+    # Rows within flat stretches of the corridor cannot bound any line.
     is_flat = np.zeros(len(times), np.bool_)
     is_flat[1:-1] = (
         (low[1:-1] == low[:-2])
@@ -191,19 +197,22 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
     t, lows, highs = times[rows].tolist(), low[rows].tolist(), high[rows].tolist()
     count = len(t)
     lines: list[_Line] = []
-    windows: list[tuple[float, float]] = []  # where each piece may turn into the next
-    upper: list[_Point] = [(t[0], highs[0])]  # hull of the wall above, seen from the line
+    windows: list[tuple[float, float]] = []  # time span for the turn into the next piece
+    upper: list[_Point] = [(t[0], highs[0])]  # convex hull of the upper wall
     lower: list[_Point] = [(t[0], lows[0])]
-    first_upper = first_lower = 0  # earlier points of the hulls no longer matter
+    first_upper = first_lower = 0  # hull points before these can no longer be tangent points
     rising: _Line | None = None
     falling: _Line | None = None
-    rising_end = falling_end = 0  # row after the point that the line touches last
+    rising_end = falling_end = 0  # row after the line's last contact
     rising_touch = falling_touch = (0.0, 0.0)
     row = 1
     while row < count:
         x, top, bottom = t[row], highs[row], lows[row]
         is_blocked_above = falling is not None and top < _value(falling, x)
         is_blocked_below = rising is not None and bottom > _value(rising, x)
+        # No line passes this row: close the piece with the extreme line on the blocked side. The
+        # next piece starts in the window between that line's last contact and its exit; the hulls
+        # are rebuilt from there.
         if is_blocked_above or is_blocked_below:
             if is_blocked_above and falling is not None:
                 line, touch, after, wall_points = falling, falling_touch, falling_end, upper
@@ -225,6 +234,8 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
                 falling_touch, falling_end = exit_point, row
             lines.append(line)
             windows.append((touch[0], exit_point[0]))
+        # Tighten the extreme lines: the new row lowers the steepest rising line to the tangent of
+        # the lower hull, and raises the steepest falling line to the tangent of the upper hull.
         new_rising, new_falling = rising, falling
         if rising is None or top < _value(rising, x):
             first_lower = _support(lower, first_lower, (x, top), 1.0)
@@ -245,15 +256,17 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
 
 
 def _value(line: _Line, x: float) -> float:
+    """Value of a line at time x."""
     return line[1] + (x - line[0]) * line[2]
 
 
 def _through(a: _Point, b: _Point) -> _Line:
+    """Line through two points, anchored at the later point b; horizontal for equal times."""
     return (b[0], b[1], (b[1] - a[1]) / (b[0] - a[0]) if b[0] > a[0] else 0.0)
 
 
 def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """Line between the two extreme ones; it is within the corridor as they are."""
+    """Mean of the two extreme lines, which is within the corridor as both are."""
     if rising is None or falling is None:
         return rising or falling or (x, value, 0.0)
     at = rising[0]
@@ -261,7 +274,7 @@ def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float)
 
 
 def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
-    """Point at which a line leaves the corridor through the wall from a to b."""
+    """Point where a line leaves the corridor through the wall from a to b."""
     before, after = _value(line, a[0]) - a[1], _value(line, b[0]) - b[1]
     share = before / (before - after) if before != after else 1.0
     x = a[0] + (b[0] - a[0]) * min(max(share, 0.0), 1.0)
@@ -269,7 +282,7 @@ def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
 
 
 def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
-    """Add a point to a hull (sign 1: of the lower wall, concave; -1: of the upper, convex)."""
+    """Append a point to a hull in place (sign 1: concave lower wall, -1: convex upper wall)."""
     x, y = point
     while len(hull) - first >= 2:
         (ax, ay), (bx, by) = hull[-2], hull[-1]
@@ -280,7 +293,7 @@ def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
 
 
 def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
-    """Tangent point of a hull for a line to ``point``, from ``first`` on."""
+    """Index of a hull's tangent point for a line to ``point``, from ``first`` on."""
     x, y = point
     while first + 1 < len(hull):
         (ax, ay), (bx, by) = hull[first], hull[first + 1]
@@ -293,7 +306,7 @@ def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
 def _keyframes(
     lines: list[_Line], windows: list[tuple[float, float]], first: float, last: float
 ) -> tuple[F64, F64]:
-    """Keyframes at the intersections of neighbouring lines, and at the two ends."""
+    """Times and values of the lines' intersections, clamped to their windows, and of both ends."""
     times, values = [first], [_value(lines[0], first)]
     for k, (earliest, latest) in enumerate(windows):
         a, b = lines[k], lines[k + 1]

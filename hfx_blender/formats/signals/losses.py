@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sentences about what formats cannot hold of a vibration: each once, with how many it concerns."""
+"""Sentences about losses of vibration in file formats, with the count of affected signals."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from ...text import counted
 from .curves import Curve
 from .signals import MAX_HZ, FrequencyRange, Signal, bursts, joined_times
 
-_ALIKE_HZ = 1.0
-"""Frequencies closer than this count as one, as where vibrations are mixed."""
+_SAME_HZ = 1.0  # frequencies within this distance count as equal, as in the mixing of vibrations
 
 
 def beyond_limits(
@@ -25,22 +24,23 @@ def beyond_limits(
     highest_m_s2: float | None = None,
     highest_hz: float = MAX_HZ,
 ) -> tuple[str, ...]:
-    """Actuators of a raster whose vibration is cut: to full scale, if not told otherwise, or to
-    what skin feels.
+    """Sentences about actuators whose vibration is clipped.
+
+    ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count.
     """
-    columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
-    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
+    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
     full_scale = highest_m_s2
     if full_scale is None:
-        full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+        full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
     loud, high = [], []
-    for each in vibrating:
-        amplitude = raster.values[:, columns[each.id, "amplitude_m_s2"]]
-        hertz = raster.values[:, columns[each.id, "frequency_hz"]]
+    for actuator in vibrating:
+        amplitude = raster.values[:, columns[actuator.id, "amplitude_m_s2"]]
+        hertz = raster.values[:, columns[actuator.id, "frequency_hz"]]
         if (amplitude > full_scale * (1.0 + 1e-9)).any():
-            loud.append(each.id)
+            loud.append(actuator.id)
         if (hertz[amplitude > 0.0] > highest_hz).any():
-            high.append(each.id)
+            high.append(actuator.id)
     return (
         *counted(loud, f"vibrations above full scale, {full_scale:g} m/s^2, are cut to it"),
         *counted(high, f"vibrations above {highest_hz:g} Hz are written as {highest_hz:g} Hz"),
@@ -48,57 +48,51 @@ def beyond_limits(
 
 
 def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
-    """Signals that sound at frequencies outside of those that a file holds."""
-    cut = [each.name for each in signals if _is_off(each, held)]
+    """Sentence about signals that sound outside the frequencies of a file; empty without any."""
+    cut = [signal.name for signal in signals if _is_off(signal, held)]
     low, high = held.lowest_hz, held.highest_hz
     return counted(cut, f"it holds {low:g} to {high:g} Hz; vibrations cut to that")
 
 
 def _is_off(signal: Signal, held: FrequencyRange) -> bool:
+    """Test for sound or a tick outside a range of frequencies."""
     amplitude = signal.amplitude
     times = np.union1d(amplitude.times_s, signal.frequency_hz.times_s)
     sounds = (amplitude.at(times) > 0.0) | (amplitude.before(times) > 0.0)
     hertz = [
         signal.frequency_hz.at(times[sounds]),
         signal.frequency_hz.before(times[sounds]),
-        [each.frequency_hz for each in signal.transients if each.amplitude > 0.0],
+        [tick.frequency_hz for tick in signal.transients if tick.amplitude > 0.0],
     ]
-    every = np.concatenate([np.asarray(each, np.float64) for each in hertz])
+    every = np.concatenate([np.asarray(part, np.float64) for part in hertz])
     return bool(((every < held.lowest_hz - 1e-6) | (every > held.highest_hz + 1e-6)).any())
 
 
-def errors_of(wanted: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
-    """Largest error of a signal as it was written and read again.
+def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
+    """Largest errors of a signal that was written and read back: amplitude, frequency.
 
-    Parameters
-    ----------
-    grid_s : float
-        What times may be off, seconds: a value counts if the other signal has it that near.
-
-    Returns
-    -------
-    amplitude : float
-        Share of full scale.
-    frequency : float
-        Hertz, while something sounds.
+    Amplitude is a share of full scale, frequency in hertz while the original sounds. ``grid_s`` is
+    the time resolution of the format: a value counts as met if the curve has it within this time.
     """
-    curves = (wanted.amplitude, wanted.frequency_hz, written.amplitude, written.frequency_hz)
-    end_s = float(wanted.amplitude.times_s[-1])
+    curves = (original.amplitude, original.frequency_hz, written.amplitude, written.frequency_hz)
+    end_s = float(original.amplitude.times_s[-1])
     knots = joined_times(curves, 0.0, end_s)
-    inside = np.diff(knots) * 1e-3  # near a step, or silence, each side counts by itself
+    # Besides the knots, points close to them are compared: at a step or the edge of silence
+    # each side counts.
+    inside = np.diff(knots) * 1e-3
     times = np.concatenate([knots[1:-1], knots[:-1] + inside, knots[1:] - inside])
     times = times[times < end_s - grid_s]
-    sounds = times[(wanted.amplitude.at(times) > 0.0) & (wanted.amplitude.before(times) > 0.0)]
+    sounds = times[(original.amplitude.at(times) > 0.0) & (original.amplitude.before(times) > 0.0)]
     return (
-        _apart(wanted.amplitude, written.amplitude, times, grid_s),
-        _apart(wanted.frequency_hz, written.frequency_hz, sounds, grid_s),
+        _apart(original.amplitude, written.amplitude, times, grid_s),
+        _apart(original.frequency_hz, written.frequency_hz, sounds, grid_s),
     )
 
 
-def _apart(one: Curve, other: Curve, times: F64, grid_s: float) -> float:
-    """Largest distance of one curve's values from those that the other has near, both ways."""
+def _apart(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
+    """Largest distance, both ways, of one curve from the other's values within ``grid_s``."""
     most = 0.0
-    for curve, near in ((one, other), (other, one)):
+    for curve, near in ((first, second), (second, first)):
         low, high = _range_near(near, times, grid_s)
         for values in (curve.at(times), curve.before(times)):
             most = max(most, float(np.maximum(low - values, values - high).max(initial=0.0)))
@@ -110,6 +104,8 @@ def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
     ends = [side(times + off) for off in (-grid_s, grid_s) for side in (curve.at, curve.before)]
     first = np.searchsorted(curve.times_s, times - grid_s)
     stop = np.searchsorted(curve.times_s, times + grid_s, side="right")
+    # Keyframes inside each window are reduced in one call; reduceat needs non-empty spans, so
+    # windows without keyframes get a dummy span, which has_keyframes masks.
     spans = np.column_stack([first, np.maximum(stop, first + 1)]).ravel()
     values = np.append(curve.values, curve.values[-1:].repeat(2))
     has_keyframes = stop > first
@@ -125,7 +121,7 @@ def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
 
 
 def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str, ...]:
-    """Stretches so weak that nothing is left of them in simplified signals."""
+    """Sentence about stretches below the tolerance, which are 0 in the simplified signals."""
     names, count = [], 0
     for before, after in zip(dense, simplified, strict=True):
         gone = sum(
@@ -136,28 +132,29 @@ def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str
             names.append(before.name)
             count += gone
     return counted(
-        names, f"what is weaker than the tolerance is silent, {count} times; vibrations with such"
+        names,
+        f"stretches weaker than the tolerance are silent, {count} times; vibrations with such",
     )
 
 
 def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
-    """Test for a part of an envelope that sounds strictly within a stretch of time."""
+    """Test for a positive value strictly within a stretch of time."""
     times, values = signal.amplitude.times_s, signal.amplitude.values
     inside = (times > start_s) & (times < end_s)
     ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])
-    return bool((values[inside] > 0.0).any() or any((each > 0.0).any() for each in ends))
+    return bool((values[inside] > 0.0).any() or any((end > 0.0).any() for end in ends))
 
 
 def several_frequencies(raster: Raster) -> tuple[str, ...]:
-    """Actuators that are to play several frequencies at once, for a format that holds one."""
+    """Sentence about actuators with simultaneous frequencies, for formats that hold one."""
     shape = len(raster.values), len(raster.waveform_actuators)
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
-    for each in raster.partials:
-        rows = slice(each.first_row, each.first_row + len(each.amplitudes))
-        sounds = each.amplitudes > 0.0
-        low[rows] = np.where(sounds, np.minimum(low[rows], each.frequencies_hz), low[rows])
-        high[rows] = np.where(sounds, np.maximum(high[rows], each.frequencies_hz), high[rows])
-    mixed = (high - low > _ALIKE_HZ).any(axis=0)
+    for partial in raster.partials:
+        rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
+        sounds = partial.amplitudes > 0.0
+        low[rows] = np.where(sounds, np.minimum(low[rows], partial.frequencies_hz), low[rows])
+        high[rows] = np.where(sounds, np.maximum(high[rows], partial.frequencies_hz), high[rows])
+    mixed = (high - low > _SAME_HZ).any(axis=0)
     names = [name for name, is_it in zip(raster.waveform_actuators, mixed, strict=True) if is_it]
     text = "it holds one frequency at a time, that of the strongest, and WAV all of them"
     return counted(names, f"{text}; actuators that play several at once")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibration as envelopes: the content of most haptic file formats for one actuator.
+"""Vibration signals as envelopes: the content of most haptic file formats for one actuator.
 
-Amplitude is a share of full scale, 0 to 1; full scale is the largest amplitude that any
-vibration actuator of the device may be given. Time 0 is the first row of the raster.
+Amplitude is a share of full scale, 0 to 1. Full scale is the largest amplitude that any vibration
+actuator of the device accepts. Time 0 is the first row of the raster.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from ...files import limits
 from .curves import Curve, clipped, simplified
 
 DEFAULT_TOLERANCE: Final = 0.01
-"""Largest error of an amplitude, a share of full scale."""
+"""Largest amplitude error, a share of full scale."""
 
 MAX_HZ: Final = 1000.0
-"""Skin feels no vibration above it."""
+"""Upper limit of vibrotactile perception, hertz."""
 
-_SHOWN: Final = 60  # characters of a statement that a note repeats
+_SHOWN: Final = 60  # characters of a metadata text in a note
 
 
 @dataclass(frozen=True)
 class Credits:
-    """Statements about a file's origin; empty where it has none.
+    """Metadata about a file's origin; empty texts where the file states nothing.
 
-    ``others`` are members of its metadata that no other format has: name and text.
+    ``others`` are name and text of members specific to one format.
     """
 
     author: str = ""
@@ -48,13 +48,13 @@ class Credits:
 
     @property
     def texts(self) -> dict[str, str]:
-        """Statements that there are, by what they are about."""
-        found = {each.name: getattr(self, each.name) for each in fields(self)[:-2]}
-        found |= {"tags": ", ".join(self.tags), **dict(self.others)}
-        return {name: text for name, text in found.items() if text}
+        """Non-empty metadata by field name; tags joined by commas."""
+        texts = {item.name: getattr(self, item.name) for item in fields(self)[:-2]}
+        texts |= {"tags": ", ".join(self.tags), **dict(self.others)}
+        return {name: text for name, text in texts.items() if text}
 
     def lost(self, held: Container[str], title: str) -> tuple[str, ...]:
-        """Sentence about statements that a format has no place for, if there are any."""
+        """Sentence about metadata outside the fields ``held`` of a format; empty without any."""
         others = dict(self.others)
         lost = [
             f"{name} '{text[:_SHOWN]}'"
@@ -65,14 +65,14 @@ class Credits:
 
 
 def text_of(record: Any, key: str) -> str:
-    """Text of a member of a document; empty if it has none, or no text."""
-    found = record.get(key) if isinstance(record, dict) else None
-    return found.strip() if isinstance(found, str) else ""
+    """Stripped text of a document's member; empty for another type or a missing member."""
+    value = record.get(key) if isinstance(record, dict) else None
+    return value.strip() if isinstance(value, str) else ""
 
 
 @dataclass(frozen=True)
 class Transient:
-    """A short tick."""
+    """Short tick at one time."""
 
     time_s: float
     amplitude: float  # 0..1
@@ -81,125 +81,125 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Vibration of one actuator."""
+    """Vibration signal of one actuator."""
 
     name: str
-    amplitude: Curve  # 0..1; its last keyframe is the end
+    amplitude: Curve  # 0..1; the last keyframe is the end of the signal
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
-    left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
-    notes: tuple[str, ...] = ()  # how the file was read, one sentence each
-    is_kept: bool = False  # its silence as well: a file of silence stays one
-    credits: Credits = field(default_factory=Credits)  # of the file
+    left_out: tuple[str, ...] = ()  # losses of reading, one sentence each
+    notes: tuple[str, ...] = ()  # interpretations of the reader, one sentence each
+    is_kept: bool = False  # write a file even if silent
+    credits: Credits = field(default_factory=Credits)  # of the source file
 
     @property
     def duration_s(self) -> float:
-        """End of the signal, seconds."""
-        ends = [float(self.amplitude.times_s[-1]), *(each.time_s for each in self.transients)]
+        """End of the envelope or of the last tick, seconds."""
+        ends = [float(self.amplitude.times_s[-1]), *(tick.time_s for tick in self.transients)]
         return max(ends)
 
     @property
     def is_silent(self) -> bool:
-        """Test that nothing of the signal would be felt, and that its silence is not kept."""
+        """True if no file is written: no tick, no positive keyframe, and not ``is_kept``."""
         is_felt = bool(self.transients) or bool((self.amplitude.values > 0.0).any())
         return not is_felt and not self.is_kept
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
-    """Make the names of signals distinct, ignoring case: files are named after them."""
-    taken: dict[str, int] = {}  # the last number that a name got
-    found = []
-    for each in signals:
-        name, key = each.name, each.name.casefold()
+    """Number repeated names, ignoring case, as files are named after signals."""
+    taken: dict[str, int] = {}  # last number given to each name
+    renamed = []
+    for signal in signals:
+        name, key = signal.name, signal.name.casefold()
         while name.casefold() in taken:
             taken[key] = taken.get(key, 1) + 1
-            name = f"{each.name} {taken[key]}"
+            name = f"{signal.name} {taken[key]}"
         taken[name.casefold()] = 1
-        found.append(replace(each, name=name))
-    return found
+        renamed.append(replace(signal, name=name))
+    return renamed
 
 
 @dataclass(frozen=True)
 class FrequencyRange:
-    """Frequencies of 0 and 1 in formats without hertz: the range of the device's actuators."""
+    """Frequencies of the values 0 and 1 in formats without hertz.
+
+    Raises ValueError for a descending, negative or infinite range.
+    """
 
     lowest_hz: float
     highest_hz: float
-    is_stated: bool = field(default=True, compare=False)  # of a device; else a format's own
+    is_stated: bool = field(default=True, compare=False)  # False: default of a format
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lowest_hz <= self.highest_hz < np.inf:
             raise ValueError(f"not a range of frequencies: {self}")
 
-    def held(self, asked: FrequencyRange) -> FrequencyRange:
-        """Range of a file for what is asked for, in a format that has this range of its own.
+    def held(self, requested: FrequencyRange) -> FrequencyRange:
+        """Range to store for a requested range, in a format with this default range.
 
-        A device's range stays. A device of a single frequency and what is of no device take the
-        format's, for a device so wide that it holds its frequency.
+        A stated range is kept. A single stated frequency widens the default range to include it; an
+        unstated range becomes the default.
         """
-        if not asked.is_stated:
+        if not requested.is_stated:
             return self
-        if asked.highest_hz > asked.lowest_hz:
-            return asked
+        if requested.highest_hz > requested.lowest_hz:
+            return requested
         return FrequencyRange(
-            min(self.lowest_hz, asked.lowest_hz), max(self.highest_hz, asked.highest_hz)
+            min(self.lowest_hz, requested.lowest_hz), max(self.highest_hz, requested.highest_hz)
         )
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:
-        """Convert frequencies to 0..1 of the range; 0 where the range is a single one."""
+        """Convert hertz to shares 0..1 of the range, clipped; 0 for a range of one frequency."""
         width = self.highest_hz - self.lowest_hz
         shares = (np.asarray(frequency_hz, np.float64) - self.lowest_hz) / (width or 1.0)
         return np.clip(shares, 0.0, 1.0) if width else np.zeros_like(shares)
 
     def hertz(self, share: npt.ArrayLike) -> F64:
-        """Convert shares of the range to frequencies."""
+        """Convert shares, clipped to 0..1, to hertz."""
         clipped = np.clip(np.asarray(share, np.float64), 0.0, 1.0)
         return self.lowest_hz + clipped * (self.highest_hz - self.lowest_hz)
 
 
 def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], FrequencyRange]:
-    """The vibration of a raster, one signal an actuator, every row a keyframe.
+    """Convert the vibration of a raster to one signal per actuator, with a keyframe for each row.
 
-    Values are straight from row to row, as in a WAV file; the last row lasts a row. Silent
-    rows take over the frequency of what sounds next to them: theirs means nothing.
-
-    Raises
-    ------
-    InputError
-        The device has no vibration actuators.
+    Values are linear between rows, as in a WAV file; the last row lasts one period. Silent rows
+    take the frequency of the sounding row before (or else after). Raises InputError for a device
+    without vibration actuators, and ValueError for a raster of another device.
     """
     if raster.device_id != device.id:
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
-    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
-    full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
+    full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
     if not full_scale:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
-    columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
+    columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     signals = []
-    for each in vibrating:
-        pair = [columns[each.id, "amplitude_m_s2"], columns[each.id, "frequency_hz"]]
+    for actuator in vibrating:
+        pair = [columns[actuator.id, "amplitude_m_s2"], columns[actuator.id, "frequency_hz"]]
         safe = limited(raster.values[:, pair], 0.0, [full_scale, MAX_HZ], 0.0)
         amplitude, frequency = safe[:, 0] / full_scale, safe[:, 1]
         frequency = frequencies_through_silence(amplitude, frequency)
         signals.append(
             Signal(
-                each.id,
+                actuator.id,
                 Curve(times, np.append(amplitude, amplitude[-1])),
                 Curve(times, np.append(frequency, frequency[-1])),
             )
         )
-    ranges = [each.type.controls[1] for each in vibrating]
+    ranges = [actuator.type.controls[1] for actuator in vibrating]
     return signals, FrequencyRange(
-        min(each.lowest for each in ranges), min(MAX_HZ, max(each.highest for each in ranges))
+        min(control.lowest for control in ranges),
+        min(MAX_HZ, max(control.highest for control in ranges)),
     )
 
 
 def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
-    """Frequencies with silent rows filled from the sounding row before, or else after."""
+    """Replace the frequency of silent rows by that of the sounding row before, or else after."""
     sounds = np.flatnonzero(amplitude > 0.0)
-    if not len(sounds):
+    if not len(sounds):  # silence throughout: any frequency is right
         return frequency
     before = np.searchsorted(sounds, np.arange(len(amplitude)), side="right") - 1
     return np.asarray(frequency[sounds[np.maximum(before, 0)]])
@@ -211,48 +211,48 @@ def simplified_signals(
     *,
     frequency_hz: float = 1.0,
 ) -> tuple[Signal, ...]:
-    """Signals of the fewest keyframes within a tolerance; silence stays exactly silent.
+    """Reduce signals to the fewest keyframes within a tolerance; silence stays exactly 0.
 
     Parameters
     ----------
     tolerance : float
-        Of the amplitude, as a share of full scale.
+        Of the amplitude, a share of full scale.
     frequency_hz : float
-        Of the frequency while something sounds.
+        Of the frequency, wherever the signal sounds.
     """
-    found = []
-    for each in signals:
+    reduced = []
+    for signal in signals:
         amplitude = simplified(
-            each.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
+            signal.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
-        near = _is_heard(each)
+        near = _is_heard(signal)
         frequency = simplified(
-            each.frequency_hz,
+            signal.frequency_hz,
             frequency_hz,
-            lowest=float(each.frequency_hz.values.min()),
-            highest=float(each.frequency_hz.values.max()),
+            lowest=float(signal.frequency_hz.values.min()),
+            highest=float(signal.frequency_hz.values.max()),
             is_free=~near if near.any() and not near.all() else None,
         )
-        found.append(replace(each, amplitude=amplitude, frequency_hz=frequency))
-    return tuple(found)
+        reduced.append(replace(signal, amplitude=amplitude, frequency_hz=frequency))
+    return tuple(reduced)
 
 
 def _is_heard(signal: Signal) -> npt.NDArray[np.bool_]:
-    """Mask of the frequency's keyframes beside which, before or after, something sounds."""
+    """Mask of the frequency keyframes adjacent to sound, (n,) bool."""
     times, amplitude = signal.frequency_hz.times_s, signal.amplitude
     knots = np.union1d(times, amplitude.times_s)
     sounds = (amplitude.at(knots[:-1]) > 0.0) | (amplitude.before(knots[1:]) > 0.0)
     before = np.searchsorted(times, knots[:-1][sounds], side="right") - 1
-    found = np.zeros(len(times), np.bool_)
-    for beside in (before, before + 1):
-        found[np.clip(beside, 0, len(times) - 1)] = True
-    return found
+    is_heard = np.zeros(len(times), np.bool_)
+    for neighbour in (before, before + 1):
+        is_heard[np.clip(neighbour, 0, len(times) - 1)] = True
+    return is_heard
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:
-    """Sounding stretches of keyframes, as (first, last): each begins and ends at 0.
+    """Sounding stretches as indices (first, last) of keyframes, which are 0 at both ends.
 
-    The first and the last stretch may begin or end loud, at the curve's own ends.
+    A stretch at the curve's own begin or end may begin or end above 0.
     """
     loud = curve.values > 0.0
     piece = loud[:-1] | loud[1:]  # between two keyframes something sounds
@@ -262,14 +262,14 @@ def bursts(curve: Curve) -> list[tuple[int, int]]:
 
 
 def joined_times(curves: Sequence[Curve], start_s: float, end_s: float) -> F64:
-    """All keyframe times of several curves from start to end, both included, each once."""
+    """Ascending distinct keyframe times of several curves within start and end, both included."""
     inside = [c.times_s[(c.times_s > start_s) & (c.times_s < end_s)] for c in curves]
     return np.unique(np.concatenate([[start_s], *inside, [end_s]]))
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Part of a signal: it sounds from start to end and is silent before and after."""
+    """Part of a signal, silent before ``start_s`` and after ``end_s``."""
 
     start_s: float
     end_s: float
@@ -280,28 +280,28 @@ class Piece:
 def mixed(
     name: str, pieces: Sequence[Piece], transients: Iterable[Transient] = (), end_s: float = 0.0
 ) -> Signal:
-    """Mix pieces that may overlap into one signal: amplitudes add, the strongest gives the pitch.
+    """Mix overlapping pieces into one signal: amplitudes add, the strongest sets the frequency.
 
-    Raises
-    ------
-    TooLargeError
-        So many pieces overlap that it is not the file of a sane tool.
+    Sums above 1 are clipped and reported in ``left_out``. ``end_s`` extends the signal with
+    silence. Raises TooLargeError for too many overlapping keyframes.
     """
-    # Pieces without duration are not felt: nothing is lost.
-    kept = [each for each in pieces if each.end_s > each.start_s]
-    end_s = max([end_s, *(each.end_s for each in kept)])
-    bounds = [time for each in kept for time in (each.start_s, each.end_s)]
-    times = np.unique(np.concatenate([[0.0, end_s or 1e-3], bounds, *_times_inside(kept)]))
-    spans = [np.searchsorted(times, (each.start_s, each.end_s)).tolist() for each in kept]
+    # Pieces without duration are imperceptible, so dropping them loses nothing.
+    sounding = [piece for piece in pieces if piece.end_s > piece.start_s]
+    end_s = max([end_s, *(piece.end_s for piece in sounding)])
+    bounds = [time for piece in sounding for time in (piece.start_s, piece.end_s)]
+    times = np.unique(np.concatenate([[0.0, end_s or 1e-3], bounds, *_times_inside(sounding)]))
+    spans = [np.searchsorted(times, (piece.start_s, piece.end_s)).tolist() for piece in sounding]
     together = sum(last - first for first, last in spans)
     limits.OVERLAP.check(together, f"'{name}'", "what sounds at the same time has")
-    sums, pitch = np.zeros((2, 2, len(times)))  # just before, and from each time on
-    best = np.full((2, len(times)), -1.0)  # where a piece begins, it is silent but has a pitch
-    for each, (first, last) in zip(kept, spans, strict=True):
+    # Row 0 holds the limits from the left, row 1 the values from each time on: pieces begin and
+    # end with steps. An amplitude of 0 beats -1, so a silent begin of a piece has its frequency.
+    sums, pitch = np.zeros((2, 2, len(times)))
+    best = np.full((2, len(times)), -1.0)
+    for piece, (first, last) in zip(sounding, spans, strict=True):
         for side, part in ((0, slice(first + 1, last + 1)), (1, slice(first, last))):
             at = times[part]
-            value = each.amplitude.at(at) if side else each.amplitude.before(at)
-            hertz = each.frequency_hz.at(at) if side else each.frequency_hz.before(at)
+            value = piece.amplitude.at(at) if side else piece.amplitude.before(at)
+            hertz = piece.frequency_hz.at(at) if side else piece.frequency_hz.before(at)
             stronger = value > best[side, part]
             sums[side, part] += value
             best[side, part] = np.where(stronger, value, best[side, part])
@@ -315,29 +315,28 @@ def mixed(
 
 
 def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
-    """Keyframe times within the pieces whose curves have them.
-
-    Thousands of pieces may share the times of one control: these are looked through once.
-    """
+    """Keyframe times of the pieces' curves within any piece using them."""
+    # Thousands of pieces may share one control curve, whose times are searched only once.
     sharing: dict[int, tuple[F64, list[Piece]]] = {}
-    for each in pieces:
-        for curve in (each.amplitude, each.frequency_hz):
-            sharing.setdefault(id(curve.times_s), (curve.times_s, []))[1].append(each)
-    found = []
+    for piece in pieces:
+        for curve in (piece.amplitude, piece.frequency_hz):
+            sharing.setdefault(id(curve.times_s), (curve.times_s, []))[1].append(piece)
+    inside = []
     for times, users in sharing.values():
-        begun = np.searchsorted(np.sort([each.start_s for each in users]), times, side="left")
-        ended = np.searchsorted(np.sort([each.end_s for each in users]), times, side="right")
-        found.append(times[begun > ended])
-    return found
+        begun = np.searchsorted(np.sort([piece.start_s for piece in users]), times, side="left")
+        ended = np.searchsorted(np.sort([piece.end_s for piece in users]), times, side="right")
+        inside.append(times[begun > ended])
+    return inside
 
 
 def _carried(pitch: F64) -> F64:
+    """Fill frequencies of 0, (2, n), from the last positive value before, or else after."""
     flat = pitch.T.ravel()
     return frequencies_through_silence(flat, flat).reshape(-1, 2).T
 
 
 def _stepped(times: F64, sides: F64) -> Curve:
-    """Curve with a step wherever the values before and after a time differ."""
+    """Curve through left and right limits (2, n), with two keyframes where these differ."""
     is_step = np.abs(sides[0] - sides[1]) > 1e-9
     is_step[[0, -1]] = False
     counts = 1 + is_step
@@ -345,5 +344,5 @@ def _stepped(times: F64, sides: F64) -> Curve:
     values = np.repeat(sides[1], counts)
     first = np.cumsum(counts) - counts
     values[first[is_step]] = sides[0, is_step]
-    values[-1] = sides[0, -1]  # the end is what was played up to it
+    values[-1] = sides[0, -1]  # the end has no right limit
     return Curve(doubled, values)

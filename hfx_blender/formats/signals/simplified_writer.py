@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writers of signals with few keyframes, which read again what they wrote to tell its error."""
+"""Writers of few keyframes that read their files back to state the error."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
 SignalWriter = Callable[[list[Signal], FrequencyRange, Path, float], Written]
 
 WHOLE_MS: Final = 1e-3
-"""Seconds that times may be off where they are whole milliseconds."""
+"""Time resolution, seconds, of formats with whole milliseconds."""
 
-_STEP_S: Final = 2e-6  # that a step of a simplified curve takes, with its rounding
+_STEP_S: Final = 2e-6  # duration of a step in a simplified curve, with its rounding
 
 
 def simplified_writer(
@@ -30,17 +30,16 @@ def simplified_writer(
     decode: Decoder,
     grid_s: float = 0.0,
 ) -> SignalWriter:
-    """Make a writer of signals that have few keyframes; its note tells the error of the files.
+    """Create a ``write_signals`` that simplifies signals, writes them and notes the largest error.
 
     Parameters
     ----------
     write_few : callable
         Writes simplified signals: ``stem.<name><suffix>`` each, or all in ``stem<suffix>``.
-    suffix : str
     decode : callable
         Reader of the format.
     grid_s : float
-        Steps of its times, seconds.
+        Time resolution of the format, seconds.
     """
 
     def write_signals(
@@ -50,7 +49,7 @@ def simplified_writer(
         written = write_few(few, frequencies, stem)
         try:
             note = error_note(_read_back(signals, written, stem, suffix, decode), grid_s)
-        except InputError as error:  # larger than a file of strangers may be
+        except InputError as error:  # beyond the limits of foreign files, which the reader holds
             note = f"the error of its keyframes is not measured: {str(error).rstrip('.')}"
         return written + Written(notes=(note, *losses.silenced(signals, few)))
 
@@ -58,12 +57,12 @@ def simplified_writer(
 
 
 def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> str:
-    """Sentence about the largest error of signals, each with what was read again of it.
+    """Sentence about the largest error over pairs of original and decoded signals.
 
-    ``grid_s`` is what their times may be off.
+    ``grid_s`` is the time resolution, as for :func:`~.losses.errors_of`.
     """
     errors = [losses.errors_of(*pair, max(grid_s, _STEP_S)) for pair in pairs]
-    digits = np.array([1e4, 10.0])  # that are told; rounded up, as nothing is to be beyond
+    digits = np.array([1e4, 10.0])  # printed digits; rounded up, so the note is an upper bound
     worst = np.maximum(np.max([(0.0, 0.0), *errors], axis=0) * digits - 1e-6, 0.0)
     amplitude, hertz = np.ceil(worst) / digits
     grid = ", their times whole milliseconds" if grid_s == WHOLE_MS else ""
@@ -73,19 +72,19 @@ def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> s
 def _read_back(
     signals: Sequence[Signal], written: Written, stem: Path, suffix: str, decode: Decoder
 ) -> Iterator[tuple[Signal, Signal]]:
-    """Signals, each with what a reader has of it in the files that were written."""
+    """Yield each signal with its decoded counterpart; signals without a file are skipped."""
     together = stem.with_name(stem.name + suffix)
-    found: dict[str, Signal] = {}
+    decoded: dict[str, Signal] = {}
     if together in written.files:
-        found = {each.name: each for each in decode(read_bytes(together), together.name)[0]}
-    for each in signals:
-        path = beside(stem, each.name, suffix)
+        decoded = {read.name: read for read in decode(read_bytes(together), together.name)[0]}
+    for signal in signals:
+        path = beside(stem, signal.name, suffix)
         if path in written.files:
-            yield each, decode(read_bytes(path), path.name)[0][0]
-        elif clean(each.name) in found:
-            yield each, found[clean(each.name)]
+            yield signal, decode(read_bytes(path), path.name)[0][0]
+        elif clean(signal.name) in decoded:
+            yield signal, decoded[clean(signal.name)]
 
 
 def pitch_tolerance(frequencies: FrequencyRange) -> float:
-    """Hertz that a simplified frequency may be off: a hundredth of the range, 1 Hz at least."""
+    """Frequency tolerance of simplified signals: 1 % of the range, at least 1 Hz."""
     return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)

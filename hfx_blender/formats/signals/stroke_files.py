@@ -31,12 +31,7 @@ SUFFIXES: Final = suffixes.STROKES
 
 
 def check(path: Path) -> None:
-    """Reject a name whose suffix is no format for strokes.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Raise UsageError for a path whose suffix is none of ``SUFFIXES``."""
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(f"{path}: expected a file name with one of: {', '.join(SUFFIXES)}")
 
@@ -44,17 +39,9 @@ def check(path: Path) -> None:
 def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
     """Write a stroke in the format of the path's suffix.
 
-    Full scale is the device's strongest amplitude. A WAV file holds the waveform at the rate
-    that it was rendered with, 16 bits, mono.
-
-    Raises
-    ------
-    UsageError
-        The suffix is none of ``SUFFIXES``.
-    InputError
-        Nothing of it is felt, and the format cannot hold silence.
-    OutputError
-        The file cannot be written.
+    Full scale is the device's largest amplitude. A WAV file holds the rendered waveform, 16 bits,
+    mono. Raises UsageError for another suffix, InputError if an envelope format would be silent,
+    and OutputError for an unwritable file.
     """
     check(path)
     suffix = path.suffix.lower()
@@ -76,11 +63,11 @@ def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> 
 
 
 def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
-    """Amplitude and frequency as curves of steps."""
+    """Amplitude and frequency as stepped curves from time 0."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     begins = felt.times_s - felt.times_s[0]
     times = np.stack([begins, begins + felt.step_s], axis=1).ravel()
-    times[1:-1:2] = times[2::2]  # one end is the next begin, to the last bit
+    times[1:-1:2] = times[2::2]  # bit-exact steps: each end is the next begin
     amplitude = np.repeat(np.clip(felt.amplitude_m_s2 / full, 0.0, 1.0), 2)
     frequency = np.repeat(np.clip(felt.frequency_hz, 0.1, 1000.0), 2)
     pitch = clipped(Curve(times, frequency), *device.frequency_hz)
@@ -88,16 +75,18 @@ def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
 
 
 def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:
+    """Write the waveform as 16-bit mono WAV; the note gives full scale and peak."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     peak = float(np.abs(felt.waveform_m_s2).max(initial=0.0)) / full
     samples = np.clip(felt.waveform_m_s2 / full, -1.0, 1.0)
     with atomic_file(path) as file:
         file.write(wav.head(16, 1, round(felt.waveform_rate_hz), len(samples)))
         file.write(wav.encoded(samples, 16))
-    return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the loudest is {peak:.0%}",))
+    return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the peak is {peak:.0%}",))
 
 
 def _csv(felt: FeltStroke, stroke: Stroke, path: Path) -> Written:
+    """Write one CSV row per step: place, speed, amplitude and frequency."""
     middles = felt.times_s + 0.5 * felt.step_s
     places, speeds = stroke.at(felt.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
     rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]

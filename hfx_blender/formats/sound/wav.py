@@ -138,29 +138,29 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
     for first in range(0, len(raster.values), row_count):
         block = starts[first : first + row_count + 1]
         played = np.zeros((int(block[-1] - block[0]), channel_count))
-        for each in drives:
-            _add_waveform(played, each, raster, rate_hz, first, block)
+        for drive in drives:
+            _add_waveform(played, drive, raster, rate_hz, first, block)
         yield played
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     """The raster's own waves, and a set of waves for each effect on actuators that take them."""
-    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
-    full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
+    full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
     if not vibrating or full_scale == 0.0:
         raise InputError(
             f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
             "export it as CSV."
         )
     column = {(each.actuator, each.parameter): i for i, each in enumerate(raster.columns)}
-    amplitude_columns = [column[each.id, "amplitude_m_s2"] for each in vibrating]
-    frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
+    amplitude_columns = [column[actuator.id, "amplitude_m_s2"] for actuator in vibrating]
+    frequency_columns = [column[actuator.id, "frequency_hz"] for actuator in vibrating]
     pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
-    names = tuple(each.id for each in vibrating)
-    kinds = kinds_of([each.type.waveform for each in vibrating])
-    sums = [names.index(each) for each in raster.waveform_actuators]
+    names = tuple(actuator.id for actuator in vibrating)
+    kinds = kinds_of([actuator.type.waveform for actuator in vibrating])
+    sums = [names.index(waveform_actuator) for waveform_actuator in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
-    curves = [each.type.drive for each in vibrating]
+    curves = [actuator.type.drive for actuator in vibrating]
     totals = np.zeros(pairs.shape[:2])
     for partial in raster.partials:
         rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))

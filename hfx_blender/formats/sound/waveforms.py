@@ -57,19 +57,19 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
     TooLargeError
         It would have more samples than a file may ask for.
     """
-    rate = max(each.rate_hz for each in waveforms)
-    start = min(each.start_s for each in waveforms)
-    count = round((max(each.end_s for each in waveforms) - start) * rate)
+    rate = max(waveform.rate_hz for waveform in waveforms)
+    start = min(waveform.start_s for waveform in waveforms)
+    count = round((max(waveform.end_s for waveform in waveforms) - start) * rate)
     limits.MEMORY.check(BYTES * count, name, "its waveform would take")
     total = np.zeros(count)
-    for each in waveforms:
-        first = round((each.start_s - start) * rate)
-        if each.rate_hz == rate:
-            part = each.values[: count - first]
+    for waveform in waveforms:
+        first = round((waveform.start_s - start) * rate)
+        if waveform.rate_hz == rate:
+            part = waveform.values[: count - first]
         else:
-            times = np.arange(int((each.end_s - each.start_s) * rate)) / rate
-            own_times = np.arange(len(each.values)) / each.rate_hz
-            part = np.interp(times, own_times, each.values)[: count - first]
+            times = np.arange(int((waveform.end_s - waveform.start_s) * rate)) / rate
+            own_times = np.arange(len(waveform.values)) / waveform.rate_hz
+            part = np.interp(times, own_times, waveform.values)[: count - first]
         total[first : first + len(part)] += part
     return Waveform(start, rate, total)
 

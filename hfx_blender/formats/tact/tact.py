@@ -54,18 +54,18 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         strongest counts.
     """
     files = []
-    kinds = dict.fromkeys(motors[each.name].kind for each in signals if each.name in motors)
+    kinds = dict.fromkeys(motors[signal.name].kind for signal in signals if signal.name in motors)
     for kind in kinds:
         is_only = len(kinds) == 1
         files.append(
             stem.with_name(stem.name + SUFFIX) if is_only else beside(stem, kind.lower(), SUFFIX)
         )
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
-    played = [each for each in signals if each.name in motors and not each.is_silent]
+    played = [signal for signal in signals if signal.name in motors and not signal.is_silent]
     share = Counter(motors[each.name] for each in played)
     left_out = (
         *counted(
-            [each.name for each in signals if each.name not in motors],
+            [signal.name for signal in signals if signal.name not in motors],
             "no bHaptics motor is where these actuators are",
         ),
         *counted(
@@ -103,7 +103,7 @@ def document(
 ) -> dict[str, Any]:
     """Signals as the content of a file for one kind of suit."""
     layout = LAYOUTS[kind]
-    end_s = max((each.duration_s for each in signals), default=0.0)
+    end_s = max((signal.duration_s for signal in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
     most_bytes = 3.0 * 8.0 * steps * len(layout.positions) * MAX_DOTS  # strengths, in three steps
     limits.MEMORY.check(most_bytes, name, "strengths every 20 ms would take")
@@ -113,11 +113,11 @@ def document(
         for index in range(len(layout.dots))
     }
     levels = np.zeros((steps, len(layout.positions) * MAX_DOTS))
-    for each in signals:
-        motor = motors.get(each.name)
+    for signal in signals:
+        motor = motors.get(signal.name)
         if motor is not None and motor.kind == kind:
             column = places[motor.position, motor.index]
-            levels[:, column] = np.maximum(levels[:, column], _strongest(each.amplitude, steps))
+            levels[:, column] = np.maximum(levels[:, column], _strongest(signal.amplitude, steps))
     hundredths = np.rint(100.0 * levels).astype(np.int64)
     effects = [_effect(hundredths, span, layout.positions) for span in _spans(hundredths)]
     length = steps * INTERVAL_MS
@@ -254,7 +254,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         project=text_of(project, "name") or text_of(found, "name"),
         description=text_of(project, "description"),
     )
-    signals = [replace(each, credits=credits) for each in signals]
+    signals = [replace(signal, credits=credits) for signal in signals]
     if signals:
         left_out = tuple(f"{count} {what}" for what, count in lost.items())
         signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)

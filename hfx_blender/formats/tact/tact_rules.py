@@ -122,7 +122,7 @@ def findings(found: Any) -> list[Finding]:
                     continue
                 if mode["mode"] == "PATH_MODE":
                     paths = mode["pathMode"]["feedback"]
-                    if any(not each["pointList"] for each in paths):
+                    if any(not path["pointList"] for path in paths):
                         report.warn("PATH-EMPTY", here, "a path has no points: it is silent")
                 known = {dot["index"] for dot in layouts[position]}
                 for feedback in mode["dotMode"]["feedback"]:
