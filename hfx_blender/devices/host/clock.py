@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The clock of the output process: it goes on while the computer sleeps. Tests bring their own."""
+"""Clock of the output process, which goes on while the computer sleeps; replaceable in tests."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ class Clock(Protocol):
     """Interface of a clock that waits."""
 
     def now(self) -> float:
-        """Seconds since some moment; monotonic, and counts while the computer sleeps."""
+        """Monotonic time in seconds, including sleeps of the computer; the origin is arbitrary."""
 
     def wait(self, condition: threading.Condition, seconds: float) -> None:
-        """Wait for the notification of a condition, which is held, up to a time limit."""
+        """Wait for the notification of a condition that is held, for ``seconds`` at most."""
 
 
 class SystemClock:
-    """The computer's clock."""
+    """Clock of the computer."""
 
     def now(self) -> float:
-        # Elsewhere ``time.monotonic`` counts a sleep; here it does not.
+        # On these two systems ``time.monotonic`` stops in a sleep; elsewhere it goes on.
         if sys.platform == "linux":
             return time.clock_gettime(time.CLOCK_BOOTTIME)
         if sys.platform == "darwin":

@@ -1,44 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""State of a connected device, and events of the output process."""
+"""Events of the output process, and the state of a connected device that they describe."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Event:
-    """Event from the output process."""
+    """Event of the output process; "gone" is created by :class:`.host_pipe.HostPipe`."""
 
-    event: str  # ready prepared connected armed stopped frozen silent fault lost closed levels
-    # log gone
-    device: int
-    text: str = ""
-    levels: tuple[float, ...] = ()
+    # ready prepared connected armed stopped frozen silent fault lost closed levels log gone
+    event: str
+    device: int  # number, or EVERY_DEVICE
+    text: str = ""  # reason of a stop; for "connected" the label of the device at a server
+    levels: tuple[float, ...] = ()  # 0..1 by actuator
 
 
 @dataclass(eq=False)
 class DeviceState:
-    """State of a connected device."""
+    """State of a connected device, as its events describe it."""
 
     number: int
     name: str
     state: str = "connecting"  # connected armed stopped frozen fault lost closed
-    configuration: str = ""
-    folder: str | None = None
+    configuration: str = ""  # name or file
+    folder: str | None = None  # of the user's configurations
     has_script: bool = False
-    scheme: str = ""  # rendering scheme of the next description, in place of its own
-    text: str = ""
-    unit: str = ""  # which of several devices of a server it is
-    levels: tuple[float, ...] = field(default_factory=tuple)
+    scheme: str = ""  # rendering scheme that replaces the configured one; "": as configured
+    text: str = ""  # reason of the state, or the last line of the device's script
+    unit: str = ""  # label of the device at a server; "" without
+    levels: tuple[float, ...] = ()  # 0..1 by actuator
 
     @property
     def is_armed(self) -> bool:
         return self.state == "armed"
 
     def update(self, event: Event) -> None:
-        """Bring it up to date."""
+        """Apply an event; events of other devices change nothing, "gone" affects all devices."""
         if event.event == "gone":  # the output process, and all devices with it
             self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
@@ -59,14 +59,14 @@ class DeviceState:
 
 
 def event_of(body: bytes) -> Event | None:
-    """Parse the event of a message's body; None if it is none."""
+    """Parse the JSON body of a message as an event; None if it is no event."""
     try:
-        found = json.loads(body)
+        content = json.loads(body)
         return Event(
-            str(found["event"]),
-            int(found["device"]),
-            str(found.get("text", "")),
-            tuple(float(each) for each in found.get("levels", ())),
+            str(content["event"]),
+            int(content["device"]),
+            str(content.get("text", "")),
+            tuple(float(level) for level in content.get("levels", ())),
         )
     except (ValueError, TypeError, KeyError):
         return None

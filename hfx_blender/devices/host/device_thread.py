@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Thread of one device in the output process: its faults are its own."""
+"""Thread of one device in the output process; its faults affect no other device."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from .clock import SYSTEM, Clock
+from .delay_queue import DelayQueue
 from .guard import Guard
 from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
-from .time_on import AccountUse
+from .time_on import BudgetUse
 from .tones import Sounding
-from .waiting import Waiting
 
 STOPS: Final = 3
-"""Number of times that stop bytes are sent: one that is lost or garbled must not matter."""
+"""Number of times that stop bytes are sent: a lost or garbled copy must not matter."""
 
 PATIENCE_S: Final = 0.1
-"""An output that takes longer to hand over values does not answer."""
+"""Time limit of an output for handing over values, seconds; a slower output counts as stuck."""
 
 PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
-"""Strength of a test pulse, as a share of the actuator's limit: it is soft."""
+"""Peak strength of a test pulse, as a share of the actuator's limit."""
 
 FREEZE_S: Final = 0.26
-"""Time without a sign that the last values still hold, after which a device is silent, seconds; the
-limit is 0.3."""
+"""Time without a sign of life from Blender after which a device falls silent, seconds. The safety
+requirement is 0.3 s."""
 
 _LEVELS_S: Final = 0.1
 _IDLE_S: Final = 1.0
@@ -45,16 +45,18 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """Request for the values of a device; its answer may come late.
+    """Request for the values of a device; the answer may come late.
 
     Attributes
     ----------
     generation : int
-        Of the thread, when it was asked: pauses, stops and new beginnings make it void.
+        ``DeviceThread.generation`` at the time of the request. A pause, stop or start raises the
+        thread's number, so that answers to earlier requests are discarded.
     asked_s : float
-        When Blender's message was read.
+        Time at which Blender's message was read, by the clock of the output process.
     number : int
-        In the order of asking: who is answered later than a newer one is not heard any more.
+        Rising number of the request. An answer that comes after the answer to a newer request is
+        discarded.
     """
 
     generation: int
@@ -63,7 +65,7 @@ class Question(NamedTuple):
 
 
 class Script(Protocol):
-    """Interface of a device's script."""
+    """Interface of a device's script, as :class:`.script_process.ScriptProcess` implements it."""
 
     def start(self) -> None: ...
 
@@ -75,21 +77,25 @@ class Script(Protocol):
 
 
 class DeviceThread:
-    """Thread that carries a device's newest values to its output.
+    """Thread that sends a device's newest values to its output.
+
+    Two threads run: one sends values, the other only sends stop bytes, so that a stop never waits
+    for a stalled send.
 
     Parameters
     ----------
     number : int
         The device's number in messages.
     open_output : callable
-        Opens the output; called in this thread, as it may take its time.
+        Opens the output; called in this thread, as opening may take seconds.
     report : callable
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
-        How long values are held back, so that they meet sound and picture.
-    accounts : callable, optional
-        Finds the device's accounts of time on, by the device that a server chose; called in this
-        thread, when the output is open.
+        Delay of all values, seconds, to synchronise them with sound and picture.
+    budgets : callable, optional
+        Takes the label of the device that a server chose ("" without a server) and returns a
+        context manager with the device's duty budgets. Called in this thread, after the output
+        is open. None: budgets that last as long as this thread.
     """
 
     def __init__(
@@ -101,7 +107,7 @@ class DeviceThread:
         *,
         offset_s: float = 0.0,
         clock: Clock = SYSTEM,
-        accounts: Callable[[str], AbstractContextManager[Sequence[AccountUse]]] | None = None,
+        budgets: Callable[[str], AbstractContextManager[Sequence[BudgetUse]]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
@@ -112,28 +118,29 @@ class DeviceThread:
         self._report = report
         self._tick_s = tick_s(device)
         self._guard = Guard(device)
-        self._accounts = accounts
-        self._stepped_s = 0.0  # when values passed the guard last
+        self._budgets = budgets
+        self._stepped_s = 0.0  # time of the last values that passed the guard
         self._ramp = Ramp(device, self._tick_s)
         self._pace = Pace(device, self._tick_s)
         self._sounding = Sounding(device)
-        self._sent: F64 | None = None  # last
+        self._sent: F64 | None = None  # last values
         self.output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
-        self.waiting = Waiting(device, self._tick_s, FREEZE_S)
-        self.generation = 0  # raised by everything that voids earlier requests
-        self._sign_s = -math.inf  # last time at which the present or waiting values were valid
-        self._asked = self._answered = 0  # numbers of the newest questions
-        self._is_cut = False  # silent at once, not by a ramp
-        self._due_s = self._last_s = self._changed_s = -math.inf  # of turns
+        self.waiting = DelayQueue(device, self._tick_s, FREEZE_S)
+        self.generation = 0  # raised by a pause, stop or start: earlier requests are void
+        self._sign_s = -math.inf  # last time at which the present or queued values were valid
+        self._asked = self._answered = 0  # numbers of the newest request and answer
+        self._is_cut = False  # fall silent at once, without a ramp
+        # Times of the next turn, the last turn, and the last turn that changed a value.
+        self._due_s = self._last_s = self._changed_s = -math.inf
         self._is_armed = False
-        self.is_wanted = False  # armed before it was open
+        self.is_wanted = False  # to be armed as soon as the output is open
         self.is_open = False
         self.is_closed = False
         self._begins = False
         self._sending_since = math.inf
-        self.test_pulse: tuple[int, float] | None = None  # actuator, begun
+        self.test_pulse: tuple[int, float] | None = None  # actuator, time of its start
         self._levels_at = 0.0
         self._levels: list[float] = []
         self._hush, self._is_quiet = threading.Event(), threading.Event()
@@ -141,31 +148,34 @@ class DeviceThread:
         self._thread = threading.Thread(target=self._run, name=device.id, daemon=True)
 
     def start(self) -> None:
+        """Start both threads; the output is opened in the background."""
         threading.Thread(target=self._run_stops, name="stop", daemon=True).start()
         self._thread.start()
 
     @property
     def is_armed(self) -> bool:
-        """Test that the device plays."""
+        """Test that the device plays values."""
         return self._is_armed
 
-    # Called by the reader: none of these waits for hardware longer than a moment.
+    # Called in the thread that reads messages: none of these methods waits for hardware, but for
+    # :meth:`wait_closed`.
 
     def question(self, asked_s: float) -> Question:
-        """Register a request for this device; :meth:`feed` takes its answer."""
+        """Register a request of time ``asked_s``; pass it to :meth:`feed` with the answer."""
         with self._wake:
             self._asked += 1
             return Question(self.generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """Take the newest frame; older ones that are due are dropped.
+        """Queue the newest frame of a device that is armed; ignored if it is not.
 
         Parameters
         ----------
-        values : (columns,) or with tones behind, as ``frame_of`` makes it
-            Any other number of values is a fault.
+        values : (columns,) or with tones behind, as :func:`.tones.frame_of` makes it
+            Any other shape is a fault, which stops the device.
         question : Question, optional
-            What it answers; nothing is played of what was asked before a pause or a stop.
+            Request that is answered. The frame is discarded if a pause or stop came after the
+            request, or if a newer request has been answered. None: a request of this moment.
         """
         now = self._clock.now()
         with self._wake:
@@ -187,23 +197,21 @@ class DeviceThread:
             self.fault(fault)
 
     def sign(self, now_s: float) -> None:
-        """Take a sign of life from Blender: the last values still hold, unless an answer is
-        awaited.
-        """
+        """Extend the validity of the last values to ``now_s``, unless an answer is outstanding."""
         with self._wake:
             if self._is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
-        """Change the delay of values, also of those that wait already."""
+        """Change the delay of values, seconds, including queued values."""
         with self._wake:
             self._offset_s = offset_s
             self._wake.notify()
 
     def pause(self) -> None:
-        """Silence the device until a frame that is requested from now on, without a stop.
+        """Silence the device without a stop, until a frame arrives that is requested from now on.
 
-        What waits for its offset is not played any more.
+        Queued frames are discarded.
         """
         with self._wake:
             self._void()
@@ -212,21 +220,24 @@ class DeviceThread:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Discard everything that was asked before."""
+        """Discard queued frames, the test pulse, and answers to earlier requests."""
         self.generation += 1
         self.waiting.clear()
         self.test_pulse = None
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
-        """Play one actuator for a moment, softly."""
+        """Play a soft pulse of :data:`PULSE_S` on one actuator; an unknown number is ignored."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
                 self.test_pulse = actuator, self._clock.now()
                 self._wake.notify()
 
     def arm(self) -> None:
-        """Play from now on, from silence."""
+        """Start to play, from silence; before the output is open, as soon as it is open.
+
+        A script that may not run is reported as a fault, and the device stays silent.
+        """
         with self._wake:
             self.is_wanted = True
             if not self.is_open or self._is_armed or self.is_closed:
@@ -245,7 +256,11 @@ class DeviceThread:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence the device now; also when it is silent already."""
+        """Silence the device now, and end its script.
+
+        Stop bytes are sent even to a silent device. ``event`` with ``reason`` is reported if the
+        device was armed, or if the event is not "stopped".
+        """
         with self._wake:
             was_armed, self._is_armed, self.is_wanted = self._is_armed, False, False
             self._void()
@@ -256,9 +271,9 @@ class DeviceThread:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop because Blender does not answer; a device that is still opening plays later.
+        """Stop because Blender does not answer; a device that is still opening stays wanted.
 
-        It is silent until then, and after it until values come.
+        Such a device is armed when its output opens, and is silent until values come.
         """
         with self._wake:
             is_armed = self._is_armed
@@ -266,11 +281,11 @@ class DeviceThread:
             self.stop(reason, "frozen")
 
     def fault(self, text: str) -> None:
-        """Stop after a fault."""
+        """Stop and report a fault; ``text`` is its reason."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
-        """Stop, and give the port back."""
+        """Stop and close the port, without waiting; may be called again."""
         with self._wake:
             if self.is_closed:
                 return
@@ -282,7 +297,7 @@ class DeviceThread:
     def wait_closed(self) -> None:
         """Wait, at most twice :data:`PATIENCE_S`, until the device is silent and its port closed.
 
-        Nothing is waited for where :meth:`start` was not called yet: no port is open.
+        Returns at once before :meth:`start`: no port is open then.
         """
         if self._thread.ident is None:
             return
@@ -290,31 +305,37 @@ class DeviceThread:
         self._thread.join(PATIENCE_S)
 
     def is_stuck(self, now_s: float) -> bool:
-        """Test for an output that does not answer; its own thread cannot tell."""
+        """Test for a send that exceeds :data:`PATIENCE_S`; for a watching thread."""
         return now_s - self._sending_since > PATIENCE_S
 
     def silence(self) -> None:
-        """Request stop bytes, before anything else that is sent; without waiting."""
+        """Request stop bytes from the stop thread, ahead of any values, without waiting."""
         self._is_quiet.clear()
         self._hush.set()
-        if self._has_ended:  # and has stopped
+        if self._has_ended:  # the stop thread has sent its last stop
             self._is_quiet.set()
 
     def _run_stops(self) -> None:
-        """Run the stop thread: separate, as a stalled port may stall a stop as well."""
+        """Run the stop thread: send stop bytes on request, until the device thread has ended.
+
+        A thread of its own, as a stalled port may stall the stop bytes, too.
+        """
         while True:
             self._hush.wait()
             self._hush.clear()
             output = self.output
             if output is not None:
-                is_ours = self._port.acquire(timeout=0.005)  # past a send that is stuck
+                # A send in progress finishes first, so that no value follows the stop. A stuck
+                # send may hold the lock for ever: after 5 ms the stop goes without the lock.
+                is_ours = self._port.acquire(timeout=0.005)
                 try:
                     for _ in range(STOPS):
-                        with suppress(Exception):  # by contract it raises nothing
+                        with suppress(Exception):  # outputs must not raise here; a faulty one may
                             output.stop()
                 finally:
                     if is_ours:
                         self._port.release()
+            # The last values may have played until now: they count as time on.
             now = self._clock.now()
             self._guard.record_silence(now - self._stepped_s, now)
             if not self._hush.is_set():
@@ -322,30 +343,32 @@ class DeviceThread:
             if self._has_ended:
                 return
 
-    # The thread itself.
+    # Run in the device thread.
 
     def _run(self) -> None:
         try:
             self._open_and_play()
         finally:
+            # One more stop, after which the stop thread ends as well.
             self._has_ended = True
             self._hush.set()
 
     def _open_and_play(self) -> None:
-        uses = ExitStack()
+        claims = ExitStack()
         try:
             output = self._open_output()
-            if self._accounts is not None and self._guard.has_time_limit:
+            if self._budgets is not None and self._guard.has_time_limit:
                 with closing_unless_done(output):
-                    there = str(getattr(output, "chosen_device", ""))
-                    self._guard.share(uses.enter_context(self._accounts(there)))
+                    label = str(getattr(output, "chosen_device", ""))
+                    self._guard.share(claims.enter_context(self._budgets(label)))
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
             return
-        except Exception as error:  # a foreign output: its fault affects its own device only
+        except Exception as error:  # a bug of an output ends its own device only
             _log.exception("device '%s' cannot be opened", self.device.id)
             self._report("lost", self.number, text=f"cannot be opened: {error}")
             return
+        # Hardware may still play values of an earlier connection.
         with self._wake:
             self.output = output
         self.silence()
@@ -353,9 +376,10 @@ class DeviceThread:
         with self._wake:
             self.is_open = True
             unit = str(getattr(output, "chosen_device", ""))
-            self._report("connected", self.number, text=unit)  # before anybody can arm it
-            wanted = self.is_wanted and not self.is_closed
-        if wanted:
+            # Under the lock, so that "connected" is reported before "armed".
+            self._report("connected", self.number, text=unit)
+            is_to_play = self.is_wanted and not self.is_closed
+        if is_to_play:
             self.arm()
         try:
             self._play()
@@ -367,9 +391,9 @@ class DeviceThread:
                 output.close()
             except OutputLostError as error:
                 self._report("lost", self.number, text=str(error))
-            except Exception:  # a foreign output; its port is its own affair
+            except Exception:  # a bug of an output must not keep the budgets claimed
                 _log.exception("device '%s' cannot be closed", self.device.id)
-            uses.close()
+            claims.close()
             self._report("closed", self.number)
 
     def _play(self) -> None:
@@ -384,48 +408,57 @@ class DeviceThread:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0 if it is due."""
+        """Seconds until :meth:`turn` is due if no message comes before; 0 if it is due."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
             return max(0.0, self._next_s() - self._clock.now())
 
     def _next_s(self) -> float:
+        """Time at which :meth:`turn` is due; -inf: at once."""
         if self._begins or self._is_cut:
             return -math.inf
         due = self._due_s
-        if self.waiting:  # a frame is sent as soon as the device can take it
-            asked_s = self.waiting.due_s(self._offset_s)
-            due = min(due, max(asked_s, self._changed_s + self._tick_s))
+        if self.waiting:  # a frame is sent as soon as the device can take a new value
+            frame_s = self.waiting.due_s(self._offset_s)
+            due = min(due, max(frame_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
             due = min(due, self._holds_until_s())
         return due
 
     def _holds_until_s(self) -> float:
-        """Time from which on it is unknown whether the last values still hold."""
+        """Time at which the validity of the last values ends without a further sign of life."""
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
-        """Send the values that are due now."""
+        """Send the values that are due now, and set the time of the next turn.
+
+        A lost output, an exception or an overdue script stops the device.
+        """
         with self._wake:
             now = self._clock.now()
             due = self._next_s()
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
-                self._guard.record_silence(now - self._stepped_s, now)  # if not reported yet
+                # The stop thread may not have recorded the last silence yet; recording it twice
+                # changes nothing.
+                self._guard.record_silence(now - self._stepped_s, now)
                 self._guard.record_rest(now)
                 self._guard.reset()
                 self._ramp.reset()
                 self._pace.reset()
                 self._sounding.reset()
                 self._sent = None
+            # Without a sign of life the last values are not valid any more: Blender may hang.
             if now >= self._holds_until_s():
                 self._is_cut = True
                 self.waiting.clear()
             generation, is_cut, newest = self.generation, self._is_cut, None
             self._is_cut = False
+            # A frame that comes before the ramp has ended waits one turn, in which the ramp jumps
+            # to its target: no frame is skipped.
             if self._ramp.share < 1.0 and self.waiting.due_s(self._offset_s) <= now:
-                self._ramp.complete()  # what was asked for is played before what comes next
+                self._ramp.complete()
             else:
                 newest = self.waiting.taken(now, self._offset_s)
         if self.script is not None and self.script.is_overdue(now):
@@ -443,23 +476,36 @@ class DeviceThread:
             _log.exception("device '%s'", self.device.id)
             self.fault(f"{type(error).__name__}: {error}")
         self._last_s = now
-        if is_change:  # repetitions for dead-man switches delay no frame
+        if is_change:  # repeated values, for dead-man switches, delay no new frame
             self._changed_s = now
+        # Counted from the time that was due, so that late wake-ups do not add up; but at least
+        # half a tick from now, so that a late turn is not followed by a burst.
         due = max(min(due, now) + self._tick_s, now + 0.5 * self._tick_s)
         self._due_s = self._ramp.next_s(due, now)
 
     def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send the values that are due; returns True if they differ from the last."""
+        """Send the values of time ``now``; return True if they differ from the last sent values.
+
+        Parameters
+        ----------
+        step_s : float
+            Time since the last turn, seconds.
+        newest : (columns,) or with tones behind, optional
+            Frame that the ramp starts to approach; None continues the present ramp.
+        generation : int
+            ``self.generation`` at the start of the turn: nothing is sent if it has changed since.
+        """
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
-        asked = self._ramp.at(now)
-        asked = self._sounding.totals(self._ramp.share, asked)
-        wanted = self._with_pulse(self._pace.paced(asked, now), now)
+        ramped = self._ramp.at(now)
+        ramped = self._sounding.totals(self._ramp.share, ramped)
+        paced = self._with_pulse(self._pace.paced(ramped, now), now)
         with self._port:
             output = self.output
             if not self._is_armed or output is None:
                 return False
-            values = self._guard.limited(wanted, step_s)
+            # The guard comes last: no step after it changes a value.
+            values = self._guard.limited(paced, step_s)
             self._stepped_s = now
             # Values computed before a pause, or before the computer slept, are not sent.
             if generation != self.generation or self._clock.now() - now > FREEZE_S:
@@ -470,37 +516,42 @@ class DeviceThread:
             try:
                 if len(self._sounding) and isinstance(output, SoundingOutput):
                     share = self._ramp.share
-                    output.send_tones(values, self._sounding.at(share, asked, values))
+                    output.send_tones(values, self._sounding.at(share, ramped, values))
                 else:
                     output.send(values)
             finally:
                 self._sending_since = math.inf
             was_stopped = not self._is_armed
-        if was_stopped:  # meanwhile, without waiting for us
+        if was_stopped:  # a stop during the send went past the lock: repeat it after the send
             self.silence()
         self._report_levels(values, now)
         return is_change
 
-    def _with_pulse(self, wanted: F64, now: float) -> F64:
+    def _with_pulse(self, values: F64, now: float) -> F64:
+        """Values (columns,) with the test pulse in place of its actuator's strength.
+
+        Returns ``values`` unchanged without a pulse, or after its end; a copy during a pulse.
+        """
         if self.test_pulse is None:
-            return wanted
-        actuator, begun = self.test_pulse
-        share = (now - begun) / PULSE_S
+            return values
+        actuator, began_s = self.test_pulse
+        share = (now - began_s) / PULSE_S
         if share >= 1.0:
             self.test_pulse = None
-            return wanted
+            return values
         strength = self.device.actuators[actuator].type.strength
         column = self.device.strength_columns[actuator]
+        # An actuator that only goes below its neutral value, as one that cools, pulses downwards.
         reach = strength.highest - strength.neutral
         if reach <= 0.0:
             reach = strength.lowest - strength.neutral
-        softly = 0.5 - 0.5 * math.cos(2.0 * math.pi * share)
-        wanted = wanted.copy()
-        wanted[column] = strength.neutral + PULSE_SHARE * softly * reach
-        return wanted
+        envelope = 0.5 - 0.5 * math.cos(2.0 * math.pi * share)  # Hann window
+        values = values.copy()
+        values[column] = strength.neutral + PULSE_SHARE * envelope * reach
+        return values
 
     def _report_levels(self, values: F64, now: float) -> None:
-        """Report the level of each actuator, 0..1, a few times a second."""
+        """Report changed levels of all actuators, 0..1 of their range, every 0.1 s at most."""
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []
@@ -508,8 +559,8 @@ class DeviceThread:
             self.device.actuators, self.device.strength_columns, strict=True
         ):
             strength = actuator.type.strength
-            way = abs(float(values[column]) - strength.neutral)
-            levels.append(round(way / strength.reach, 2) if strength.reach > 0.0 else 0.0)
+            difference = abs(float(values[column]) - strength.neutral)
+            levels.append(round(difference / strength.reach, 2) if strength.reach > 0.0 else 0.0)
         if levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)
@@ -517,7 +568,7 @@ class DeviceThread:
 
 @contextmanager
 def closing_unless_done(output: Output) -> Iterator[None]:
-    """Context that closes an output after an exception."""
+    """Context manager that closes an output if its block raises; the exception goes on."""
     try:
         yield
     except BaseException:
@@ -526,4 +577,4 @@ def closing_unless_done(output: Output) -> Iterator[None]:
 
 
 class ScriptRefusedError(Exception):
-    """A device's script may not run: not approved, or faulty too often."""
+    """Raised for a device's script that may not run: not approved, or faulty too often."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Encodes values into bytes: scaling by each control's range, rounding, framing; and stop bytes.
+"""Encoding of values as bytes: scaling by each control's range, rounding, framing, stop bytes.
 
-A channel is a control that can be set (its range is more than one value), in the order of the
-device's columns. Values have passed the guard before; they are limited here once more, because
-a NaN that became a number could be full power.
+A channel is a control with a range of more than one value, in the order of the device's columns.
+Values have passed the guard; they are limited once more here, as a NaN that is cast to a whole
+number could mean full power.
 """
 
 from __future__ import annotations
@@ -24,18 +24,24 @@ _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 
 
 class Channels:
-    """Columns of a device that are sent, as channels.
+    """Channels of a device: the columns that are sent, their limits and scales.
 
     Parameters
     ----------
     strengths_only : bool
-        One channel for each actuator: for devices that take no frequency.
+        Only the strength of each actuator, for outputs that take no frequency.
+
+    Attributes
+    ----------
+    names : list of (str, str)
+        Actuator and control of each channel.
     """
 
     def __init__(self, device: DeviceConfig, *, strengths_only: bool = False) -> None:
         picked = []
-        self._driven: list[tuple[int, ActuatorType, int | None]] = []  # channel, that of its Hz
-        self.names: list[tuple[str, str]] = []  # actuator, control
+        # Channel, type, and channel of the frequency of actuators with a measured drive.
+        self._driven: list[tuple[int, ActuatorType, int | None]] = []
+        self.names: list[tuple[str, str]] = []
         column = 0
         for actuator in device.actuators:
             for control in actuator.type.controls:
@@ -45,13 +51,13 @@ class Channels:
                     if is_strength and actuator.type.drive:
                         frequency = actuator.type.controls[1]
                         is_sent = not strengths_only and frequency.minimum < frequency.maximum
-                        here = len(self.names)
-                        self._driven.append((here, actuator.type, here + 1 if is_sent else None))
+                        index = len(self.names)
+                        self._driven.append((index, actuator.type, index + 1 if is_sent else None))
                     self.names.append((actuator.id, control.name))
                 column += 1
         self._width = column
-        self._columns = np.array([each for each, _ in picked], np.int64)
-        controls = [each for _, each in picked]
+        self._columns = np.array([column for column, _ in picked], np.int64)
+        controls = [control for _, control in picked]
         self._minimum = np.array([c.minimum for c in controls])
         self._span = np.array([max(c.maximum - c.minimum, 1e-9) for c in controls])
         self._lowest = np.array([c.lowest for c in controls])
@@ -63,49 +69,55 @@ class Channels:
 
     @property
     def neutral(self) -> F64:
-        """Silence, (channels,) in each control's unit."""
+        """Neutral values (channels,), in each control's unit; a copy."""
         return self._neutral.copy()
 
     def values(self, columns: F64) -> F64:
-        """A device's columns as channels (channels,), each in its own unit and limits.
+        """Convert values (columns,) to channels (channels,), in units, clipped to their limits.
+
+        NaN becomes neutral.
 
         Raises
         ------
         ValueError
-            There are not as many values as columns.
+            The number of values is not that of the columns.
         """
         if columns.shape != (self._width,):
             raise ValueError(f"values: expected ({self._width},), got {columns.shape}")
-        each = limited(
+        row = limited(
             columns[self._columns, None],
             self._lowest[:, None],
             self._highest[:, None],
             self._neutral[:, None],
         )
-        return each[:, 0]
+        return row[:, 0]
 
     def fractions(self, values: F64) -> F64:
-        """Channels (channels,) as 0..1 of the range that the hardware takes.
+        """Scale channels (channels,) to 0..1 of the range of the hardware.
 
-        A strength whose output over drive was measured is the drive that it needs.
+        A strength with measured drive curves becomes the drive that produces this output at the
+        present frequency.
         """
-        found = np.clip((values - self._minimum) / self._span, 0.0, 1.0)
-        for channel, kind, at in self._driven:
-            hz = np.asarray(kind.controls[1].neutral if at is None else values[at])
-            found[channel] = drive_of(kind.drive, values[channel], hz)
-        return found
+        fractions = np.clip((values - self._minimum) / self._span, 0.0, 1.0)
+        for channel, kind, frequency_channel in self._driven:
+            if frequency_channel is None:
+                hz = np.asarray(kind.controls[1].neutral)
+            else:
+                hz = np.asarray(values[frequency_channel])
+            fractions[channel] = drive_of(kind.drive, values[channel], hz)
+        return fractions
 
     def whole(self, values: F64, full_scale: int) -> I64:
-        """Channels (channels,) as whole numbers 0..full_scale, rounded to the nearest."""
+        """Scale channels (channels,) to whole numbers 0..full_scale, rounded to the nearest."""
         return np.rint(self.fractions(values) * full_scale).astype(np.int64)
 
 
 def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
-    """The address of each channel; ``{number}`` counts channels from 1, as VRChat's do."""
+    """OSC address of each channel, with placeholders replaced; ``{number}`` counts from 1."""
     names = Channels(device).names
     templates = how.addresses if len(how.addresses) == len(names) else how.addresses * len(names)
     side = device.side or ""
-    found = []
+    addresses = []
     for i, (template, (actuator, control)) in enumerate(zip(templates, names, strict=True)):
         facts = {
             "device": device.id,
@@ -117,29 +129,24 @@ def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
         }
         for key, fact in facts.items():
             template = template.replace("{" + key + "}", fact)
-        found.append(template)
-    return found
+        addresses.append(template)
+    return addresses
 
 
 class FrameEncoder:
-    """Frames for a serial port, by a description in the device's configuration.
-
-    Parameters
-    ----------
-    how : BytesEncoder or TextEncoder
-    """
+    """Encoder of frames for a serial port, as the device's configuration describes them."""
 
     def __init__(self, device: DeviceConfig, how: BytesEncoder | TextEncoder) -> None:
         self._how = how
         self._channels = Channels(device)
 
     def frame(self, columns: F64) -> bytes:
-        """Encode one frame of a device's values (columns,)."""
+        """Encode values (columns,) as one frame."""
         return self._framed(self._channels.values(columns))
 
     @property
     def stop(self) -> bytes:
-        """Bytes that silence the device: the configured ones, else the frame of neutral values."""
+        """Bytes that silence the device: as configured, by default a frame of neutral values."""
         how = self._how
         if how.stop is None:
             return self._framed(self._channels.neutral)
@@ -149,7 +156,7 @@ class FrameEncoder:
         how = self._how
         numbers = self._channels.whole(values, how.full_scale)
         if isinstance(how, TextEncoder):
-            line = how.start + how.separator.join(str(int(each)) for each in numbers)
+            line = how.start + how.separator.join(str(int(number)) for number in numbers)
             return line.encode("ascii") + b"\n"
         body = numbers.astype(_NUMPY_TYPES[how.number]).tobytes()
         check = {

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Guard: limits that any value must pass before it is made into bytes.
+"""Guard: limits on all values of a device, the last step before values are encoded as bytes.
 
-Order: a real number, finite (else the actuator is silent), range, slew (rises only), time on.
-Whatever a script or an engine asks for, nothing else reaches an actuator.
+Order: real, finite numbers (else the actuator is silent), range, slew rate (rises only), time on.
+No value of a script or of the engine reaches an actuator by any other way.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from ...engine.arrays import F64
 from ...engine.rendering.conditioning.limits import DeviceLimits
 from ...engine.rendering.device import DeviceConfig
 from ..workers.message_bodies import as_row
-from .time_on import AccountUse, TimeOn
+from .time_on import BudgetUse, TimeOn
 
 LONGEST_RISE_S: Final = 0.05
-"""Longest time that one rise is counted for, seconds: after a stall, values must not jump."""
+"""Upper bound of the step that the slew limit counts with, seconds: no jump after a stall."""
 
 
 class Guard:
-    """Guard of one device; it remembers the last values of each actuator."""
+    """Safety limits of one device; the state is the last strength of each actuator and its time on.
+
+    Not thread-safe but for :meth:`record_silence`, which any thread may call.
+    """
 
     def __init__(self, device: DeviceConfig) -> None:
         self._kinds = [actuator.type for actuator in device.actuators]
@@ -36,59 +39,62 @@ class Guard:
 
     @property
     def has_time_limit(self) -> bool:
-        """Test for any actuator whose time on is limited."""
+        """Test that the time on of at least one actuator is limited."""
         return self._time_on.is_limited
 
-    def share(self, uses: Sequence[AccountUse]) -> None:
-        """Use accounts of time on that outlive this connection; call before anything is played."""
+    def share(self, uses: Sequence[BudgetUse]) -> None:
+        """Use duty budgets that outlive this connection; to be called before the first values."""
         self._time_on = TimeOn(self._kinds, uses)
 
     def reset(self) -> None:
-        """Begin from silence, as after every stop; time on is not forgotten."""
-        self._given = self._silent[:, 0].copy()  # (A,) strengths
+        """Start from silence, as after every stop; duty budgets keep their load."""
+        self._given = self._silent[:, 0].copy()  # (A,) last strengths
         self._time_on.begin()
 
     def record_silence(self, played_s: float, now_s: float) -> None:
-        """Record silence from now on; the last values were played ``played_s`` longer."""
+        """Record silence from ``now_s`` on; the last values were played ``played_s`` longer."""
         self._time_on.end(played_s, now_s)
 
     def record_rest(self, now_s: float) -> None:
-        """Record rest since the device fell silent, before it begins again."""
+        """Record the time from the last silence to ``now_s`` as rest, before the next start."""
         self._time_on.record_rest(now_s)
 
     def limited(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
-        """Values that may be sent, (columns,).
+        """Limit values for sending: (columns,), finite and within all limits of the device.
 
         Parameters
         ----------
         wanted : (columns,)
-            Anything at all: what is not one finite number for each column is silence.
+            Any input is allowed. An actuator with an entry that is not a finite number is silent;
+            all are silent if the number of entries is wrong.
         step_s : float
-            Time since the last call; what is not a number above 0 lets nothing rise or rest.
+            Time since the last call, seconds. 0, negative or NaN: no strength rises, and no time
+            counts as rest.
         """
         values = _as_numbers(wanted, len(self.neutral))
         step_s = step_s if step_s > 0.0 and np.isfinite(step_s) else 0.0
         safe = self._limits.by_actuator(values)
         silent = self._silent[:, 0]
         rise_s = min(step_s, LONGEST_RISE_S)
+        # Without the test, an infinite slew rate times 0 would be NaN.
         rise = self._slew_per_s * rise_s if rise_s else np.zeros(len(silent))
         safe[:, 0] = _slewed(self._given, safe[:, 0], silent, rise)
-        is_held = self._time_on.held_off(safe[:, 0] != silent, step_s)
-        safe[is_held] = self._silent[is_held]
+        is_blocked = self._time_on.blocked(safe[:, 0] != silent, step_s)
+        safe[is_blocked] = self._silent[is_blocked]
         self._given = safe[:, 0].copy()
         return self._limits.joined(safe)
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Convert to values (count,); NaN wherever the input is not a number."""
+    """Convert any input to values (count,); all NaN if it is not a row of ``count`` numbers."""
     values = as_row(wanted)
     return values if values.shape == (count,) else np.full(count, np.nan)
 
 
 def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
-    """Strengths (A,): away from silence by ``rise`` at most, back towards it at once."""
+    """Strengths (A,) that move away from silence by at most ``rise``, and towards it at once."""
     before, after = given - silent, wanted - silent
-    # Through silence: from there it rises anew.
+    # A change of sign passes through silence, and the whole rise is counted from there.
     most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise
     is_slow = np.abs(after) <= most
     return np.where(is_slow, wanted, silent + np.sign(after) * np.where(is_slow, 0.0, most))

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output process: it owns every port, and falls silent when anybody fails.
+"""Output process: owns all ports of devices, and silences the devices on any failure.
 
 Run as ``python -m hfx_blender.devices.host.host PID`` by the process PID. Messages come over
-standard input, events go out over standard output, as messages of JSON. It needs neither Blender
-nor a window.
+standard input, events go out over standard output as JSON messages. Needs neither Blender nor a
+window.
 
-Silence comes from: a stop message, the end of standard input or of the process that writes it,
-SIGTERM, an exception here, no sign of life for 250 ms, a process that stood still, as a computer
-that sleeps, a lost output, a fault of a script or of what renders. Only an arm message ends it.
+Causes of silence: a stop message, the end of standard input or of process PID, SIGTERM, an
+exception in this process, no message for 250 ms, a process that stood still (as in a computer that
+sleeps), a lost output, a fault of a device script or of the render worker. Only an arm message
+ends the silence.
 """
 
 from __future__ import annotations
@@ -43,19 +44,19 @@ from ..workers.message_bodies import decode_values
 from ..workers.render_process import Questions, RenderProcess
 from ..workers.script_process import ScriptProcess
 from .clock import SYSTEM, Clock
+from .delay_queue import MAX_OFFSET_S
 from .device_thread import FREEZE_S, DeviceThread
-from .kept_accounts import KeptAccounts, identities
+from .duty_budget_store import DutyBudgetStore, identities
 from .opening import open_output
 from .output import Output
 from .process_watch import await_end
-from .time_on import AccountUse
-from .waiting import MAX_OFFSET_S
+from .time_on import BudgetUse
 
 HEARTBEAT_S: Final = 0.25
-"""Longest time between messages, seconds; beyond it Blender counts as frozen."""
+"""Longest time between two messages, seconds; after a longer one Blender counts as frozen."""
 
 PAUSE_S: Final = 10.0
-"""Longest announced pause of Blender, seconds; every device is silent meanwhile."""
+"""Longest pause that Blender may announce, seconds; all devices are silent during a pause."""
 
 MAX_DEVICES: Final = 64
 _WATCH_S: Final = 0.02
@@ -65,11 +66,14 @@ _log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """Writes events in a thread of its own: a reader that sleeps must not stop a device."""
+    """Queue of events, written by a thread of its own: a reader that hangs must not stop a device.
+
+    Of more than :data:`_MAX_EVENTS` unwritten events the oldest are dropped.
+    """
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
-        self._events: deque[bytes] = deque(maxlen=_MAX_EVENTS)  # the oldest are dropped
+        self._events: deque[bytes] = deque(maxlen=_MAX_EVENTS)
         self._wake = threading.Condition()
         threading.Thread(target=self._run, name="events", daemon=True).start()
 
@@ -90,11 +94,21 @@ class Reporter:
                 self._stream.write(content)
                 self._stream.flush()
             except (OSError, ValueError):
-                return  # the reader has gone; the end of standard input follows
+                return  # the reader has ended; the end of standard input follows
 
 
 class Host:
-    """All devices, and the dispatch of messages to them."""
+    """Threads of all devices, and the dispatch of messages to them.
+
+    Attributes
+    ----------
+    device_threads : dict
+        Threads by the devices' numbers.
+    patience_s : float
+        Longest time to the next message, seconds, before Blender counts as frozen.
+    end_reason : str
+        Reason for the end of the process; "" while it runs.
+    """
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
@@ -104,14 +118,14 @@ class Host:
         self.end_reason = ""
         self.patience_s = HEARTBEAT_S
         self._is_frozen = False
-        self._accounts = KeptAccounts(resources.time_on(), clock)
-        threading.Thread(target=self._accounts.save_regularly, name="time on", daemon=True).start()
+        self._budgets = DutyBudgetStore(resources.time_on(), clock)
+        threading.Thread(target=self._budgets.save_regularly, name="time on", daemon=True).start()
         self.rendering = RenderProcess(
             self.take_rendered, self.fail_rendering, clock, lambda: report("prepared")
         )
 
     def read(self, stream: BinaryIO) -> None:
-        """Read messages to the end of the stream, then end the process's work."""
+        """Execute the messages of a stream; stop all devices at its end or at a faulty message."""
         end = "Blender has gone"
         try:
             for message in messages(stream):
@@ -124,7 +138,7 @@ class Host:
         self._finish(end)
 
     def end_with(self, pid: int) -> None:
-        """End the process's work when another process begins to end; runs in a thread."""
+        """Stop all devices when process ``pid`` starts to exit; runs in a thread."""
         if await_end(pid):
             self._finish("Blender has gone")
 
@@ -132,14 +146,15 @@ class Host:
         with self._wake:
             self.end_reason = end
             self._wake.notify()
-        # At once, not when the main thread is up.
+        # In this thread: the main thread may wake up late.
         for thread in list(self.device_threads.values()):
             thread.stop(end)
 
     def receive(self, message: Message) -> None:
-        """Take a message that was read just now, which is also a sign of life."""
+        """Execute a message that was just read; each message is also a sign of life of Blender."""
         now = self._clock.now()
         self._stop_after_standstill(now)
+        # A pause of all devices announces work of Blender that sends no messages.
         is_work = message.kind is MessageKind.PAUSE and message.device == EVERY_DEVICE
         self.patience_s = PAUSE_S if is_work else HEARTBEAT_S
         self._last_sign_s = now
@@ -148,7 +163,11 @@ class Host:
             thread.sign(now)
 
     def take(self, message: Message, read_s: float) -> None:
-        """Execute a message that was read at a given time."""
+        """Execute a message that was read at ``read_s``, by the clock of this process.
+
+        MOMENT goes to the render worker, with a request for each device that plays; messages for
+        unknown devices are ignored.
+        """
         kind = message.kind
         if kind is MessageKind.CONNECT:
             self._connect(message.device, decode_json(message.body))
@@ -174,7 +193,7 @@ class Host:
             self.rendering.restart()
 
     def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
-        """Execute a message for one device."""
+        """Execute a message for one device; kinds that concern no device are ignored."""
         kind = message.kind
         if kind is MessageKind.STOP:
             thread.stop(message.body.decode(errors="replace") or "stopped by you")
@@ -196,7 +215,11 @@ class Host:
             thread.close("disconnected")
 
     def take_rendered(self, answer: Message, questions: Questions) -> None:
-        """Forward rendered values to a device, or haptic data to its script."""
+        """Forward an answer of the render worker: values to a device, haptic data to its script.
+
+        A fault of all devices, or of one device, stops the devices. ``questions`` are the requests
+        that are answered, by device number; answers without a request are dropped.
+        """
         if answer.device == EVERY_DEVICE:
             self.fail_rendering(answer.body.decode(errors="replace"))
             return
@@ -207,7 +230,7 @@ class Host:
             thread.fault(answer.body.decode(errors="replace"))
             return
         question = questions.get(answer.device)
-        if question is None:  # it did not exist, or did not play, at the time of the request
+        if question is None:  # the device was connected or armed after the request
             return
         if answer.kind is MessageKind.ANSWER:
             thread.feed(decode_values(answer.body), question)
@@ -215,11 +238,16 @@ class Host:
             thread.script.ask(answer.body, partial(thread.feed, question=question))
 
     def fail_rendering(self, text: str) -> None:
+        """Stop all playing devices with a fault of the render worker."""
         for thread in list(self.device_threads.values()):
             if thread.is_armed:
                 thread.fault(text)
 
     def _connect(self, number: int, request: dict[str, Any]) -> None:
+        """Open the device of a CONNECT message in a new thread, in place of an earlier one.
+
+        Failures are reported as the event "lost".
+        """
         before = self.device_threads.pop(number, None)
         if before is not None:
             before.close("connected anew")
@@ -238,7 +266,7 @@ class Host:
 
         def opened() -> Output:
             if before is not None:
-                before.wait_closed()  # it may have the same port
+                before.wait_closed()  # both may use the same port
             return open_output(device, output if isinstance(output, dict) else {})
 
         thread = DeviceThread(
@@ -248,16 +276,16 @@ class Host:
             self._report,
             offset_s=_offset_s(request),
             clock=self._clock,
-            accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
+            budgets=partial(self._budgets_of, device, output if isinstance(output, dict) else {}),
         )
         self._add_script(thread, request)
         self.device_threads[number] = thread
         thread.start()
 
-    def _accounts_of(
-        self, device: DeviceConfig, target: dict[str, Any], there: str
-    ) -> AbstractContextManager[list[AccountUse]]:
-        return self._accounts.used(identities(device, target, there))
+    def _budgets_of(
+        self, device: DeviceConfig, target: dict[str, Any], label: str
+    ) -> AbstractContextManager[list[BudgetUse]]:
+        return self._budgets.claimed(identities(device, target, label))
 
     def _add_script(self, thread: DeviceThread, request: dict[str, Any]) -> None:
         script = request.get("script")
@@ -271,7 +299,7 @@ class Host:
         )
 
     def watch(self) -> None:
-        """Wait for the end, and stop whatever does not answer in time."""
+        """Check all time limits, about every 20 ms, until the end of the process is requested."""
         self._last_turn_s = self._clock.now()
         while not _signals:
             with self._wake:
@@ -283,7 +311,7 @@ class Host:
             self.check_deadlines()
 
     def check_deadlines(self) -> None:
-        """Stop everything that does not answer."""
+        """Stop devices whose time limits are exceeded: of Blender, the render worker, or a port."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
@@ -302,7 +330,8 @@ class Host:
     def _stop_after_standstill(self, now: float) -> None:
         """Stop all devices if this process stood still: its state and unread messages are old.
 
-        Whichever thread is up first finds it, before anything else is done.
+        Called by the main thread and by the reading thread, before either acts on old data: any of
+        the two may run first after a sleep of the computer.
         """
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
@@ -310,7 +339,8 @@ class Host:
                 thread.stop(f"the computer slept or did not run for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
-        """Stop every device and give back its port, at the end."""
+        """Stop all devices, close their ports and save duty budgets, at the end of the process."""
+        # All stops come before the first close: closing waits, stopping does not.
         threads = list(self.device_threads.values())
         for thread in threads:
             thread.stop(reason)
@@ -319,18 +349,20 @@ class Host:
             thread.close(reason)
         for thread in threads:
             thread.wait_closed()
-        self._accounts.save()
+        self._budgets.save()
 
 
 def _offset_s(request: dict[str, Any]) -> float:
-    found = request.get("offset_ms", 0.0)
-    if not isinstance(found, int | float) or isnan(found):
+    """Delay of a request, seconds, clipped to 0..:data:`MAX_OFFSET_S`; 0 if it is no number."""
+    offset_ms = request.get("offset_ms", 0.0)
+    if not isinstance(offset_ms, int | float) or isnan(offset_ms):
         return 0.0
-    return min(max(float(found) / 1000.0, 0.0), MAX_OFFSET_S)
+    return min(max(float(offset_ms) / 1000.0, 0.0), MAX_OFFSET_S)
 
 
 _signals: list[int] = []
-"""Signals to end this process; their handler raises nothing, as locks may be held."""
+"""Received signals to end this process. Their handler only appends: an exception could leave a
+lock held."""
 
 
 def _note_signal(number: int, _frame: FrameType | None) -> None:
@@ -338,15 +370,16 @@ def _note_signal(number: int, _frame: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Serve one Blender until it ends."""
+    """Run the output process of the process in ``sys.argv[1]`` until that process ends."""
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), _note_signal)
-    # Whatever prints must not garble the events.
+    # Events get a copy of standard output, and prints of libraries go to standard error, so that
+    # they do not come between the events.
     events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    sys.setswitchinterval(0.001)  # a thread with data to send must not wait long for others
+    sys.setswitchinterval(0.001)  # a device thread waits for Python's lock for 1 ms at most
     host = Host(Reporter(events))
     reader = threading.Thread(
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True
@@ -363,8 +396,8 @@ def main() -> None:
             reason = "the output process was ended"
     finally:
         host.silence(reason)
-        time.sleep(0.02)  # for the last events
-        os._exit(0)  # a port that hangs must not keep the process
+        time.sleep(0.02)  # for the thread that writes the last events
+        os._exit(0)  # past all threads: a port that hangs must not keep the process alive
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Logs of outputs: regular files that are new, or that were written by the same kind of output.
+"""Log files of outputs: new regular files, or logs of the same kind of output.
 
-Nobody else's file is overwritten, and nothing that is no file is opened: a pipe would make us
-wait, a device node might do anything.
+No other file is overwritten. Pipes and device nodes are not opened: opening a pipe may block, and
+opening a device node may have effects.
 """
 
 from __future__ import annotations
@@ -17,30 +17,21 @@ from typing import Final
 from .output import OutputLostError
 
 MOST_BYTES: Final = 1 << 28
-"""Largest log, bytes; our own logs begin anew long before."""
+"""Largest existing log that is read and overwritten, bytes; outputs write smaller ones."""
 
 _FLAGS: Final = (
     getattr(os, "O_NONBLOCK", 0)
     | getattr(os, "O_NOFOLLOW", 0)
-    | getattr(os, "O_NOCTTY", 0)  # without a controlling terminal, an opened one would become it
+    | getattr(os, "O_NOCTTY", 0)  # a terminal must not become the controlling one
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )
 
 
 class LogFile:
-    """Log that is written without a buffer; a new file that cannot be written is removed.
+    """Unbuffered writer of a log; :meth:`close` removes a new file after a failed write.
 
-    Parameters
-    ----------
-    path : Path
-    is_ours : callable, optional
-        See :func:`open_log`.
-
-    Raises
-    ------
-    OutputLostError
-        The file cannot be opened.
+    Parameters and errors are those of :func:`open_log`.
     """
 
     def __init__(self, path: Path, is_ours: Callable[[bytes], bool] | None = None) -> None:
@@ -54,30 +45,31 @@ class LogFile:
         return self._file.closed
 
     def write(self, content: bytes) -> None:
-        """Write all of ``content``.
+        """Write ``content`` completely.
 
         Raises
         ------
         OutputLostError
-            It cannot be written, or something before it could not.
+            This write or an earlier one has failed.
         """
-        left = memoryview(content)
+        rest = memoryview(content)
         try:
-            while left and self._fault is None:
-                left = left[self._file.write(left) :]
+            while rest and self._fault is None:
+                rest = rest[self._file.write(rest) :]
         except OSError as error:
             self._fault = error
         if self._fault is not None:
             raise OutputLostError(f"{self._path} cannot be written ({self._fault.strerror}).")
 
     def empty(self) -> None:
-        """Remove the content of the log file."""
+        """Truncate the log to 0 bytes."""
         self._file.seek(0)
         self._file.truncate()
 
     def close(self) -> None:
-        """Close the file, and remove it if it is new and could not be written."""
+        """Close the file, and remove it if it is new and a write has failed; idempotent."""
         with suppress(OSError):
+            # The path may lead to another file by now, which must stay.
             state = os.fstat(self._file.fileno()) if not self.is_closed else None
             self._file.close()
             if self._fault is not None and self._is_new and state is not None:
@@ -86,18 +78,18 @@ class LogFile:
 
 
 def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
-    """Open an empty file, and only that: its descriptor.
+    """Create or truncate a log and return its descriptor.
 
     Parameters
     ----------
     is_ours : callable, optional
-        Tells from all that an old file holds whether it may be overwritten; None: none may. An
-        empty one may.
+        Tests the content of an existing file; True permits to overwrite it. An empty file may be
+        overwritten, too. None: the file must not exist.
 
     Raises
     ------
     OutputLostError
-        It is there and is not ours, is no regular file, or cannot be written.
+        The file exists and may not be overwritten, is no regular file, or cannot be written.
     """
     try:
         return _opened(path, is_ours)
@@ -111,7 +103,8 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
 def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
     if is_ours is None or not os.path.lexists(path):
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
-    _require_regular(path, os.lstat(path))  # opening some things has effects already
+    # Tested before the opening, which may have effects, and after it, as the path may have changed.
+    _require_regular(path, os.lstat(path))
     descriptor = os.open(path, os.O_RDWR | _FLAGS)
     try:
         _require_regular(path, os.fstat(descriptor))
@@ -131,13 +124,14 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
     return descriptor
 
 
-def _require_regular(path: Path, found: os.stat_result) -> None:
-    if stat.S_ISREG(found.st_mode):
-        if found.st_nlink > 1:
+def _require_regular(path: Path, state: os.stat_result) -> None:
+    """Raise ``OutputLostError`` unless ``state`` is that of a regular file with one name."""
+    if stat.S_ISREG(state.st_mode):
+        if state.st_nlink > 1:
             raise OutputLostError(
                 f"{path} has another name as well (a hard link); a log needs a file of its own."
             )
         return
     kinds = {stat.S_IFLNK: "a link", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
-    kind = kinds.get(stat.S_IFMT(found.st_mode), "no regular file")
+    kind = kinds.get(stat.S_IFMT(state.st_mode), "no regular file")
     raise OutputLostError(f"{path} is {kind}; a log is written to a regular file only.")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opening of a device: its encoder by its configuration, its port by the caller, or a simulator."""
+"""Opening of a device's output: encoder as configured, port or log as the target says."""
 
 from __future__ import annotations
 
@@ -28,21 +28,24 @@ KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
 
 
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    """Open a device's output; this may take seconds, a board has to start.
+    """Open a device's output; may take seconds, as a board has to start.
 
     Parameters
     ----------
     target : mapping
-        ``kind`` is ``simulator``, with the ``path`` of a log if one is wanted, or one of
-        :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket`` take ``host`` and
-        ``port``, else those of the configuration, and ``unit``, which of several devices of a
-        server. ``csv`` needs ``path`` and works for every device. ``audio`` takes ``interface`` and
-        ``first_channel`` and works for every device that vibrates.
+        ``kind`` and its entries:
+
+        - ``simulator``: optional ``path`` of a log. For all devices.
+        - ``csv``: ``path`` of a new log. For all devices.
+        - ``audio``: optional ``interface`` and ``first_channel``. For devices that vibrate.
+        - ``serial``: ``port``.
+        - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
+          ``unit`` chooses among several devices of a server.
 
     Raises
     ------
     OutputLostError
-        The target is not one, does not fit the device, or cannot be opened.
+        The target is invalid, does not fit the device, or cannot be opened.
     """
     kind, path = target.get("kind"), target.get("path")
     if kind == "simulator":
@@ -62,7 +65,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 
 def kind_of(device: DeviceConfig) -> str | None:
-    """Kind of target that a device needs; None if nothing drives it live."""
+    """Kind of target of a device's configured output: serial, udp or websocket; None without."""
     if device.output is None:
         return None
     if isinstance(device.output.transport, SerialTransport):

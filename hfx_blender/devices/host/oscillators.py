@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Waveforms for actuators driven as sound: phase-continuous, equal for any block size."""
+"""Phase-continuous oscillators of actuators driven as sound, equal for any size of blocks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ...engine.rendering.conditioning.waveform import (
 from .tones import Tones
 
 RAMP_S: Final = 0.005
-"""Duration of ramps to new amplitudes and frequencies, seconds: no clicks, and hardly any delay."""
+"""Duration of ramps to new amplitudes and frequencies, seconds; avoids clicks."""
 
 
 class Oscillators:
@@ -32,7 +32,8 @@ class Oscillators:
     ----------
     waveforms : sequence of C of {"sine", "square", "noise"}
     begins_at : int
-        Samples that have been played before.
+        Number of samples played before; the phase of a start from silence depends on it, so that
+        equal frequencies are in phase.
     """
 
     def __init__(
@@ -48,65 +49,68 @@ class Oscillators:
         channels = len(waveforms)
         self._steps = max(1, round(RAMP_S * rate_hz))
         self._played = begins_at  # samples altogether
-        self._cycles = np.zeros(channels)  # at the beginning of the ramp, modulo repeats
-        # From, to: rows of amplitude and frequency.
+        self._cycles = np.zeros(channels)  # phase at the start of the ramp, modulo repeats
+        # Start and target of the ramp: rows of amplitude and frequency.
         self._from = np.zeros((2, channels))
         self._to = np.zeros((2, channels))
-        self._done = self._steps  # samples since the ramp began
+        self._done = self._steps  # samples since the start of the ramp
 
     @property
     def is_silent(self) -> bool:
-        """Test for complete silence."""
+        """Test that all channels are silent and no ramp goes on."""
         return self._done >= self._steps and not self._to[0].any()
 
     def aim(self, amplitudes: F64, frequencies_hz: F64) -> None:
-        """Set the target amplitudes and frequencies; non-finite ones are silent.
+        """Start a ramp to new amplitudes and frequencies.
 
         Parameters
         ----------
         amplitudes : (C,) float64
-            0..1 of full scale.
+            Clipped to 0..1 of full scale. A channel with a non-finite entry is silent.
         frequencies_hz : (C,) float64
+            Clipped to 0..half the sample rate.
         """
-        wanted = np.array([amplitudes, frequencies_hz], np.float64)
-        wanted[:, ~np.isfinite(wanted).all(axis=0)] = 0.0
-        wanted[0] = np.clip(wanted[0], 0.0, 1.0)
-        wanted[1] = np.clip(wanted[1], 0.0, 0.5 * self._rate_hz)
+        target = np.array([amplitudes, frequencies_hz], np.float64)
+        target[:, ~np.isfinite(target).all(axis=0)] = 0.0
+        target[0] = np.clip(target[0], 0.0, 1.0)
+        target[1] = np.clip(target[1], 0.0, 0.5 * self._rate_hz)
         share = min(self._done / self._steps, 1.0)
         here = self._from * (1.0 - share) + self._to * share
         cycles = self._cycles_at(np.array([self._done]))[0] % self._repeats
-        begins = here[0] == 0.0
-        here[1], wanted[1] = kept_through_silence((here[0], wanted[0]), (here[1], wanted[1]))
-        since = cycles_since_the_beginning(wanted[1], self._played / self._rate_hz, self._repeats)
-        self._cycles = np.where(begins, since, cycles)
-        self._from, self._to, self._done = here, wanted, 0
+        is_start = here[0] == 0.0
+        # A silent end of a ramp has no frequency of its own: it takes the other end's, so that
+        # fading in and out do not glide.
+        here[1], target[1] = kept_through_silence((here[0], target[0]), (here[1], target[1]))
+        since = cycles_since_the_beginning(target[1], self._played / self._rate_hz, self._repeats)
+        self._cycles = np.where(is_start, since, cycles)
+        self._from, self._to, self._done = here, target, 0
 
     def block(self, count: int) -> F64:
-        """The next samples (count, C), in -1..1."""
-        place = self._done + np.arange(1, count + 1)
+        """Next samples (count, C), -1..1."""
+        steps = self._done + np.arange(1, count + 1)
         self._done += count
         self._played += count
-        share = np.minimum(place / self._steps, 1.0)[:, None]
+        share = np.minimum(steps / self._steps, 1.0)[:, None]
         amplitudes = self._from[0], self._to[0]
         hz = self._from[1], self._to[1]
-        return waves(self._kinds, amplitudes, hz, share, self._cycles_at(place), self._rate_hz)
+        return waves(self._kinds, amplitudes, hz, share, self._cycles_at(steps), self._rate_hz)
 
-    def _cycles_at(self, place: npt.NDArray[np.int64]) -> F64:
+    def _cycles_at(self, steps: npt.NDArray[np.int64]) -> F64:
         """Cycles (n, C) played at samples since the ramp began."""
-        share = np.minimum(place / self._steps, 1.0)[:, None]
-        beyond_s = np.maximum(place - self._steps, 0)[:, None] / self._rate_hz
-        ways = self._from[1], self._to[1]
-        on_the_way = cycles_on_the_way(ways, share, self._steps / self._rate_hz)
-        return np.asarray(self._cycles + on_the_way + ways[1] * beyond_s)
+        share = np.minimum(steps / self._steps, 1.0)[:, None]
+        beyond_s = np.maximum(steps - self._steps, 0)[:, None] / self._rate_hz
+        frequencies = self._from[1], self._to[1]
+        on_ramp = cycles_on_the_way(frequencies, share, self._steps / self._rate_hz)
+        return np.asarray(self._cycles + on_ramp + frequencies[1] * beyond_s)
 
 
 class SumOfTones:
-    """Bank of tones: channels that play several at once, each with oscillators of its own.
+    """Sum of several tones on each of C channels, one set of oscillators for each tone number.
 
     Parameters
     ----------
     waveforms : sequence of C of {"sine", "square", "noise"}
-        Of each channel: all its tones are of the same.
+        Waveform of all tones of a channel.
     """
 
     def __init__(self, waveforms: Sequence[Waveform], rate_hz: float) -> None:
@@ -117,12 +121,12 @@ class SumOfTones:
         self._sounding: dict[int, Oscillators] = {}
 
     def aim(self, tones: Tones) -> None:
-        """Set the target tones, amplitudes 0..1 of full scale; missing tones end."""
+        """Start ramps to new tones, amplitudes 0..1 of full scale; missing tones fade out."""
         nothing = np.zeros(self._channels)
         numbers = tones.numbers.tolist()
-        for number, each in self._sounding.items():
+        for number, oscillators in self._sounding.items():
             if number not in numbers:
-                each.aim(nothing, nothing)
+                oscillators.aim(nothing, nothing)
         for number, amplitudes, hz in zip(
             numbers, tones.amplitudes, tones.frequencies_hz, strict=True
         ):
@@ -133,10 +137,11 @@ class SumOfTones:
             self._sounding[number].aim(amplitudes, hz)
 
     def block(self, count: int) -> F64:
-        """The next samples (count, C)."""
-        found = np.zeros((count, self._channels))
-        for each in self._sounding.values():
-            found += each.block(count)
+        """Next samples (count, C); sums of tones may exceed -1..1."""
+        samples = np.zeros((count, self._channels))
+        for bank in self._sounding.values():
+            samples += bank.block(count)
         self._played += count
-        self._sounding = {n: each for n, each in self._sounding.items() if not each.is_silent}
-        return found
+        # A silent tone is dropped: its next start takes its phase from the count of samples.
+        self._sounding = {n: bank for n, bank in self._sounding.items() if not bank.is_silent}
+        return samples

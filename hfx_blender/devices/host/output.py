@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Interface of an open device for the output process, for any kind of connection."""
+"""Interface of a device's open output, for any kind of connection."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from .tones import Tones
 
 
 class OutputLostError(Exception):
-    """Raised when the device cannot be reached any more: unplugged, refused, gone."""
+    """Raised for a device that cannot be reached: unplugged, refused, or its program ended."""
 
 
 class Output(Protocol):
-    """Encoder and transport of one device together. Only :meth:`close` waits."""
+    """Encoder and transport of one device. Only :meth:`close` waits for the device."""
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,) from the guard; only the newest ones count.
+        """Send values (columns,) from the guard; unsent older values are dropped.
 
         Raises
         ------
@@ -25,16 +25,16 @@ class Output(Protocol):
         """
 
     def stop(self) -> None:
-        """Send the stop bytes, before anything that waits; never raises."""
+        """Send the stop bytes ahead of unsent values; never raises. Called from any thread."""
 
     def close(self) -> None:
-        """Give the port back. The device has been stopped before; where the other side confirms
-        that, this waits for it, a few seconds at most.
+        """Close the port, after a stop. Waits a few seconds at most for a confirmation of the
+        stop, where the other side sends one.
 
         Raises
         ------
         OutputLostError
-            The stop did not arrive. The port is given back all the same.
+            The stop did not arrive. The port is closed nevertheless.
         """
 
 
@@ -43,7 +43,7 @@ class SoundingOutput(Output, Protocol):
     """Output that plays sums of sines at the actuators that take a waveform."""
 
     def send_tones(self, values: F64, tones: Tones) -> None:
-        """Hand over values, and the tones that replace them at these actuators.
+        """Send values (columns,), and the tones that replace them at actuators with a waveform.
 
         Raises
         ------

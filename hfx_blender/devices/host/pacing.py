@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pacing between Blender's frames: strengths ramp, and no actuator is updated more often than it
-can.
-"""
+"""Ramps of strengths between Blender's frames, and update rates of the actuators."""
 
 from __future__ import annotations
 
@@ -13,37 +11,41 @@ from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 
 LONGEST_RAMP_S: Final = 0.05
-"""Longest delay by ramping, seconds; frames that come faster are delayed by less."""
+"""Longest duration of a ramp, and so its longest delay, seconds."""
 
 _ROUNDING: Final = 0.05
-"""Tolerance of times as a share of a tick: clocks and sleeps are not exact."""
+"""Tolerance of times, as a share of an interval: clocks and sleeps are not exact."""
 
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
-"""Longest interval between values, seconds, so that a device's dead-man switch knows
-that we live."""
+"""Bounds of the interval between two values, seconds. The upper one keeps a device's dead-man
+switch from stopping it."""
 
 
 def tick_s(device: DeviceConfig) -> float:
-    """Interval of a device's values, seconds, by its quickest actuator."""
+    """Interval between two values of a device, seconds: that of its fastest actuator, in bounds."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
     return min(max(fastest, FASTEST_S), SLOWEST_S)
 
 
 class Ramp:
-    """Ramp from one frame's values to the next over a frame's duration.
+    """Linear ramp from the values of one frame to the next, over the duration of a frame.
 
-    Only strengths ramp; a frequency between two frequencies would be one that nobody asked
-    for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
-    it is taken to be that since the last one, at most :data:`LONGEST_RAMP_S`. A change is under
-    way with the first values that are sent after its frame and complete with the last before
-    the next frame; that is the delay. An actuator that takes values only once a frame, or less
-    often, is given the frame's at once: there is no ramp and no delay.
+    Strengths ramp; frequencies and changes to silence jump. The duration is the time between the
+    last two frames, as the time of the next frame is unknown; it is one tick where that time is
+    shorter than a tick or longer than :data:`LONGEST_RAMP_S`. The first values after a frame are
+    the first step of its ramp, and the last values before the next frame reach its target. An
+    actuator with at most one update in a frame jumps to the target, without delay.
 
     Parameters
     ----------
     tick : float
         Seconds between two calls of :meth:`at`.
+
+    Attributes
+    ----------
+    share : float
+        Share of the ramp at the last values, 0..1.
     """
 
     def __init__(self, device: DeviceConfig, tick: float) -> None:
@@ -57,25 +59,27 @@ class Ramp:
         self.reset()
 
     def reset(self) -> None:
-        """Begin from silence."""
+        """Start from silence."""
         self._from, self._to = self._neutral.copy(), self._neutral.copy()
         self._here = self._neutral.copy()  # last values
         self._began_s, self._lasts_s = -np.inf, self._tick
-        self.share = 1.0  # share of the ramp to the newest frame, at the last values
+        self.share = 1.0
 
     def aim(self, values: F64, now_s: float) -> None:
-        """Start the ramp to a new frame's values (columns,), from the present ones.
+        """Start the ramp from the last values to a new frame's values (columns,).
+
+        NaN as a target is kept for the guard.
 
         Raises
         ------
         ValueError
-            They are not one for each column.
+            The shape is not (columns,).
         """
         if np.shape(values) != self._neutral.shape:
             shape, count = np.shape(values), len(self._neutral)
             raise ValueError(f"values of shape {shape}; it takes {count}")
-        # What was gone to already is there by now: else a frame that repeats itself, a little
-        # before its ramp is complete, would never be reached.
+        # A column whose target stays equal counts as arrived. Otherwise equal frames that come
+        # shortly before their ramp ends would restart it each time, and never be reached.
         here = np.where(self._to == values, values, self._here)
         self._from = np.where(np.isfinite(here), here, self._neutral)
         self._to = np.asarray(values, np.float64)
@@ -84,11 +88,11 @@ class Ramp:
         self._began_s, self.share = now_s, 0.0
 
     def complete(self) -> None:
-        """Be at the newest frame with the next values: the frame after it has come early."""
+        """Shorten the ramp so that the next values reach its target."""
         self._lasts_s = self._tick
 
     def at(self, now_s: float) -> F64:
-        """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
+        """Values (columns,) to send at ``now_s``; non-finite targets stay, for the guard."""
         since_s = now_s - self._began_s
         self.share = float(self._share(since_s, np.array(self._tick)))
         if self.share >= 1.0:
@@ -102,34 +106,38 @@ class Ramp:
         return self._here.copy()
 
     def _share(self, since_s: float, intervals_s: F64) -> F64:
-        """Share of the way to the newest frame, with values taken this often."""
+        """Share of the ramp after ``since_s``, 0..1, for actuators with some update intervals.
+
+        The ramp is divided into whole intervals; the step that starts now counts as done.
+        """
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
         return np.asarray(np.minimum(step / steps, 1.0))
 
     def next_s(self, due_s: float, now_s: float) -> float:
-        """Time of the next send: one that is due shortly before a frame waits for the frame.
+        """Time of the next send: ``due_s``, or half a tick after a frame expected within a tick.
 
-        It would keep the frame waiting, as the device takes values only so often.
+        A repetition shortly before a frame would delay the frame, as the device takes new values
+        only once a tick. Only complete ramps are postponed.
         """
         expected_s = self._began_s + self._lasts_s
         is_next = due_s < expected_s < due_s + self._tick and self._lasts_s > self._tick
         is_in_its_way = is_next and self.share >= 1.0
         if is_in_its_way and expected_s > now_s:
-            return expected_s + 0.5 * self._tick  # if it does not come
+            return expected_s + 0.5 * self._tick  # in case that the frame does not come
         return due_s
 
     @property
     def is_going(self) -> bool:
-        """Test for a frame since the start from silence."""
+        """Test that a frame has come since :meth:`reset`."""
         return bool(np.isfinite(self._began_s))
 
 
 class Pace:
-    """Limits each actuator to its own update rate.
+    """Limit of each actuator's update rate.
 
-    In between it keeps its values, and then gets the strongest that was asked for meanwhile,
-    as an export does; but silence passes at once.
+    Between two updates an actuator keeps its values. An update sends the strongest values since
+    the last update, as an export does. Silence passes at once.
     """
 
     def __init__(self, device: DeviceConfig, tick: float) -> None:
@@ -142,12 +150,13 @@ class Pace:
         self.reset()
 
     def reset(self) -> None:
+        """Start from silence; the next update of each actuator is due at once."""
         self._given = self._neutral.copy()
         self._strongest = self._neutral.copy()
         self._next_s = [-np.inf] * len(self._slow)
 
     def paced(self, wanted: F64, now_s: float) -> F64:
-        """Wanted values (columns,) as far as they may be sent now."""
+        """Values (columns,) to send at ``now_s`` in place of the values ``wanted``."""
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start
@@ -161,6 +170,7 @@ class Pace:
                 self._next_s[k] = now_s + interval_s
                 self._strongest[columns] = self._neutral[columns]
             else:
+                # "not <=" instead of ">", so that NaN counts as strongest and reaches the guard.
                 if not abs(given[first] - silent) <= abs(self._strongest[first] - silent):
                     self._strongest[columns] = given[columns]
                 given[columns] = self._given[columns]

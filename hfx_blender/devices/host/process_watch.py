@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Beginning of the end of another process, before its pipes are closed.
+"""Detection of the exit of another process, before its pipes are closed.
 
 Linux frees a process's memory before it closes its pipes: the end of a pipe comes 50 to 800 ms
-late for each GiB. So does the signal of a pidfd. What comes at once is in ``/proc/PID/stat``: a
-SIGKILL that is pending (as in all threads after any fatal signal), the flag of exiting, the state
-of a zombie. macOS has the same flag. Windows closes handles, and so pipes, before it frees memory,
-and sets the exit code before either.
+late for each GiB, and so does the signal of a pidfd. Three facts change at once in
+``/proc/PID/stat``: SIGKILL is pending (in all threads after any fatal signal), the exiting flag is
+set, the state is zombie. macOS has the same flag. Windows sets the exit code and closes handles,
+pipes included, before it frees memory.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from contextlib import suppress
 from typing import Any, Final
 
 LOOK_S: Final = 0.005
-"""Interval of looking, seconds: a tenth of the time in which devices are to be silent."""
+"""Polling interval, seconds: a tenth of the time in which devices have to be silent."""
 
 _EXITING: Final = 0x4  # PF_EXITING of Linux; PROC_FLAG_INEXIT of macOS has the same value
-_KILLED: Final = 1 << 8  # SIGKILL, signal 9, in the set of pending ones
+_KILLED: Final = 1 << 8  # SIGKILL, signal 9, in the set of pending signals
 
 
 def await_end(pid: int) -> bool:
-    """Wait until a process begins to end; False at once where the system does not tell it."""
+    """Wait for the start of a process's exit and return True; False at once if not observable."""
     with suppress(OSError, AttributeError):
         is_ending = end_test(pid)
         while not is_ending():
@@ -36,14 +36,14 @@ def await_end(pid: int) -> bool:
 
 
 def end_test(pid: int) -> Callable[[], bool]:
-    """Test for the beginning of the end of a process.
+    """Return a function that tests whether a process has started to exit, or has ended.
 
     Raises
     ------
     OSError
-        The process cannot be looked at.
+        The process does not exist, or may not be watched.
     AttributeError
-        The system has no such functions.
+        The system lacks the functions.
     """
     if sys.platform == "win32":
         return _windows_test(pid)
@@ -51,7 +51,7 @@ def end_test(pid: int) -> Callable[[], bool]:
 
 
 def _linux_test(pid: int) -> Callable[[], bool]:
-    # The open file stays that of this process, whoever gets its number afterwards.
+    # An open file refers to this very process, even after its number is used again.
     descriptor = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def is_ending() -> bool:
@@ -65,8 +65,8 @@ def _linux_test(pid: int) -> Callable[[], bool]:
 
 
 def says_ending(stat: bytes) -> bool:
-    """Test the content of ``/proc/PID/stat`` for a process that is ending (see man proc)."""
-    # The second field, the name in parentheses, may hold spaces and parentheses itself.
+    """Test the content of ``/proc/PID/stat`` (man proc) for a process that is exiting."""
+    # The second field, the name in parentheses, may contain spaces and parentheses.
     fields = stat[stat.rindex(b")") + 2 :].split()
     state, flags, pending = fields[0], int(fields[6]), int(fields[28])
     return state in (b"Z", b"X", b"x") or bool(flags & _EXITING) or bool(pending & _KILLED)
@@ -81,7 +81,7 @@ def _macos_test(pid: int) -> Callable[[], bool]:
         is_zombie = info[1] == 5  # SZOMB
         return size <= 0 or bool(info[0] & _EXITING) or is_zombie
 
-    if is_ending():  # it may not be looked at
+    if is_ending():  # not permitted: the call fails as for an ended process
         raise OSError(f"process {pid} cannot be looked at")
     return is_ending
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated device: logs what a real one would do, one JSON line each time."""
+"""Simulated device: a log with one JSON line for each set of values and each stop."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .log_file import LogFile
 from .output import OutputLostError
 
 MAX_BYTES: Final = 64 << 20
-"""Size at which the log begins anew, bytes: half an hour of a large device."""
+"""Size at which the log is emptied and continued, bytes: half an hour of a large device."""
 
 
 class Simulator:
-    """Output to a log file, or to nothing.
+    """Output to a log file; without a path, values are discarded.
 
     Parameters
     ----------
     path : Path, optional
-        ``{"time_s": ..., "values": [...]}`` or ``{"time_s": ..., "stop": true}`` on each line;
-        times are of the system's monotonic clock. A file that is there is overwritten only if a
-        simulator wrote it.
+        Log with lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
+        times are those of the system's monotonic clock. An existing file is overwritten only if a
+        simulator has written it.
 
     Raises
     ------
     OutputLostError
-        The file is somebody else's, is no regular file, or cannot be written.
+        The file is not a simulator's log, is no regular file, or cannot be written.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -60,7 +60,7 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Test that a simulator wrote all lines of a file; the last may have been cut off."""
+    """Test that all lines of a file are a simulator's; the last one may be cut off."""
     *lines, rest = content.split(b"\n")
     return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
 
@@ -72,7 +72,7 @@ def _is_line(line: bytes) -> bool:
     if not line.startswith(_START):
         return False
     try:
-        found = json.loads(line)
+        entry = json.loads(line)
     except (ValueError, RecursionError):
         return False
-    return set(found) in ({"time_s", "values"}, {"time_s", "stop"})
+    return set(entry) in ({"time_s", "values"}, {"time_s", "stop"})

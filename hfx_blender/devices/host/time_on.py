@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Time on: an account for each actuator that being on fills and nothing but rest empties.
+"""Limit of time on: a duty budget for each actuator, whose load rises while on and falls at rest.
 
-It is full after ``maximum_on_s`` of being on, and empty again ``rest_s`` of rest later; a shorter
-rest empties it by its share. A full one rests until it is empty. So an actuator is never on for
-longer than ``maximum_on_s`` at a stretch, nor in any time t for more than
-``D t + (1 - D) maximum_on_s`` with ``D = maximum_on_s / (maximum_on_s + rest_s)``.
+The load reaches 1 after ``maximum_on_s`` of being on, and returns to 0 after ``rest_s`` of rest; a
+shorter rest lowers it proportionally. At load 1 the actuator has to cool until the load is 0. So
+an actuator is never on for longer than ``maximum_on_s`` without a break, and within any time t for
+at most ``D t + (1 - D) maximum_on_s`` with ``D = maximum_on_s / (maximum_on_s + rest_s)``.
 
-How strongly it is on makes no difference. What is not known is never taken for rest.
+The strength does not matter: any value but silence is on. Time of unknown use counts as on.
 """
 
 from __future__ import annotations
@@ -21,39 +21,42 @@ from ...engine.arrays import F64, I64, Bool
 from ...engine.rendering.device import ActuatorType
 
 UNSURE_S: Final = 0.05
-"""A step of unknown length counts so much where an actuator is on: a clock may stand still."""
+"""Assumed length of a step of unknown length while an actuator is on, seconds: a clock may stand
+still."""
 
-_MOST_FILLED: Final = 10.0  # after a stall; whatever has rested ten times as long has cooled
+# Upper bound of a load, which a stall may reach; after ten full rests an actuator has cooled.
+_LARGEST_LOAD: Final = 10.0
 _ROUNDING: Final = 1e-9
 
 
-class Account:
-    """Accounts of one physical device, which outlive its connections: one a slot.
+class DutyBudget:
+    """Duty budgets of one physical device, one for each slot; they outlive its connections.
 
-    A slot is a physical actuator, by whatever number a configuration knows it.
+    A slot is a physical actuator; several configurations may know it by different numbers. All
+    sequences have one entry for each slot. :attr:`lock` has to be held for all access.
 
     Parameters
     ----------
-    filled : sequence of float
-        How full each slot's account is; 1 is full.
-    is_resting : sequence of bool
-        Whether each has to rest until it is empty.
-    names : sequence of str, optional
-        Of the slots; by default numbers from 0.
+    load : sequence of float
+        0 rested, 1 exhausted.
+    is_cooling : sequence of bool
+        True: the slot has to stay silent until its load is 0.
+    names : sequence of str
+        Names of the slots.
     idle_s : sequence of float
-        For how long each had rested by ``idle_since_s``, not yet counted.
+        Rest before ``idle_since_s`` that has not been counted, seconds.
     unknown_s : sequence of float
-        So much longer each may have been on before that.
+        Time before ``idle_since_s`` in which the slot may have been on, seconds.
     others : float
-        How full those are that are not named.
+        Load of slots that are not in ``names``; such slots have to cool at 1.
     idle_since_s : float
-        Since when nobody has played, by the clock of the output process.
+        Time of the last silence, by the clock of the output process; inf: not known.
     """
 
     def __init__(
         self,
-        filled: Sequence[float] = (),
-        is_resting: Sequence[bool] = (),
+        load: Sequence[float] = (),
+        is_cooling: Sequence[bool] = (),
         *,
         names: Sequence[str] = (),
         idle_s: Sequence[float] = (),
@@ -62,8 +65,8 @@ class Account:
         idle_since_s: float = np.inf,
     ) -> None:
         self.lock = threading.Lock()
-        self.filled: F64 = np.array(filled, np.float64)
-        self.is_resting: Bool = np.array(is_resting, np.bool_)
+        self.load: F64 = np.array(load, np.float64)
+        self.is_cooling: Bool = np.array(is_cooling, np.bool_)
         self.idle_since_s: F64 = idle_since_s - np.array(idle_s, np.float64)
         self.unknown_s: F64 = np.array(unknown_s, np.float64)
         self.slots = {name: slot for slot, name in enumerate(names)}
@@ -72,60 +75,61 @@ class Account:
         self.players: dict[TimeOn, Slots] = {}
 
     def slots_of(self, names: Sequence[str]) -> I64:
-        """Slots (A,) by their names; new ones are made."""
+        """Slot numbers (A,) of some names; unknown names become new slots."""
         for name in names:
             self.slots.setdefault(name, len(self.slots))
-        more = len(self.slots) - len(self.filled)
-        self.filled = np.append(self.filled, np.full(more, self._others))
-        self.is_resting = np.append(self.is_resting, np.full(more, self._others >= 1.0))
+        more = len(self.slots) - len(self.load)
+        self.load = np.append(self.load, np.full(more, self._others))
+        self.is_cooling = np.append(self.is_cooling, np.full(more, self._others >= 1.0))
         self.idle_since_s = np.append(self.idle_since_s, np.full(more, self._others_since_s))
         self.unknown_s = np.append(self.unknown_s, np.zeros(more))
         return np.array([self.slots[name] for name in names], np.int64)
 
     def is_used_before(self, player: TimeOn | None) -> Bool:
-        """Mask (slots,) of those of players that began before one; None: of all."""
-        found = np.zeros(len(self.filled), np.bool_)
-        for other, slots in self.players.items():
-            if other is player:
+        """Mask (slots,) of slots used by players that started before ``player``; None: by any."""
+        is_used = np.zeros(len(self.load), np.bool_)
+        for earlier, slots in self.players.items():
+            if earlier is player:
                 break
-            found[slots.own] = True
-        return found
+            is_used[slots.own] = True
+        return is_used
 
     def is_on_for_others(self, player: TimeOn) -> Bool:
-        """Mask (slots,) of those that another player has on."""
-        found = np.zeros(len(self.filled), np.bool_)
-        for other, slots in self.players.items():
-            if other is not player:
-                found[slots.on] = True
-        return found
+        """Mask (slots,) of slots that players other than ``player`` have on."""
+        is_on = np.zeros(len(self.load), np.bool_)
+        for playing, slots in self.players.items():
+            if playing is not player:
+                is_on[slots.on] = True
+        return is_on
 
 
 class Slots(NamedTuple):
-    """Slots of a player in an account: all of its actuators, and those that are on."""
+    """Slot numbers of a player in a budget: of all its actuators, and of those that are on."""
 
     own: I64
     on: I64
 
 
-class AccountUse(NamedTuple):
-    """Account of a device, and the name of the slot of each actuator in it."""
+class BudgetUse(NamedTuple):
+    """Budget of a device, and the slot name of each of A actuators in it; names may repeat."""
 
-    account: Account
+    budget: DutyBudget
     names: Sequence[str]
 
 
 class TimeOn:
-    """Use of a device's accounts by one connection.
+    """Use of a device's duty budgets by one connection, a *player* of these budgets.
 
     Parameters
     ----------
     kinds : sequence of ActuatorType
-        Of the A actuators.
-    uses : sequence of AccountUse
-        Every account is filled, and the fullest decides. None: an account of its own.
+        Types of the A actuators.
+    uses : sequence of BudgetUse
+        Budgets that are all charged, and each of which can block an actuator. Empty: a new budget
+        of this object.
     """
 
-    def __init__(self, kinds: Sequence[ActuatorType], uses: Sequence[AccountUse] = ()) -> None:
+    def __init__(self, kinds: Sequence[ActuatorType], uses: Sequence[BudgetUse] = ()) -> None:
         self._count = len(kinds)
         maximum_on_s = np.array([kind.maximum_on_s for kind in kinds], np.float64)
         rest_s = np.array([kind.rest_s for kind in kinds], np.float64)
@@ -133,112 +137,125 @@ class TimeOn:
         self._fills_per_s = 1.0 / maximum_on_s
         with np.errstate(divide="ignore"):
             self._empties_per_s = 1.0 / rest_s
-        self._accounts: list[tuple[Account, I64]] = []  # with the slots of the A actuators
-        for account, names in uses or (own_use(self._count),):
-            with account.lock:
-                self._accounts.append((account, account.slots_of(names)))
-        self._lock = threading.Lock()  # a stop comes from a thread of its own
+        self._budgets: list[tuple[DutyBudget, I64]] = []  # slot numbers of the A actuators
+        for budget, names in uses or (private_use(self._count),):
+            with budget.lock:
+                self._budgets.append((budget, budget.slots_of(names)))
+        self._lock = threading.Lock()  # the stop thread calls end()
         self._is_on = np.zeros(self._count, np.bool_)
-        self._paid_s = np.zeros(self._count)  # ahead, for the actuators that are on now
+        self._paid_s = np.zeros(self._count)  # time on from now that the load includes already
 
     def record_rest(self, now_s: float) -> None:
-        """Record the time until ``now_s`` as rest, since the last player fell silent."""
+        """Record the time from the last silence of any player to ``now_s`` as rest.
+
+        Time of unknown use before that is charged first. Slots that other players use now do not
+        rest.
+        """
         with self._lock:
             everything = np.ones(self._count, np.bool_)
-            for account, slots in self._accounts:
-                with account.lock:
-                    self._fill(account, slots, everything, account.unknown_s[slots])
-                    account.unknown_s[slots] = 0.0
-                    is_idle = ~account.is_used_before(None)[slots]
-                    self._empty(
-                        account, slots[is_idle], now_s - account.idle_since_s[slots], is_idle
-                    )
-                    account.idle_since_s[slots[is_idle]] = now_s
+            for budget, slots in self._budgets:
+                with budget.lock:
+                    self._fill(budget, slots, everything, budget.unknown_s[slots])
+                    budget.unknown_s[slots] = 0.0
+                    is_idle = ~budget.is_used_before(None)[slots]
+                    self._empty(budget, slots[is_idle], now_s - budget.idle_since_s[slots], is_idle)
+                    budget.idle_since_s[slots[is_idle]] = now_s
 
     def begin(self) -> None:
-        """Play from now on, from silence; nothing is forgotten."""
+        """Register as a player, from silence; loads stay."""
         with self._lock:
             self._is_on = np.zeros(self._count, np.bool_)
             self._paid_s = np.zeros(self._count)
-            for account, slots in self._accounts:
-                with account.lock:
-                    account.players[self] = Slots(slots, slots[:0])
-                account.on_begin()
+            for budget, slots in self._budgets:
+                with budget.lock:
+                    budget.players[self] = Slots(slots, slots[:0])
+                budget.on_begin()
 
     def end(self, played_s: float, now_s: float) -> None:
-        """Record silence from now on, after ``played_s`` more of the last values."""
+        """Record silence from ``now_s`` on, after another ``played_s`` of the last values.
+
+        A repeated call changes nothing until :meth:`begin`.
+        """
         with self._lock:
-            for account, slots in self._accounts:
-                with account.lock:
-                    if account.players.pop(self, None) is None:
+            for budget, slots in self._budgets:
+                with budget.lock:
+                    if budget.players.pop(self, None) is None:
                         continue
-                    self._fill(account, slots, self._is_on, played_s)
-                    account.idle_since_s[slots[~account.is_used_before(None)[slots]]] = now_s
+                    self._fill(budget, slots, self._is_on, played_s)
+                    budget.idle_since_s[slots[~budget.is_used_before(None)[slots]]] = now_s
             self._is_on = np.zeros(self._count, np.bool_)
 
-    def held_off(self, wants_on: Bool, step_s: float) -> Bool:
-        """Actuators (A,) that may not be on now.
+    def blocked(self, is_requested: Bool, step_s: float) -> Bool:
+        """Mask (A,) of actuators that have to be silent until the next call.
 
-        A step counts as on if it begins or ends so, as rest if it does neither.
+        A step counts as on if the actuator is on at its start or end, else as rest.
 
         Parameters
         ----------
-        wants_on : (A,)
+        is_requested : (A,) bool
+            Actuators to be on from now to the next call.
         step_s : float
-            Time since the last call; 0 is unknown.
+            Time since the last call, seconds; 0: not known.
         """
         if not self.is_limited:
             return np.zeros(self._count, np.bool_)
         with self._lock:
-            return self._held_off(wants_on, step_s)
+            return self._blocked(is_requested, step_s)
 
-    def _held_off(self, wants_on: Bool, step_s: float) -> Bool:
+    def _blocked(self, is_requested: Bool, step_s: float) -> Bool:
         length_s = step_s if step_s > 0.0 else UNSURE_S
-        held = np.zeros(self._count, np.bool_)
-        for account, slots in self._accounts:
-            with account.lock:
-                self._fill(account, slots, self._is_on, np.maximum(length_s - self._paid_s, 0.0))
-                would_be = account.filled[slots] + length_s * self._fills_per_s
-                is_full = wants_on & (would_be > 1.0 + _ROUNDING)
-                account.is_resting[slots[is_full]] = True
-                held |= account.is_resting[slots]
-        is_on = wants_on & ~held
-        for account, slots in self._accounts:
-            with account.lock:
-                self._fill(account, slots, is_on, length_s)
-                account.players.setdefault(self, Slots(slots, slots[is_on]))
-                is_busy = account.is_on_for_others(self)
+        is_blocked = np.zeros(self._count, np.bool_)
+        for budget, slots in self._budgets:
+            with budget.lock:
+                # The last step is charged in advance; a longer step than expected costs the rest.
+                self._fill(budget, slots, self._is_on, np.maximum(length_s - self._paid_s, 0.0))
+                # Blocked already if the load would exceed 1 within the coming step.
+                would_be = budget.load[slots] + length_s * self._fills_per_s
+                is_exhausted = is_requested & (would_be > 1.0 + _ROUNDING)
+                budget.is_cooling[slots[is_exhausted]] = True
+                is_blocked |= budget.is_cooling[slots]
+        is_on = is_requested & ~is_blocked
+        for budget, slots in self._budgets:
+            with budget.lock:
+                self._fill(budget, slots, is_on, length_s)
+                budget.players.setdefault(self, Slots(slots, slots[is_on]))
+                is_busy = budget.is_on_for_others(self)
                 is_busy[slots[self._is_on | is_on]] = True
-                # Time passes once for all who play with a slot.
-                is_busy |= account.is_used_before(self)
+                # Several players may share a slot: only the first one counts the rest of the slot,
+                # else the same time would be counted twice.
+                is_busy |= budget.is_used_before(self)
                 rests = ~is_busy[slots]
-                self._empty(account, slots[rests], np.full(self._count, step_s), rests)
-                account.players[self] = Slots(slots, slots[is_on])
+                self._empty(budget, slots[rests], np.full(self._count, step_s), rests)
+                budget.players[self] = Slots(slots, slots[is_on])
         self._is_on = is_on
         self._paid_s = np.where(is_on, length_s, 0.0)
-        return held
+        return is_blocked
 
-    def _fill(self, account: Account, slots: I64, is_on: Bool, length_s: float | F64) -> None:
-        filled = account.filled
-        # Several actuators may share a slot.
-        np.add.at(filled, slots, np.where(is_on, length_s * self._fills_per_s, 0.0))
-        np.minimum(filled, _MOST_FILLED, out=filled)
+    def _fill(self, budget: DutyBudget, slots: I64, is_on: Bool, length_s: float | F64) -> None:
+        """Charge ``length_s`` (A,) or scalar to the slots of actuators in the mask ``is_on``."""
+        load = budget.load
+        # add.at, as several actuators may share a slot.
+        np.add.at(load, slots, np.where(is_on, length_s * self._fills_per_s, 0.0))
+        np.minimum(load, _LARGEST_LOAD, out=load)
 
-    def _empty(self, account: Account, slots: I64, length_s: F64, rests: Bool) -> None:
-        """Empty slots, those of the actuators that rest; a length that is no time is no rest."""
+    def _empty(self, budget: DutyBudget, slots: I64, length_s: F64, rests: Bool) -> None:
+        """Lower the load of ``slots`` by a rest of ``length_s`` (A,); 0, negative or NaN: no rest.
+
+        ``slots`` are those of the actuators in the mask ``rests`` (A,), in their order.
+        """
         length_s = np.where(length_s[rests] > 0.0, length_s[rests], 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
             less = length_s * self._empties_per_s[rests]
         less[~(less > 0.0)] = 0.0
-        filled = account.filled[slots] - np.minimum(less, account.filled[slots])
-        account.filled[slots] = np.where(filled < _ROUNDING, 0.0, filled)
-        account.is_resting[slots] &= account.filled[slots] > 0.0
+        load = budget.load[slots] - np.minimum(less, budget.load[slots])
+        budget.load[slots] = np.where(load < _ROUNDING, 0.0, load)
+        budget.is_cooling[slots] &= budget.load[slots] > 0.0
 
 
-def own_use(count: int) -> AccountUse:
-    """New account of nobody else, for a number of actuators."""
-    return AccountUse(Account(), [str(number) for number in range(count)])
+def private_use(count: int) -> BudgetUse:
+    """New budget that no other connection shares, with one slot for each of ``count`` actuators."""
+    return BudgetUse(DutyBudget(), [str(number) for number in range(count)])
 
 
 def _no_callback() -> None:
-    """Do nothing: the default of callbacks."""
+    """Do nothing; default of callbacks."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibrations of several frequencies at actuators that are driven as sound, live.
+"""Tones: several sines at once at actuators that take a waveform, in live output.
 
-Such an actuator plays the sum of what it is asked for, as it does in an exported WAV. A frame
-holds the device's columns first, as for any device; after them each tone: its number, then the
-amplitude and the frequency of each of the W actuators that take a waveform.
+Such an actuator plays the sum of its tones, as in an exported WAV. A *frame* is a row of numbers:
+the values (columns,) of the device; then for each tone its number, W amplitudes and W
+frequencies, where W counts the actuators that take a waveform.
 """
 
 from __future__ import annotations
@@ -19,73 +19,79 @@ from ...engine.rendering.conditioning.frequency import Partial
 from ...engine.rendering.device import DeviceConfig
 
 MAX_TONES: Final = 16
-"""Largest number of different frequencies at once; of more, the strongest are kept."""
+"""Largest number of tones at once; of more, the strongest are played."""
 
 LONE: Final = -1
-"""Number of the one tone of values that come without tones: a script's, a test pulse."""
+"""Number of the single tone made from values without tones: of a script, or of a test pulse."""
 
 _ALIKE_HZ: Final = 1.0
-"""Frequencies closer than this are played as one, as where a single frequency is chosen."""
+"""Frequencies that differ by less are merged into one tone."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tones:
-    """Sines of K numbers at W actuators."""
+    """K tones at W actuators; equal numbers in successive frames continue the same sine."""
 
     numbers: I64  # (K,)
-    amplitudes: F64  # (K, W)
+    amplitudes: F64  # (K, W) m/s^2; for an output, shares of full scale
     frequencies_hz: F64  # (K, W)
 
     @classmethod
     def none(cls, width: int) -> Tones:
+        """No tones, at ``width`` actuators."""
         return cls(np.zeros(0, np.int64), np.zeros((0, width)), np.zeros((0, width)))
 
 
 def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: int) -> Tones:
-    """Tones of one moment; partials of equal frequency are merged.
+    """Tones of one moment; partials of one effect or of equal frequency are merged.
+
+    At most :data:`MAX_TONES`, the strongest first.
 
     Parameters
     ----------
     partials : iterable of Partial
-        Of one row.
+        Partials of one row at W = ``width`` actuators.
     numbers : mapping
-        By effect; the tone of several has that of the first.
+        Tone numbers by effect id; a merged tone has the number of its first effect.
     """
-    found: list[tuple[int, F64, F64]] = []
-    for each in partials:
-        amplitudes, hz = each.amplitudes[0], each.frequencies_hz[0]
+    merged: list[tuple[int, F64, F64]] = []
+    for partial in partials:
+        amplitudes, hz = partial.amplitudes[0], partial.frequencies_hz[0]
         if not amplitudes.any():
             continue
-        for k, (number, others, others_hz) in enumerate(found):
+        for k, (number, sum_, sum_hz) in enumerate(merged):
             sounds = amplitudes > 0.0
-            differs = np.abs(hz - others_hz.max())[sounds].max() > _ALIKE_HZ
-            if number == numbers[each.effect_id] or not differs:
-                both_hz = np.where(others > 0.0, others_hz, hz)
-                found[k] = number, others + amplitudes, both_hz
+            differs = np.abs(hz - sum_hz.max())[sounds].max() > _ALIKE_HZ
+            if number == numbers[partial.effect_id] or not differs:
+                both_hz = np.where(sum_ > 0.0, sum_hz, hz)
+                merged[k] = number, sum_ + amplitudes, both_hz
                 break
         else:
-            found.append((numbers[each.effect_id], amplitudes, hz))
-    found = sorted(found, key=lambda tone: -float(tone[1].max()))[:MAX_TONES]
-    if not found:
+            merged.append((numbers[partial.effect_id], amplitudes, hz))
+    merged = sorted(merged, key=lambda tone: -float(tone[1].max()))[:MAX_TONES]
+    if not merged:
         return Tones.none(width)
     return Tones(
-        np.array([number for number, _, _ in found], np.int64),
-        np.stack([amplitudes for _, amplitudes, _ in found]),
-        np.stack([hz for _, _, hz in found]),
+        np.array([number for number, _, _ in merged], np.int64),
+        np.stack([amplitudes for _, amplitudes, _ in merged]),
+        np.stack([hz for _, _, hz in merged]),
     )
 
 
 def frame_of(values: F64, tones: Tones) -> F64:
-    """Frame of values (columns,) and tones."""
+    """Frame of values (columns,) and tones, as the module's docstring describes it."""
     rows = np.column_stack((tones.numbers, tones.amplitudes, tones.frequencies_hz))
     return np.concatenate([values, rows.ravel()])
 
 
 class Sounding:
-    """Actuators of a device that take a waveform, and their tones within their limits."""
+    """Tones of a device's W actuators that take a waveform, ramped and limited.
+
+    W is 0 for most devices; then all methods pass values through.
+    """
 
     def __init__(self, device: DeviceConfig) -> None:
-        members = [k for k, each in enumerate(device.actuators) if each.type.takes_waveform]
+        members = [k for k, actuator in enumerate(device.actuators) if actuator.type.takes_waveform]
         kinds = [device.actuators[k].type for k in members]
         self.columns: I64 = device.strength_columns[members]
         self._column_count = len(device.controls)
@@ -98,11 +104,11 @@ class Sounding:
         return len(self.columns)
 
     def reset(self) -> None:
-        """Begin from silence."""
+        """Start from silence: no tones."""
         self._from = self._to = self._here = Tones.none(len(self))
 
     def fault_of(self, frame: F64) -> str:
-        """Fault of a frame for this device; empty if it has none."""
+        """Fault of a frame with a wrong number of entries; "" for a frame of this device."""
         columns, width = self._column_count, 1 + 2 * len(self)
         more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
         is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0
@@ -111,12 +117,14 @@ class Sounding:
         return f"it was sent {np.size(frame)} values and takes {columns}"
 
     def split(self, frame: F64) -> F64:
-        """Take a new frame's tones as the target; returns its values (columns,).
+        """Set the tones of a new frame as the ramp's target; return the frame's values (columns,).
+
+        A frame without tones sets one tone, :data:`LONE`, of its values.
 
         Raises
         ------
         ValueError
-            It is not a frame of this device.
+            The frame has a wrong number of entries.
         """
         if fault := self.fault_of(frame):
             raise ValueError(fault)
@@ -131,9 +139,10 @@ class Sounding:
         return values
 
     def totals(self, share: float, wanted: F64) -> F64:
-        """A frame's values (columns,) for the guard: at least as strong as its tones together.
+        """Values (columns,) for the guard, at least as strong as the RMS sum of the tones.
 
-        Tones of a frame whose values tell of less would pass the limits otherwise.
+        Without it, strong tones would pass limits that the frame's weaker values do not reach.
+        ``share`` is that of the ramp, 0..1. Returns a copy, or ``wanted`` itself without waveforms.
         """
         if not len(self):
             return wanted
@@ -141,40 +150,45 @@ class Sounding:
         is_finite = np.isfinite(here.amplitudes) & np.isfinite(here.frequencies_hz)
         totals = np.where(is_finite, np.maximum(here.amplitudes, 0.0), 0.0)
         totals = np.sqrt((np.minimum(totals, self._highest) ** 2).sum(axis=0))
-        asked = wanted[self.columns]
-        found = wanted.copy()
-        found[self.columns] = np.where(asked > 0.0, np.maximum(asked, totals), asked)
-        return found
+        strengths = wanted[self.columns]
+        raised = wanted.copy()
+        raised[self.columns] = np.where(strengths > 0.0, np.maximum(strengths, totals), strengths)
+        return raised
 
     def at(self, share: float, wanted: F64, passed: F64) -> Tones:
-        """Tones at a share of the way to the newest frame.
+        """Tones to send at a share of the ramp, limited by the guard and to each actuator's range.
+
+        Actuators without a tone get the single tone :data:`LONE` of their values, as of a test
+        pulse. The result is also the start of the next ramp.
 
         Parameters
         ----------
         share : float
-            0..1
+            Share of the ramp to the newest frame, 0..1.
         wanted, passed : (columns,) float64
-            The frame's values there, as :meth:`totals` gives them, and what the guard has let pass
-            of them: tones are turned down alike.
+            Values before the guard, as :meth:`totals` returns them, and after it; amplitudes are
+            scaled by their ratio.
         """
         self._here = _between(self._from, self._to, share)
-        asked, given = wanted[self.columns], passed[self.columns]
+        requested, limited_ = wanted[self.columns], passed[self.columns]
         finite = np.isfinite(self._here.amplitudes) & np.isfinite(self._here.frequencies_hz)
         amplitudes = np.where(finite, np.maximum(self._here.amplitudes, 0.0), 0.0)
         hz = np.where(finite, self._here.frequencies_hz, 0.0)
-        plays = (asked > 0.0) & np.isfinite(asked)
+        plays = (requested > 0.0) & np.isfinite(requested)
         with np.errstate(over="ignore", invalid="ignore"):
-            amplitudes *= np.where(plays, given / np.where(plays, asked, 1.0), 0.0)
+            amplitudes *= np.where(plays, limited_ / np.where(plays, requested, 1.0), 0.0)
         amplitudes = np.minimum(np.nan_to_num(amplitudes), self._highest)
-        alone = self._plain_tones(passed)  # output without a tone: a test pulse
+        # Actuators without a sounding tone: what passed the guard comes from plain values.
+        alone = self._plain_tones(passed)
         is_alone = ~amplitudes.any(axis=0)
         numbers = self._here.numbers
         if LONE not in numbers:
             numbers = np.append(numbers, LONE)
-            amplitudes, hz = (np.vstack([each, np.zeros(len(self))]) for each in (amplitudes, hz))
+            amplitudes, hz = (np.vstack([rows, np.zeros(len(self))]) for rows in (amplitudes, hz))
         row = numbers.tolist().index(LONE)
         amplitudes[row, is_alone] = alone.amplitudes[0, is_alone]
         hz[row, is_alone] = alone.frequencies_hz[0, is_alone]
+        # A sum of sines may reach the sum of their amplitudes, which the range has to hold.
         tones = Tones(numbers, amplitudes, hz)
         total = tones.amplitudes.sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -186,18 +200,21 @@ class Sounding:
         )
 
     def _plain_tones(self, values: F64) -> Tones:
-        """Tone of plain values, one for each actuator."""
+        """Tone :data:`LONE` of values (columns,): amplitude and frequency of each actuator."""
         return Tones(
             np.array([LONE], np.int64), values[None, self.columns], values[None, self.columns + 1]
         )
 
 
-def _between(one: Tones, other: Tones, share: float) -> Tones:
-    """Tones between two sets: interpolated strengths, frequencies of the target."""
+def _between(start: Tones, end: Tones, share: float) -> Tones:
+    """Tones between two sets, of all numbers of both: amplitudes interpolate, frequencies jump.
+
+    A tone that only one set has fades in or out at its own frequency.
+    """
     if share >= 1.0:
-        return other
-    numbers = list(dict.fromkeys([*one.numbers.tolist(), *other.numbers.tolist()]))
-    (a, a_hz), (b, b_hz) = _in_order(one, numbers), _in_order(other, numbers)
+        return end
+    numbers = list(dict.fromkeys([*start.numbers.tolist(), *end.numbers.tolist()]))
+    (a, a_hz), (b, b_hz) = _in_order(start, numbers), _in_order(end, numbers)
     with np.errstate(invalid="ignore", over="ignore"):
         amplitudes = a + share * (b - a)
     hz = np.where(b > 0.0, b_hz, a_hz)
@@ -205,6 +222,7 @@ def _between(one: Tones, other: Tones, share: float) -> Tones:
 
 
 def _in_order(tones: Tones, numbers: Sequence[int]) -> tuple[F64, F64]:
+    """Amplitudes and frequencies in a given order of numbers; 0 for missing tones."""
     shape = len(numbers), tones.amplitudes.shape[1]
     amplitudes, hz = np.zeros(shape), np.zeros(shape)
     for k, number in enumerate(tones.numbers.tolist()):

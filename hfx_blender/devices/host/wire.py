@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The protocol of our firmware: frames as bytes, without any port. See docs/wire-protocol.md.
+"""Frames of the firmware's protocol as bytes, without any port. See docs/wire-protocol.md.
 
 A frame is ``version, type, sequence (2), payload, CRC-32 (4)``, little-endian, then COBS
 (Cheshire and Baker, IEEE/ACM Transactions on Networking 1999), then a zero byte.
@@ -19,21 +19,22 @@ from ...engine.rendering.device_output import DEAD_MAN_MS
 VERSION: Final = 1
 
 MAX_FRAME: Final = 96
-"""Longest frame as sent, bytes."""
+"""Longest encoded frame, bytes."""
 
 FULL_SCALE: Final = 0xFFFF
+"""Level of an actuator's maximum."""
 
 _HEAD: Final = struct.Struct("<BBH")
 _CRC: Final = struct.Struct("<I")
-_CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, most on ms
-_REST: Final = struct.Struct("<I")  # ms; a configuration without has the board's own
+_CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, maximum on ms
+_REST: Final = struct.Struct("<I")  # rest ms; optional, by default the board's own
 _VALUES: Final = struct.Struct("<IH")  # CRC of the configuration, time to live ms
 _READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
 _STOPPED: Final = struct.Struct("<B")
 
 
 class FrameKind(IntEnum):
-    """Kind of a frame; replies have the highest bit."""
+    """Kind of a frame; the highest bit marks replies of the board."""
 
     CONFIGURE = 0x01
     VALUES = 0x02
@@ -43,16 +44,16 @@ class FrameKind(IntEnum):
 
 
 class Reason(IntEnum):
-    """Reason why a board fell silent."""
+    """Reason why a board fell silent, as STOPPED holds it."""
 
     ASKED = 0
     NO_VALUES = 1
-    REFUSED = 2  # values before a configuration, or for another one
+    REFUSED = 2  # values before a configuration, or for another configuration
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Frame that arrived whole."""
+    """Received frame with a valid CRC."""
 
     kind: int
     sequence: int
@@ -60,21 +61,21 @@ class Frame:
 
 
 def encode_cobs(content: bytes) -> bytes:
-    """Encode content without zero bytes (COBS), at most one byte in 254 longer."""
-    found = bytearray()
+    """Encode content by COBS, without zero bytes; one byte longer for each 254 bytes begun."""
+    encoded = bytearray()
     for piece in content.split(b"\0"):
-        while len(piece) >= 254:  # a full block is not followed by a zero
-            found.append(255)
-            found += piece[:254]
+        while len(piece) >= 254:  # a full block implies no zero after it
+            encoded.append(255)
+            encoded += piece[:254]
             piece = piece[254:]
-        found.append(len(piece) + 1)
-        found += piece
-    return bytes(found)
+        encoded.append(len(piece) + 1)
+        encoded += piece
+    return bytes(encoded)
 
 
 def decode_cobs(content: bytes) -> bytes | None:
-    """Decode :func:`encode_cobs` content; None if it is not valid."""
-    found = bytearray()
+    """Decode content of :func:`encode_cobs`; None for invalid or empty content."""
+    decoded = bytearray()
     at = 0
     while at < len(content):
         length = content[at]
@@ -83,15 +84,16 @@ def decode_cobs(content: bytes) -> bytes | None:
         block = content[at + 1 : at + length]
         if 0 in block:
             return None
-        found += block
+        decoded += block
         at += length
+        # Each block but a full one and the last ends with a zero.
         if length < 255 and at < len(content):
-            found.append(0)
-    return bytes(found) if content else None
+            decoded.append(0)
+    return bytes(decoded) if content else None
 
 
 def encode_frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
-    """Encode a frame. The zero in front ends whatever was cut off before it."""
+    """Encode a frame between two zeros; the first zero ends a frame that was cut off before."""
     content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
     return b"\0" + encode_cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
 
@@ -104,13 +106,13 @@ def encode_configuration(
     Parameters
     ----------
     session : int
-        A number of 32 bits that differs each time.
+        A number of 32 bits that differs for each configuration sent.
     channels : int
         1 to 32.
     maximum_on_ms : int
-        0: the board's own maximum.
+        Longest time on; 0: the board's own maximum.
     rest_ms : int
-        After so much time on; 0: the board's own.
+        Rest after ``maximum_on_ms``; 0: the board's own.
     """
     longest = min(maximum_on_ms, 0xFFFFFFFF)
     payload = _CONFIGURE.pack(session, channels, DEAD_MAN_MS, longest)
@@ -120,12 +122,12 @@ def encode_configuration(
 def encode_values(
     configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS
 ) -> bytes:
-    """Payload of VALUES: levels 0..65535, valid for ``live_ms`` after they arrive."""
+    """Payload of VALUES: levels 0..65535 of all channels, valid for ``live_ms`` after arrival."""
     return _VALUES.pack(configuration_crc, live_ms) + struct.pack(f"<{len(levels)}H", *levels)
 
 
 def decode_ready(payload: bytes) -> tuple[int, int] | None:
-    """CRC of the configuration and number of channels of a READY; None: garbled."""
+    """Decode READY: CRC of the configuration and number of channels; None for a wrong length."""
     if len(payload) != _READY.size:
         return None
     crc, channels = _READY.unpack(payload)
@@ -133,36 +135,36 @@ def decode_ready(payload: bytes) -> tuple[int, int] | None:
 
 
 def decode_stopped(payload: bytes) -> int | None:
-    """Reason of a STOPPED; None: garbled."""
+    """Decode STOPPED: a :class:`Reason` as a number; None for a wrong length."""
     return payload[0] if len(payload) == _STOPPED.size else None
 
 
 class Receiver:
-    """Frames out of a stream; whatever is not a whole, intact frame is dropped."""
+    """Decoder of a stream of bytes; anything but intact frames is dropped."""
 
     def __init__(self) -> None:
         self.unfinished = bytearray()
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
-        """Frames that ``content`` completes."""
-        found = []
+        """Append received bytes; return the frames that they complete."""
+        frames = []
         for byte in content:
             if byte == 0:
-                each = None if self._is_skipping else decode_frame(bytes(self.unfinished))
-                if each is not None:
-                    found.append(each)
+                frame = None if self._is_skipping else decode_frame(bytes(self.unfinished))
+                if frame is not None:
+                    frames.append(frame)
                 self.unfinished.clear()
                 self._is_skipping = False
-            elif len(self.unfinished) >= MAX_FRAME:
+            elif len(self.unfinished) >= MAX_FRAME:  # noise: skip to the next zero
                 self._is_skipping = True
             else:
                 self.unfinished.append(byte)
-        return found
+        return frames
 
 
 def decode_frame(content: bytes) -> Frame | None:
-    """Parse a frame without its zeros; None for other versions and damaged ones."""
+    """Decode a frame without its zeros; None for another version or a damaged frame."""
     plain = decode_cobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None

@@ -23,11 +23,11 @@ from hypothesis import strategies as st
 from live_process import is_loud, rows_of, wait
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.host import kept_accounts
+from hfx_blender.devices.host import duty_budget_store
+from hfx_blender.devices.host.duty_budget_store import DutyBudgetStore, Identity, identities
 from hfx_blender.devices.host.guard import Guard
-from hfx_blender.devices.host.kept_accounts import Identity, KeptAccounts, identities
 from hfx_blender.devices.host.output import OutputLostError
-from hfx_blender.devices.host.time_on import Account, AccountUse
+from hfx_blender.devices.host.time_on import BudgetUse, DutyBudget
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.engine.rendering.device import DeviceConfig
@@ -52,7 +52,7 @@ def limited(maximum_on_s: float, rest_s: float, slew_per_s: float = math.inf) ->
 class Tally:
     """Time on of a guard's first actuator: its values hold until the next."""
 
-    def __init__(self, device: DeviceConfig, accounts: tuple[Account, ...] = ()) -> None:
+    def __init__(self, device: DeviceConfig, accounts: tuple[DutyBudget, ...] = ()) -> None:
         self.device, self.accounts = device, accounts
         self.names = [str(number) for number in range(len(device.actuators))]
         self.on_s = self.off_s = self.longest_s = self._now_s = 0.0
@@ -62,7 +62,7 @@ class Tally:
     def connected(self) -> Guard:
         guard = Guard(self.device)
         if self.accounts:
-            guard.share([AccountUse(each, self.names) for each in self.accounts])
+            guard.share([BudgetUse(each, self.names) for each in self.accounts])
         return guard
 
     def pass_time(self, seconds: float) -> None:
@@ -178,7 +178,7 @@ ACTIONS = st.lists(
 @settings(max_examples=80, deadline=None)
 @given(ACTIONS, st.floats(0.1, 2.0), st.floats(0.05, 2.0))
 def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s, rest_s):
-    account = Account()
+    account = DutyBudget()
     tally = Tally(limited(maximum_on_s, rest_s), (account,))
     now_s = 1000.0
     tally.guard.record_rest(now_s)
@@ -212,7 +212,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 60)), max_size=30))
 def test_two_connections_of_one_device_share_one_account(pieces):
-    account = Account()
+    account = DutyBudget()
     one, other = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
     for each in (one, other):
         each.guard.record_rest(1000.0)
@@ -229,10 +229,10 @@ def test_two_connections_of_one_device_share_one_account(pieces):
 # Kept beyond the process.
 
 
-def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
+def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
     """Accounts of a device that was on for so long and was stopped then."""
-    kept, now_s = KeptAccounts(folder, clock), clock.now()
-    tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
+    kept, now_s = DutyBudgetStore(folder, clock), clock.now()
+    tally = Tally(limited(2.0, 1.0), (kept.budget("it"),))
     tally.guard.record_rest(now_s)
     tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
@@ -243,7 +243,7 @@ def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
 
 def left_s(folder: Path, clock: FakeClock) -> float:
     """Time that the device may be on in a new process."""
-    tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder, clock).of("it"),))
+    tally = Tally(limited(2.0, 1.0), (DutyBudgetStore(folder, clock).budget("it"),))
     tally.guard.record_rest(clock.now())
     tally.guard.reset()
     steps = 0
@@ -263,7 +263,7 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     """The clock that users set."""
     found = FakeClock()
     found.now_s = 1e9
-    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": found.now}))
+    monkeypatch.setattr(duty_budget_store, "time", type("Time", (), {"time": found.now}))
     return found
 
 
@@ -290,8 +290,8 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotoni
 
 
 def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
-    kept = KeptAccounts(tmp_path, clock)
-    tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
+    kept = DutyBudgetStore(tmp_path, clock)
+    tally = Tally(limited(2.0, 1.0), (kept.budget("it"),))
     tally.guard.record_rest(1000.0)
     tally.guard.reset()
     tally.step(15.0)
@@ -329,13 +329,13 @@ USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 
 def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
     for each in (USB, replace(USB, name="/dev/ttyACM7")):
-        monkeypatch.setattr(kept_accounts, "serial_ports", lambda each=each: [each])
+        monkeypatch.setattr(duty_budget_store, "serial_ports", lambda each=each: [each])
         found = identities(BAND, {"kind": "serial", "port": each.name})
         assert names_of(found) == ["usb 2341:0043 75"]
 
 
 def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monkeypatch):
-    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    monkeypatch.setattr(duty_budget_store, "serial_ports", list)
     found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
     assert names_of(found) == ["port /dev/ttyACM0", "device forearm_band_left"]
 
@@ -424,13 +424,13 @@ def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
 def test_toys_of_one_name_are_told_apart_by_the_server():
     how = ButtplugEncoder("", tuple((feature, "Vibrate") for feature in range(8)))
     toy = replace(BAND, output=OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)))
-    one, two = (identities(toy, {"kind": "websocket"}, there=index)[0] for index in "07")
-    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, there="0")
+    one, two = (identities(toy, {"kind": "websocket"}, label=index)[0] for index in "07")
+    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, label="0")
     assert one.name != two.name and copy == (one,)
 
 
 def test_a_link_to_a_port_is_the_port(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept_accounts, "serial_ports", list)
+    monkeypatch.setattr(duty_budget_store, "serial_ports", list)
     (tmp_path / "by-id").symlink_to("/dev/null")
     for name in (tmp_path / "by-id", "/dev/null"):
         found = identities(BAND, {"kind": "serial", "port": str(name)})
@@ -453,25 +453,25 @@ def test_channels_of_sound_cards_are_hardware():
 
 def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
     found = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
-    one, other = KeptAccounts(tmp_path, clock), KeptAccounts(tmp_path, clock)
-    with one.used(found):
-        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+    one, other = DutyBudgetStore(tmp_path, clock), DutyBudgetStore(tmp_path, clock)
+    with one.claimed(found):
+        with pytest.raises(OutputLostError, match="another process"), other.claimed(found):
             pass
-        with one.used(found):  # another device of the same process
+        with one.claimed(found):  # another device of the same process
             pass
-        with pytest.raises(OutputLostError, match="another process"), other.used(found):
+        with pytest.raises(OutputLostError, match="another process"), other.claimed(found):
             pass
-    with other.used(found):
+    with other.claimed(found):
         pass
 
 
 def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
     """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
     device, found = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
-    processes = [KeptAccounts(tmp_path, clock) for _ in range(2)]
+    processes = [DutyBudgetStore(tmp_path, clock) for _ in range(2)]
     on_s = []
     for process, steps in ((processes[0], 80), (processes[1], 70), (processes[0], 1000)):
-        with process.used(found) as uses:
+        with process.claimed(found) as uses:
             guard = Guard(device)
             guard.share(uses)
             guard.record_rest(clock.now())
@@ -485,12 +485,12 @@ def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
 
 def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
     """Each is on for its 2 s, and rests while the other plays."""
-    kept, device = KeptAccounts(tmp_path, clock), limited(2.0, 1.0)
+    kept, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
     names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
     wanted = np.tile([15.0, 100.0], 8)
     with (
-        kept.used([Identity("udp x", names[0])]) as a,
-        kept.used([Identity("udp x", names[1])]) as b,
+        kept.claimed([Identity("udp x", names[0])]) as a,
+        kept.claimed([Identity("udp x", names[1])]) as b,
     ):
         one, other = Guard(device), Guard(device)
         for guard, uses in ((one, a), (other, b)):

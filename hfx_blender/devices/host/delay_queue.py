@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames that wait until their device is held back for long enough, and can take them."""
+"""Queue of frames that wait for their device's offset and for its next update."""
 
 from __future__ import annotations
 
@@ -13,60 +13,65 @@ from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 
 MAX_OFFSET_S: Final = 1.0
+"""Largest delay of a device's values, seconds."""
 
 LEAST_APART_S: Final = 0.001
-"""Frames that come closer are one, so that those that wait for an offset have a bound."""
+"""Shortest time between two frames, seconds; a closer frame replaces the one before. So the length
+of the queue has a bound."""
 
 _LONGEST_TICK_S: Final = 0.05 / 3.0
-"""A device that takes values less often is silent at once: it may not be so 50 ms later, after it
-has completed a ramp and has played what came before."""
+"""Longest update interval of a device that may play a strong frame before silence, seconds. The
+end of the ramp, the strong frame and silence take three updates, which may take 50 ms at most."""
 
 
-class Waiting:
-    """A device's frames that are not played yet.
+class DelayQueue:
+    """Queue of a device's frames that have not been played.
 
-    What comes faster than the device takes it is played all the same: of frames that are due
-    together each actuator gets the strongest, for one of the device's updates, and then the
-    newest.
+    No peak is lost where frames come faster than the device is updated: of all frames that are due
+    together each actuator plays its strongest value for one update, and then the newest value.
 
     Parameters
     ----------
     tick : float
         Seconds between two updates of the device.
     keep_s : float
-        What is older than its offset by more than this is not played any more.
+        A frame that is older than its offset by more than this, seconds, is dropped.
     """
 
     def __init__(self, device: DeviceConfig, tick: float, keep_s: float) -> None:
         counts = [len(actuator.type.controls) for actuator in device.actuators]
         self._silent = np.array([a.type.strength.neutral for a in device.actuators], np.float64)
         self._firsts = device.strength_columns
-        self._columns = np.repeat(np.arange(len(counts)), counts)  # their actuators
+        self._columns = np.repeat(np.arange(len(counts)), counts)  # actuator of each column
         self._holds_silence_back = tick <= _LONGEST_TICK_S
         self._oldest_s = MAX_OFFSET_S + keep_s
-        self._frames: deque[tuple[float, F64]] = deque()  # when they came, values
+        self._frames: deque[tuple[float, F64]] = deque()  # time of arrival, values
 
     def __len__(self) -> int:
         return len(self._frames)
 
     def clear(self) -> None:
-        """Drop all waiting values."""
+        """Drop all frames."""
         self._frames.clear()
 
     def add(self, values: F64, now_s: float) -> None:
-        """A frame that came now."""
+        """Append a frame that arrived at ``now_s``; drop frames that are too old."""
         if self._frames and now_s - self._frames[-1][0] < LEAST_APART_S:
             now_s = self._frames.pop()[0]
         self._frames.append((now_s, values))
         while self._frames[0][0] < now_s - self._oldest_s:
-            self._frames.popleft()  # nobody took it
+            self._frames.popleft()
 
     def due_s(self, offset_s: float) -> float:
-        """Time at which the first of them is to be played; infinite without any."""
+        """Time at which the oldest frame is to be played; inf for an empty queue."""
         return self._frames[0][0] + offset_s if self._frames else math.inf
 
     def taken(self, now_s: float, offset_s: float) -> F64 | None:
-        """Take the newest of the values that are due; None without any."""
+        """Remove all due frames; return the strongest value of each actuator, None without any.
+
+        Where these differ from the newest frame, the newest frame stays in the queue for the next
+        update.
+        """
         due: list[tuple[float, F64]] = []
         while self._frames and self.due_s(offset_s) <= now_s:
             due.append(self._frames.popleft())
@@ -74,18 +79,19 @@ class Waiting:
             return None
         newest = due[-1][1]
         if any(len(values) != len(self._columns) for _, values in due):
-            return newest  # tones: of them only the newest
+            return newest  # frames with tones differ in length: only the newest is played
         strongest = self._strongest([values for _, values in due])
         if not np.array_equal(strongest, newest, equal_nan=True):
             self._frames.appendleft(due[-1])
         return strongest
 
     def _strongest(self, frames: list[F64]) -> F64:
+        """Values (columns,): each actuator's from the frame with its largest strength."""
         newest = frames[-1]
-        ways = np.array([np.abs(values[self._firsts] - self._silent) for values in frames])
-        # Not a number is for the guard to see; of equal ones the newest.
-        ways = np.where(np.isfinite(ways), ways, np.inf)
-        chosen = len(frames) - 1 - np.argmax(ways[::-1], axis=0)
+        strengths = np.array([np.abs(values[self._firsts] - self._silent) for values in frames])
+        # NaN counts as strongest, so that the guard sees it. Of equal strengths the newest counts.
+        strengths = np.where(np.isfinite(strengths), strengths, np.inf)
+        chosen = len(frames) - 1 - np.argmax(strengths[::-1], axis=0)
         if not self._holds_silence_back:
-            chosen = np.where(ways[-1] == 0.0, len(frames) - 1, chosen)
+            chosen = np.where(strengths[-1] == 0.0, len(frames) - 1, chosen)
         return np.array(frames)[chosen[self._columns], np.arange(len(newest))]

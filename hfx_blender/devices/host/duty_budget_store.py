@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Duty budgets that outlive a connection, this process and Blender: one file for each device.
+
+A file holds the loads and the time of writing by two clocks, monotonic and wall. The rest since
+then is the shorter of the two differences, so that a wall clock that was set forward gives no rest.
+A file of a killed process counts as on for the interval of writing; a damaged file as load 1.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import logging
+import math
+import os
+import re
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_output import (
+    BhapticsEncoder,
+    ButtplugEncoder,
+    Encoder,
+    OscEncoder,
+)
+from ...errors import HfxError
+from ...files.atomic import atomic_file
+from ...files.locks import take_lock
+from ..live.discovery import serial_ports
+from ..transports.reservations import computer
+from .clock import SYSTEM, Clock
+from .encoders import Channels, osc_addresses
+from .opening import kind_of
+from .output import OutputLostError
+from .time_on import BudgetUse, DutyBudget
+
+KEEP_S: Final = 1.0
+"""Interval of saving changed budgets, seconds."""
+
+# Time on after the last save of a killed process that no file tells of.
+_UNKNOWN_S: Final = 2.0 * KEEP_S
+_MOST_BYTES: Final = 1 << 20
+
+_log = logging.getLogger(__name__)
+
+
+class Identity(NamedTuple):
+    """Physical output: its name, and the slot name of each actuator of a configuration.
+
+    The name is an address where the output has one, not the id of a configuration: a copied
+    configuration under another id drives the same hardware.
+    """
+
+    name: str
+    slots: tuple[str, ...]
+    is_hardware: bool = True
+
+
+def identities(
+    device: DeviceConfig, target: Mapping[str, Any], label: str = ""
+) -> tuple[Identity, ...]:
+    """Identities of the physical device behind a target; targets with a common one share budgets.
+
+    ========================  ===================================================================
+    target                    identity
+    ========================  ===================================================================
+    port with serial number   USB ids and serial number
+    port without              two: the port's path, and the configuration's id
+    network                   normalised address and ``label``; slots are OSC addresses without
+                              the configuration's id, features of a Buttplug device, or motors of
+                              the bHaptics Player
+    sound card                one for all cards, as a card has many names; slots are channels
+    log, simulator            the configuration's id
+    ========================  ===================================================================
+
+    Parameters
+    ----------
+    target : mapping
+        As :func:`.opening.open_output` takes it.
+    label : str
+        Label of the device that a server chose; "" without a server.
+    """
+    kind = target.get("kind")
+    numbers = tuple(map(str, range(len(device.actuators))))
+    if kind == "serial":
+        real = _real_port(str(target.get("port")))
+        for port in serial_ports():
+            if _real_port(port.name) == real and port.usb is not None and port.serial:
+                usb = f"usb {port.usb[0]:04x}:{port.usb[1]:04x} {port.serial}"
+                return (Identity(usb, numbers),)
+        return Identity(f"port {real}", numbers), Identity(f"device {device.id}", numbers, False)
+    if kind in ("udp", "websocket") and kind == kind_of(device):
+        assert device.output is not None
+        transport = device.output.transport
+        host = computer(str(target.get("host", getattr(transport, "host", ""))))
+        port_number = target.get("port", getattr(transport, "port", ""))
+        name = f"{kind} {host}:{port_number} {label}".rstrip()
+        return (Identity(name, _network_slots(device, device.output.encoder)),)
+    if kind == "audio":
+        first = target.get("first_channel", 1)
+        vibrating = [a.type.modality == "vibration" for a in device.actuators]
+        channels = np.cumsum(vibrating) - 1 + (first if isinstance(first, int) else 1)
+        slots = (
+            str(channel) if is_played else "none"
+            for channel, is_played in zip(channels, vibrating, strict=True)
+        )
+        return (Identity("audio", tuple(slots)),)
+    return (Identity(f"device {device.id}", numbers, False),)
+
+
+def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
+    """Slot name of each actuator behind a network address; "none": no channel is sent for it."""
+    if isinstance(how, ButtplugEncoder):
+        return tuple(str(feature) for feature, _ in how.outputs)
+    if isinstance(how, BhapticsEncoder):
+        dots = how.worn_dots(is_mirrored=device.is_mirrored)
+        return tuple(f"{position} {index}" for position, index in dots)
+    assert isinstance(how, OscEncoder)
+    anonymous = replace(device, id="*")
+    names = Channels(device).names
+    by_name = dict(zip(names, osc_addresses(anonymous, how), strict=True))
+    return tuple(
+        by_name.get((actuator.id, actuator.type.strength.name), "none")
+        for actuator in device.actuators
+    )
+
+
+def _real_port(name: str) -> str:
+    """Path of a serial port with links resolved; of macOS's two names for a port ``/dev/cu.*``."""
+    if os.name != "posix":
+        return name.upper()
+    return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(name))
+
+
+@dataclass(eq=False)
+class _StoredBudget:
+    """Budget of an identity, its file, and the state that was written last."""
+
+    budget: DutyBudget
+    path: Path
+    written: tuple[Any, ...] = ()
+    users: int = 0
+    lock: int | None = None  # descriptor of the locked file
+
+
+class DutyBudgetStore:
+    """Duty budgets of all devices of this process, and their files.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the files; it need not exist.
+    clock : Clock
+        Clock of the device threads.
+    """
+
+    def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
+        self._folder, self._clock = folder, clock
+        self._stored: dict[str, _StoredBudget] = {}
+        self._lock = threading.Lock()
+        self._has_warned = False
+        self._changed = threading.Event()
+
+    def budget(self, identity: str) -> DutyBudget:
+        """Budget of a physical device by the name of its identity, read from its file at first."""
+        with self._lock:
+            return self._entry(identity).budget
+
+    def _entry(self, identity: str) -> _StoredBudget:
+        entry = self._stored.get(identity)
+        if entry is None:
+            name = hashlib.sha256(identity.encode()).hexdigest()[:32] + ".json"
+            path = self._folder / name
+            entry = self._stored[identity] = _StoredBudget(_read(path, self._clock.now()), path)
+            entry.budget.on_begin = self._changed.set
+        return entry
+
+    @contextmanager
+    def claimed(self, identities: Sequence[Identity]) -> Iterator[list[BudgetUse]]:
+        """Context manager with the budgets of some identities, claimed for this process.
+
+        Several devices of this process may claim the same budget.
+
+        Raises
+        ------
+        OutputLostError
+            Another process has claimed the budget of one of the identities.
+        """
+        claimed: list[str] = []
+        uses = []
+        try:
+            for identity in identities:
+                with self._lock:
+                    entry = self._stored.get(identity.name)
+                    lock = None
+                    # The lock comes first: another process may write the file until then.
+                    if identity.is_hardware and (entry is None or entry.lock is None):
+                        lock = _locked(self._folder, identity.name)
+                    entry = self._entry(identity.name)
+                    entry.lock = entry.lock if lock is None else lock
+                    entry.users += 1
+                claimed.append(identity.name)
+                uses.append(BudgetUse(entry.budget, identity.slots))
+            yield uses
+        finally:
+            with self._lock:
+                for name in claimed:
+                    self._release(name)
+
+    def _release(self, name: str) -> None:
+        """Save a budget, and unlock its file after its last use."""
+        entry = self._stored[name]
+        self._save(name, entry)
+        entry.users -= 1
+        if entry.users or entry.lock is None:
+            return
+        os.close(entry.lock)
+        entry.lock = None
+        # Another process may change the file from now on, so the next use reads it again. A budget
+        # that could not be saved stays in memory.
+        if entry.written == _state(entry.budget):
+            del self._stored[name]
+
+    def save(self) -> None:
+        """Save changed budgets; a warning about an unwritable folder is logged once."""
+        with self._lock:
+            for identity, entry in self._stored.items():
+                self._save(identity, entry)
+
+    def _save(self, identity: str, entry: _StoredBudget) -> None:
+        state = _state(entry.budget)
+        if state == entry.written:
+            return
+        try:
+            _write(entry.path, identity, state, self._clock.now())
+        except (HfxError, OSError) as error:
+            if not self._has_warned:
+                self._has_warned = True
+                _log.warning("time on is not remembered: %s", error)
+        else:
+            entry.written = state
+
+    def save_regularly(self) -> None:
+        """Save changes every :data:`KEEP_S`, and at the start of a device; runs in a thread."""
+        while True:
+            self._changed.wait(KEEP_S)
+            self._changed.clear()
+            self.save()
+
+
+def _locked(folder: Path, identity: str) -> int | None:
+    """Lock the lock file of an identity until its descriptor, the result, is closed.
+
+    None where the folder is not writable or its file system has no locks.
+
+    Raises
+    ------
+    OutputLostError
+        Another process holds the lock.
+    """
+    path = folder / (hashlib.sha256(identity.encode()).hexdigest()[:32] + ".lock")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600)
+    except OSError:
+        return None  # saving fails, too, and logs a warning
+    try:
+        take_lock(descriptor)
+    except OSError as error:
+        os.close(descriptor)
+        if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL):
+            return None
+        raise OutputLostError(
+            "another process drives this hardware, and its time on is limited; disconnect it there."
+        ) from None
+    return descriptor
+
+
+def _state(budget: DutyBudget) -> tuple[Any, ...]:
+    """State of a budget, comparable: names, loads, cooling, idle, idle since, unknown times."""
+    with budget.lock:
+        return (
+            tuple(budget.slots),
+            tuple(budget.load.tolist()),
+            tuple(budget.is_cooling.tolist()),
+            tuple((~budget.is_used_before(None)).tolist()),
+            tuple(budget.idle_since_s.tolist()),
+            tuple(budget.unknown_s.tolist()),
+        )
+
+
+def _write(path: Path, identity: str, state: tuple[Any, ...], now_s: float) -> None:
+    names, load, is_cooling, is_idle, idle_since_s, unknown_s = state
+    content = {
+        "device": identity,
+        "slots": names,
+        "filled": load,
+        "is_resting": is_cooling,
+        "is_open": not all(is_idle),
+        "idle_s": [
+            max(now_s - since_s, 0.0) if idle and math.isfinite(since_s) else 0.0
+            for idle, since_s in zip(is_idle, idle_since_s, strict=True)
+        ],
+        "unknown_s": unknown_s,
+        "wall_s": time.time(),
+        "monotonic_s": now_s,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as file:
+        file.write(json.dumps(content).encode())
+
+
+def _read(path: Path, now_s: float) -> DutyBudget:
+    """Budget of a file; rested without a file, exhausted and cooling with a damaged file."""
+    try:
+        with open(path, "rb") as file:
+            content = json.loads(file.read(_MOST_BYTES))
+        load = [_number(value) for value in content["filled"]]
+        is_cooling = [value is not False for value in content["is_resting"]]
+        wall_s, monotonic_s = _number(content["wall_s"]), _number(content["monotonic_s"])
+        is_open = content["is_open"] is not False
+        # Files of earlier versions: actuators by their numbers, all idle since the file's time.
+        names = [str(name) for name in content.get("slots", range(len(load)))]
+        idle_s = [_number(value) for value in content.get("idle_s", [0.0] * len(load))]
+        unknown_s = [_number(value) for value in content.get("unknown_s", [0.0] * len(load))]
+        if len({len(column) for column in (load, is_cooling, set(names), idle_s, unknown_s)}) > 1:
+            raise ValueError("lists of unequal length")
+    except FileNotFoundError:
+        return DutyBudget(idle_since_s=now_s)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        _log.warning("%s: cannot be read (%s); its device rests first.", path, error)
+        return DutyBudget(others=1.0, idle_since_s=now_s)
+    # A restart of the computer sets its monotonic clock to 0: the computer, and so the rest, has
+    # then lasted for at least the time that the clock shows.
+    elapsed_s = now_s - monotonic_s if now_s >= monotonic_s else now_s
+    rest_s = max(min(elapsed_s, time.time() - wall_s), 0.0)
+    return DutyBudget(
+        load,
+        is_cooling,
+        names=names,
+        idle_s=idle_s,
+        # An open file: its process was killed while the device may have been on.
+        unknown_s=[value + (_UNKNOWN_S if is_open else 0.0) for value in unknown_s],
+        idle_since_s=now_s - rest_s,
+    )
+
+
+def _number(value: object) -> float:
+    """A finite number of at least 0; ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("not a number")
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ValueError("not a number of 0 or more")
+    return float(value)
