@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic volumes: unit shapes in their own space; an affine matrix places them in the world."""
+"""Haptic volumes: unit shapes in shape space, placed in the world by affine matrices."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cuboid, sphere, cylinder and capsule: volumes with a formula.
+"""Cuboid, sphere, cylinder and capsule: unit shapes with a formula.
 
-All are unit shapes; any size, and any stretch or shear, is in the placing matrix.
+Size, stretch and shear are in the placing matrix.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from .ellipsoid import Ellipsoid
 
 
 def _squared_norm(points: F64) -> F64:
-    # Faster than np.linalg.norm and np.hypot; far points overflow to inf, which is outside, and
-    # einsum does not warn of it.
+    """Squared lengths of vectors (n, N), (N,); infinity on overflow, without a warning."""
+    # einsum is faster than np.linalg.norm, and silent on overflow; infinity counts as outside.
     squared: F64 = np.einsum("ij,ij->j", points, points)
     return squared
 
 
 def _half_widths(linear: F64) -> F64:
-    """Distances from the centre of a parallelepiped to its three pairs of faces, (3,).
+    """Distances from a parallelepiped's centre to its three pairs of faces, (3,).
 
-    ``linear`` has the half edges as columns. Unit edges first, so that no scale over- or
-    underflows.
+    ``linear`` (3, 3) has the half edges as columns. Edges are scaled to length 1 first, so that no
+    scale overflows or underflows; a flat parallelepiped has a width of 0.
     """
     lengths = np.max(np.abs(linear), axis=0)
     edges = linear / np.where(lengths > 0.0, lengths, 1.0)
@@ -38,7 +38,7 @@ def _half_widths(linear: F64) -> F64:
 
 
 def _across(linear: F64) -> Ellipsoid:
-    """Cross-section of the cylinder around Z that ``linear`` makes, across its world axis."""
+    """Cross-section, across its world axis, of the Z cylinder under a linear map (3, 3)."""
     scale = np.max(np.abs(linear[:, 2]))
     axis = linear[:, 2] / scale if scale > 0.0 else linear[:, 2]
     axis = axis / max(float(np.sqrt(axis @ axis)), 1e-300)
@@ -47,14 +47,14 @@ def _across(linear: F64) -> Ellipsoid:
 
 
 class _Convex:
-    """Shape that is a unit ball of a measure of its own: what is common to all of them."""
+    """Base of shapes that are the unit ball of a gauge function."""
 
     @property
     def bounds(self) -> F64:
         return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
     def _squared(self, points: F64) -> F64:
-        """Square of the measure of points (3, N): 0 at the core, 1 on the boundary, (N,)."""
+        """Squared gauge of points (3, N), (N,): 0 at the core, 1 on the boundary."""
         raise NotImplementedError
 
     def contains(self, points: F64) -> Bool:
@@ -63,7 +63,7 @@ class _Convex:
 
 @dataclass(frozen=True)
 class Cuboid(_Convex):
-    """|x|, |y|, |z| <= 1."""
+    """Cuboid |x|, |y|, |z| <= 1."""
 
     def _squared(self, points: F64) -> F64:
         with np.errstate(over="ignore"):
@@ -71,7 +71,7 @@ class Cuboid(_Convex):
         return squared
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Least distance to the six planes; see :meth:`Shape.depth_m`. 0 outside."""
+        """Least distance to the six planes; see :meth:`Shape.depth_m`."""
         widths = _half_widths(to_world[:3, :3])
         rises = np.fmax(1.0 - np.abs(points), 0.0)
         depths: F64 = np.min(rises * widths[:, None], axis=0)
@@ -80,13 +80,13 @@ class Cuboid(_Convex):
 
 @dataclass(frozen=True)
 class Sphere(_Convex):
-    """x^2 + y^2 + z^2 <= 1; an ellipsoid in the world."""
+    """Ball x^2 + y^2 + z^2 <= 1; an ellipsoid in the world."""
 
     def _squared(self, points: F64) -> F64:
         return _squared_norm(points)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to the ellipsoid; see :meth:`Shape.depth_m`. 0 outside."""
+        """Distance to the ellipsoid; see :meth:`Shape.depth_m`."""
         depths = np.zeros(points.shape[1])
         inside = self.contains(points)
         depths[inside] = Ellipsoid.of_map(to_world[:3, :3]).depth(points[:, inside])
@@ -95,16 +95,16 @@ class Sphere(_Convex):
 
 @dataclass(frozen=True)
 class Cylinder(_Convex):
-    """x^2 + y^2 <= 1, |z| <= 1."""
+    """Cylinder x^2 + y^2 <= 1, |z| <= 1."""
 
     def _squared(self, points: F64) -> F64:
         return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to caps and side; see :meth:`Shape.depth_m`. 0 outside.
+        """Distance to caps and side; see :meth:`Shape.depth_m`.
 
-        A convex solid that is an intersection holds a ball where each of its parts does: the
-        depth is the smaller of those between the two planes and in the endless cylinder.
+        A ball is inside the intersection of convex sets if it is inside each of them, so the depth
+        is the smaller of the depths between the cap planes and in the infinite cylinder.
         """
         linear = to_world[:3, :3]
         depths = np.zeros(points.shape[1])
@@ -119,8 +119,7 @@ class Cylinder(_Convex):
 class Capsule(_Convex):
     """Points within 1 of the segment from -half_segment to +half_segment on Z.
 
-    Its radius is 1, so a capsule of another size is placed by its world matrix times a
-    uniform scale by its radius.
+    The radius is 1: the placing matrix contains a uniform scale by the real radius.
     """
 
     half_segment: float
@@ -142,11 +141,11 @@ class Capsule(_Convex):
         return squared
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to side and caps; see :meth:`Shape.depth_m`. 0 outside.
+        """Distance to side and caps; see :meth:`Shape.depth_m`.
 
-        Under any affine matrix the capsule is an ellipsoid swept along a segment. Its nearest
-        boundary point is on the side (then the endless cylinder has the same depth) or on the
-        outer half of an end's ellipsoid, where it is a local minimum of the distance to it.
+        An affine capsule is an ellipsoid swept along a segment. The nearest boundary point is
+        either on the side, where the infinite cylinder has the same depth, or on the outer half of
+        an end's ellipsoid, where it is a local minimum of the distance.
         """
         linear = to_world[:3, :3]
         depths = np.zeros(points.shape[1])
@@ -159,6 +158,7 @@ class Capsule(_Convex):
         for end in (1.0, -1.0):
             from_end = within - np.array([[0.0], [0.0], [end * self.half_segment]])
             for feet, distances in ellipsoid.local_feet(from_end):
+                # Feet on the inner half are inside the capsule, so they bound nothing.
                 outer = end * feet[2] >= 0.0
                 least = np.where(outer, np.minimum(least, distances), least)
         depths[inside] = least

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decimation of closed meshes within a bound: the same volume with fewer faces.
+"""Decimation of closed meshes within a distance bound.
 
-fast-simplification collapses edges by quadrics (Garland and Heckbert, SIGGRAPH 1997), which bounds
-nothing: how far the surfaces are apart is measured both ways, and what is too far is not taken.
+fast-simplification collapses edges by quadrics (Garland and Heckbert, SIGGRAPH 1997) and bounds no
+distance. The distances between both surfaces are therefore measured, and results beyond the bound
+are discarded.
 """
 
 from __future__ import annotations
@@ -16,22 +17,21 @@ from ..arrays import F64, I32
 from .mesh_distance import TriangleTree
 from .mesh_topology import is_closed
 
-_SHARE: Final = 4  # of the faces, one is left at each step
+_SHARE: Final = 4  # factor of face counts between steps
 _STEPS: Final = 3
-_LEAST_GAIN: Final = 0.5  # of the faces that a step leaves; more are not worth it
-_SPARSE: Final = 8  # of the vertices, one is looked at to see how many steps may be kept
-_AGGRESSIVENESS: Final = 3.0  # of the 7 by default, whose largest errors are six times as large
-_FINE: Final = 16.0  # mean lengths of edges are at most so many bounds, or nothing can be gained
+_LEAST_GAIN: Final = 0.5  # largest share of faces that a useful step leaves
+_SPARSE: Final = 8  # one of so many vertices is measured after each step
+_AGGRESSIVENESS: Final = 3.0  # the default of 7 has six times as large errors
+_FINE: Final = 16.0  # largest mean edge length in bounds with any hope of a gain
 
 
 def decimated(
     vertices: F64, triangles: I32, bound: float, to_surface: Callable[[F64], F64]
 ) -> tuple[F64, I32] | None:
-    """Fewer faces of a closed mesh, between whose surface and its own are at most ``bound``.
+    """Decimate a closed mesh so that both surfaces are within ``bound`` of each other.
 
-    Looked at are all vertices of the mesh, and of what is found the vertices and the middles of
-    faces. It is closed, and encloses what the mesh does, but for as much as its area times the
-    bound.
+    Measured at all vertices of the mesh, and at the vertices and face centres of the result. The
+    result is closed; its volume differs by at most the mesh's area times the bound.
 
     Parameters
     ----------
@@ -40,12 +40,17 @@ def decimated(
     bound : float
         In the unit of the vertices.
     to_surface : callable
-        Distances (N,) of places (3, N) to the mesh.
+        Distances (N,) of points (3, N) to the mesh.
 
     Returns
     -------
     (vertices, triangles) or None
-        None where the bound allows no fewer.
+        None where the bound allows no useful decimation.
+
+    Raises
+    ------
+    ImportError
+        fast-simplification or trimesh is missing.
     """
     import fast_simplification
     from trimesh.triangles import area
@@ -55,8 +60,8 @@ def decimated(
     if not 0.0 < np.sqrt(total / len(triangles)) <= _FINE * bound:
         return None
     middle = vertices.mean(axis=0)
-    points, faces = (vertices - middle) / size, triangles  # its thresholds are for a size of 1
-    found: list[tuple[F64, I32]] = []
+    points, faces = (vertices - middle) / size, triangles  # thresholds suit size 1
+    candidates: list[tuple[F64, I32]] = []
     for _ in range(_STEPS):
         before = len(faces)
         points, faces = fast_simplification.simplify(
@@ -67,15 +72,16 @@ def decimated(
         step = points * size + middle, faces.astype(np.int32)
         if _farthest(vertices[::_SPARSE], *step) > bound:
             break
-        found.append(step)
-    while found:
-        step = found.pop()
-        if _is_kept(vertices, triangles, *step, bound, to_surface):
+        candidates.append(step)
+    # The coarsest step first; the full measurement is dear.
+    while candidates:
+        step = candidates.pop()
+        if _is_within(vertices, triangles, *step, bound, to_surface):
             return step
     return None
 
 
-def _is_kept(
+def _is_within(
     vertices: F64,
     triangles: I32,
     points: F64,
@@ -83,23 +89,23 @@ def _is_kept(
     bound: float,
     to_surface: Callable[[F64], F64],
 ) -> bool:
-    """Test that a mesh of fewer faces is as good."""
+    """Test a decimated mesh (points, faces) for being closed and within the bound both ways."""
     from trimesh.triangles import area, mass_properties
 
     if not is_closed(faces) or _farthest(vertices, points, faces) > bound:
         return False
     corners = (vertices - vertices[0])[triangles]
-    one, other = (
-        mass_properties(each, skip_inertia=True).volume
-        for each in (corners, (points - vertices[0])[faces])
+    volume, new_volume = (
+        mass_properties(part, skip_inertia=True).volume
+        for part in (corners, (points - vertices[0])[faces])
     )
-    if abs(one - other) > bound * area(corners).sum():
+    if abs(volume - new_volume) > bound * area(corners).sum():
         return False
     places = np.concatenate([points[np.unique(faces)], points[faces].mean(axis=1)])
     return bool(to_surface(np.ascontiguousarray(places.T)).max() <= bound)
 
 
 def _farthest(places: F64, points: F64, faces: I32) -> float:
-    """The largest distance of places (n, 3) to a mesh."""
+    """Largest distance of points ``places`` (n, 3) to the surface of a mesh."""
     tree = TriangleTree(points[faces] - points[0])
     return float(tree.distances(np.ascontiguousarray((places - points[0]).T)).max())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mesh volume: exactly the shape of another object, or fewer faces where these will do."""
+"""Mesh volume: the closed surface of another object, decimated where a tolerance allows."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .mesh_topology import closed_surface, merged
 from .shape import Shape
 
 MANY_FACES: Final = 50_000
-"""Number of faces from which on searching depths among all takes longer than finding fewer."""
+"""Number of faces from which decimation costs less than depth searches in the full mesh."""
 
 DECIMATION_SHARE: Final = 1.0 / 8.0
-"""Share of the accepted error of a contact's edge that the mesh may take."""
+"""Share of the accepted error of a contact's edge that decimation may use up."""
 
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
-_CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
+_CORE_CANDIDATES: Final = 64  # cells subdivided in each round
 _CORE_ROUNDS: Final = 24
-_ALIKE: Final = 1e-9  # depths, as shares of the largest
+_ALIKE: Final = 1e-9  # difference of equal depths, share of the largest
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 _BOX_TRIANGLES: Final = np.array(
@@ -37,40 +37,46 @@ _BOX_TRIANGLES: Final = np.array(
     ],
     np.int32,
 )
-_STEPS_IN_OCTAVE: Final = 2.0  # of bounds, so that a turning volume keeps its mesh
-_SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as uniform
+_STEPS_IN_OCTAVE: Final = 2.0  # coarse steps of bounds, so that a turning volume keeps its mesh
+_SIMILAR: Final = 1e-9  # relative difference of scales that count as uniform
 
 
 @dataclass(frozen=True, eq=False)
 class MeshVolume:
-    """Closed triangle mesh; points with a winding number other than zero are inside.
+    """Closed triangle mesh; points with a non-zero winding number are inside.
 
-    Small holes are closed and faces that face the other way are turned (see
-    :func:`mesh_topology.closed_surface`); ``note`` tells of it.
-    A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
-    a mirrored or inside-out mesh is as good as any. Points nearer to the surface than rounding
-    may be taken for either side.
+    Small holes are closed and wrongly oriented faces flipped, see
+    :func:`mesh_topology.closed_surface`. A hollow (inner shell facing inwards) is outside,
+    overlapping shells are inside, mirrored and inside-out meshes are valid. Points within rounding
+    of the surface may count for either side. Immutable, with cached search structures.
 
     Parameters
     ----------
     vertices : (V, 3) float64
-        Shape space; coincident ones count as one.
+        Shape space.
     triangles : (F, 3) int32
     name : str
-        Of the object, for messages.
+        Object name, for messages.
+
+    Attributes
+    ----------
+    note : str
+        Repairs and missing packages, for the user; or empty.
 
     Raises
     ------
     InputError
-        The mesh is empty, flat, not finite, wide open, or faces both ways.
+        The mesh is empty, flat, not finite, wide open or not orientable.
+    ValueError
+        Arrays have wrong shapes or indices.
     """
 
     vertices: F64
     triangles: I32
     name: str
-    note: str = field(init=False, default="")  # note for the user, or empty
+    note: str = field(init=False, default="")
     _vertices: F64 = field(init=False, repr=False)  # merged
-    _triangles: I32 = field(init=False, repr=False)  # of merged vertices, facing one way
+    _triangles: I32 = field(init=False, repr=False)  # of merged vertices, consistently oriented
 
     def __post_init__(self) -> None:
         vertices, triangles = np.asarray(self.vertices, np.float64), np.asarray(self.triangles)
@@ -104,30 +110,30 @@ class MeshVolume:
 
     @classmethod
     def box(cls, bounds: F64, name: str) -> Self:
-        """Box (2, 3) that replaces a mesh where nothing comes near. It may be flat."""
-        made = object.__new__(cls)
+        """Box (2, 3), possibly flat, that stands for a mesh out of reach of any skin."""
+        volume = object.__new__(cls)
         corners = bounds[_BOX_CORNERS, np.arange(3)]
         values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
         values |= {"_vertices": corners, "_triangles": _BOX_TRIANGLES}
         for key, value in values.items():
-            object.__setattr__(made, key, value)
-        return made
+            object.__setattr__(volume, key, value)
+        return volume
 
     @property
     def corners(self) -> F64:
-        """Corners of the triangles of the closed surface, (F, 3, 3): triangle, corner, axis."""
+        """Corners of the closed surface's triangles, (F, 3, 3): triangle, corner, axis."""
         corners: F64 = self._vertices[self._triangles]
         return corners
 
     @property
     def is_fine(self) -> bool:
-        """Test for so many faces that it may pay to feel fewer."""
+        """Test for enough faces that decimation pays."""
         return len(self._triangles) >= MANY_FACES
 
     def within(self, bound: float) -> MeshVolume:
-        """A volume of fewer faces, its surface at most ``bound`` from this one's, or this one.
+        """Volume of fewer faces whose surface is within ``bound``, or this volume; cached.
 
-        Shape space; see :func:`decimation.decimated`. The same one for the same bound.
+        ``bound`` is in shape space; see :func:`decimation.decimated`.
         """
         if bound not in self._fewer:
             self._fewer[bound] = self._decimated(bound)
@@ -137,20 +143,21 @@ class MeshVolume:
         try:
             from .decimation import decimated
 
-            found = decimated(
+            surface = decimated(
                 self._vertices,
                 self._triangles,
                 bound,
                 lambda places: self.surface_distance_m(places, np.eye(3)),
             )
-        except ImportError:  # there is no wheel for every platform
+        except ImportError:  # fast-simplification has no wheel for some platforms
             return self
-        if found is None:
+        if surface is None:
             return self
         try:
-            fewer = type(self)(*found, self.name)
+            fewer = type(self)(*surface, self.name)
         except InputError:
             return self
+        # A note means that decimation broke the surface and the repair changed it.
         return self if fewer.note else fewer
 
     @cached_property
@@ -158,8 +165,8 @@ class MeshVolume:
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """State to pickle: the fields only; cached members may point into this process's memory."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        """State to pickle: fields only, as cached members may hold addresses of this process."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @cached_property
     def bounds(self) -> F64:
@@ -169,7 +176,7 @@ class MeshVolume:
         return self.grid.contains(points)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
+        """Distance to the nearest triangle, (N,) metres; see :meth:`Shape.depth_m`. 0 outside."""
         depths = np.zeros(points.shape[1])
         inside = np.flatnonzero(self.contains(points))
         if len(inside):
@@ -177,15 +184,19 @@ class MeshVolume:
         return depths
 
     def surface_distance_m(self, points: F64, linear: F64) -> F64:
-        """Distance (N,) of points, shape space, to the nearest triangle under ``linear`` (3, 3)."""
+        """Distance (N,) of points (3, N), shape space, to the surface under a linear map (3, 3).
+
+        Unsigned; in the unit of the mapped space.
+        """
         about = points - self._middle[:, None]
         stretch = np.linalg.svd(linear, compute_uv=False)
         if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
+            # Uniform scaling needs no tree of its own: distances scale with it.
             return np.asarray(stretch[1] * self.tree.distances(about))
         return self._placed_tree(linear).distances(linear @ about)
 
     def compiled(self, with_depth: bool = False) -> NativeMesh:
-        """The mesh for the library, which must be there; with the largest depth, or without."""
+        """Mesh for the library, which must exist; ``with_depth`` adds the core radius. Cached."""
         if with_depth not in self._compiled:
             tree, grid = self.tree.compiled, self.grid.compiled
             assert tree is not None and grid is not None
@@ -198,7 +209,7 @@ class MeshVolume:
         return {}
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
-        """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""
+        """Tree of the stretched triangles; only the last is cached, as volumes seldom turn."""
         key = linear.tobytes()
         tree = self._placed_trees.get(key)
         if tree is None:
@@ -210,7 +221,7 @@ class MeshVolume:
     def _placed_trees(self) -> dict[bytes, TriangleTree]:
         return {}
 
-    # Made when first asked for: many volumes are never reached, few have a falloff.
+    # Built on first use: many volumes are never reached, and few have a falloff.
 
     @cached_property
     def grid(self) -> InsideGrid:
@@ -223,16 +234,16 @@ class MeshVolume:
 
     @cached_property
     def tree(self) -> TriangleTree:
-        # About the middle: a mesh far from its object's origin keeps its digits.
+        # Relative to the middle, so that a mesh far from its origin keeps its digits.
         return TriangleTree((self._vertices - self._middle)[self._triangles])
 
     @cached_property
     def core_radius(self) -> float:
-        """Radius of the largest ball that fits inside, shape space, within half a percent.
+        """Radius of the largest inscribed ball, shape space, within half a percent.
 
-        Branch and bound: depth, negative outside, changes by at most the distance between two
-        points, so that it bounds the depth in a cell around a point. Only the most promising
-        cells of a round are kept, which matters for plates, where all are alike.
+        Branch and bound over cells: depth, negative outside, changes by at most the distance
+        between two points, which bounds it within a cell. Only the most promising cells of a round
+        are subdivided; a plate, where all depths are equal, would need too many.
         """
         low, high = self.bounds
         extent = high - low
@@ -251,59 +262,62 @@ class MeshVolume:
             promising = np.flatnonzero(depths + reach > best * (1.0 + _CORE_TOLERANCE))
             if not len(promising) or reach < _CORE_TOLERANCE * best:
                 break
-            # Differences by rounding only are ignored, so that all machines choose the same.
+            # Depths that differ by rounding rank equally, so that all machines choose the same.
             rank = np.rint(depths[promising] / (_ALIKE * max(best, reach)))
             order = np.argsort(-rank, kind="stable")[:_CORE_CANDIDATES]
-            kept = centres[:, promising[order]]
+            chosen = centres[:, promising[order]]
             half = half / 2.0
-            centres = (kept[:, :, None] + half[:, :, None] * corners).reshape(3, -1)
+            centres = (chosen[:, :, None] + half[:, :, None] * corners).reshape(3, -1)
         return best
 
 
 def _is_solid(extent: F64) -> bool:
+    """Test extents (3,) for being far from flat."""
     return bool(extent.min() > _FLATTEST * extent.max())
 
 
 def of_fewer_faces(
     shapes: tuple[Shape, ...], which: I64, matrices: F64, bounds_m: F64
 ) -> tuple[tuple[Shape, ...], I32]:
-    """Shapes whose surfaces are within a bound of the given ones, row by row.
+    """Replace fine meshes by decimated ones within a bound, row by row.
 
-    A row's choice depends on nothing but the row, so that parts of a scene give what it gives.
+    A row's result depends on this row only, so that a part of a scene gives the same contacts.
 
     Parameters
     ----------
     shapes : tuple of Shape
     which : (n,) int64
-        The shape of each row.
+        Index into ``shapes`` of each row.
     matrices : (n, 4, 4) float64
-        From shape space to the world.
+        Shape space to world.
     bounds_m : (n,) float64
-        World space; 0 where the shape itself is wanted.
+        Largest change of the surface, world space; 0 keeps the shape.
 
     Returns
     -------
     shapes : tuple of Shape
-        Those that occur.
+        Shapes in use, without duplicates.
     which : (n,) int32
+        Index into these of each row.
     """
     linear = matrices[:, :3, :3]
-    is_asked = np.isfinite(linear).all(axis=(1, 2)) & (bounds_m > 0.0)
-    is_asked &= np.array([isinstance(s, MeshVolume) and s.is_fine for s in shapes])[which]
+    is_fine = np.isfinite(linear).all(axis=(1, 2)) & (bounds_m > 0.0)
+    is_fine &= np.array([isinstance(s, MeshVolume) and s.is_fine for s in shapes])[which]
     stretches = np.ones(len(which))
-    stretches[is_asked] = np.linalg.norm(linear[is_asked], 2, axis=(1, 2))
-    is_asked &= stretches > 0.0
+    stretches[is_fine] = np.linalg.norm(linear[is_fine], 2, axis=(1, 2))
+    is_fine &= stretches > 0.0
     steps = np.zeros(len(which), np.int64)
-    allowed = bounds_m[is_asked] / stretches[is_asked]
-    steps[is_asked] = np.floor(_STEPS_IN_OCTAVE * np.log2(allowed)).astype(np.int64)
-    keys = np.stack([which, is_asked, steps], axis=1)
-    found: list[Shape] = []
+    allowed = bounds_m[is_fine] / stretches[is_fine]
+    # Bounds are rounded down to steps of half an octave, so that few meshes are made.
+    steps[is_fine] = np.floor(_STEPS_IN_OCTAVE * np.log2(allowed)).astype(np.int64)
+    keys = np.stack([which, is_fine, steps], axis=1)
+    used: list[Shape] = []
     index = np.zeros(len(which), np.int32)
-    for number, asked, step in np.unique(keys, axis=0).tolist():
+    for number, is_replaced, step in np.unique(keys, axis=0).tolist():
         shape = shapes[number]
-        if asked and isinstance(shape, MeshVolume):
+        if is_replaced and isinstance(shape, MeshVolume):
             shape = shape.within(2.0 ** (step / _STEPS_IN_OCTAVE))
-        if shape not in found:  # meshes are the same only where they are one
-            found.append(shape)
-        index[(keys == (number, asked, step)).all(axis=1)] = found.index(shape)
-    return tuple(found), index
+        if shape not in used:  # meshes compare by identity
+            used.append(shape)
+        index[(keys == (number, is_replaced, step)).all(axis=1)] = used.index(shape)
+    return tuple(used), index

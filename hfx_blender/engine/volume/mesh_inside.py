@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exact inside test for a closed triangle mesh: voxels, and columns for undecided voxels.
+"""Exact inside test for closed triangle meshes: voxels, and columns for undecided voxels.
 
-A ray goes from the point along the column axis, and the signs of its crossings add up to the
-winding number. What makes rays fail, hits on edges and vertices and triangles along the ray,
-cannot happen here:
+A ray leads from the point along the column axis; the signs of its crossings add up to the winding
+number. The usual failures of rays (hits of edges and vertices, triangles along the ray) do not
+occur:
 
 * Whether a triangle spans the ray is decided edge by edge, in the plane across the ray, by the
-  half-open rule of polygon filling. Two triangles that share an edge compute the same number
-  for it, so that in a closed mesh the crossings cancel whatever the rounding.
-* Where a triangle is crossed is interpolated between its two edges that span the point, so it
-  stays between them also for slivers and for triangles along the ray.
+  half-open rule of polygon filling. Triangles that share an edge compute the same number for it, so
+  that crossings of a closed mesh cancel whatever the rounding.
+* The height of a crossing is interpolated between the two edges that span the point, and so stays
+  between them also for slivers and for triangles along the ray.
 
-The answer is therefore exact for a point that lies a rounding error away.
+The result is therefore exact for a point within rounding of the given one.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from ..arrays import F64, I32, I64, Bool, ramp
 from ..native.library import library
 from ..native.mesh_search import NativeGrid, bounds_in_columns
 
-CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
+CELLS: Final = 2**18  # more cells miss the cache, fewer leave more points to columns
 CELLS_PER_AXIS: Final = (4, 256)
-_SNAP: Final = 2.0**40  # steps of a cell; vertices on this grid have slopes that stay finite
+_SNAP: Final = 2.0**40  # grid steps in a cell; slopes between vertices on the grid are finite
 PAIRS_AT_ONCE: Final = 2**19
 
 MARGIN: Final = 1e-6
-"""Margin in cells; far above rounding, so that no cell misses a triangle."""
+"""Margin of triangle bounds in cells, far above rounding, so that no cell misses a triangle."""
 
-_STEEP: Final = 1e-6  # below this cosine a triangle's plane says nothing about its heights
+_STEEP: Final = 1e-6  # least cosine at which a triangle's plane bounds its heights
 
 _OUTSIDE: Final = -1
 _INSIDE: Final = -2
@@ -41,9 +41,9 @@ _INSIDE: Final = -2
 
 @dataclass(frozen=True, eq=False)
 class _Spans:
-    """Triangles prepared for crossing tests: corners in the order of y, edges upwards.
+    """Triangles prepared for crossing tests: corners sorted by y, edges upwards.
 
-    The edges are low to high, low to middle and middle to high; their slopes are x and z per y.
+    Edges are low-high, low-middle and middle-high; slopes are x and z per y.
     """
 
     y_low: F64  # (F,) each
@@ -53,11 +53,11 @@ class _Spans:
     start_z: F64
     slope_x: F64
     slope_z: F64
-    signs: I32  # (F,) +1 or -1: which way the triangle faces in this order
+    signs: I32  # (F,) +1 or -1: orientation of the sorted corners
 
     @classmethod
     def of(cls, corners: F64) -> _Spans:
-        """Prepare triangles from corners (F, 3, 3): triangle, corner, coordinate."""
+        """Prepare triangles (F, 3, 3): triangle, corner, axis."""
         order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
         even = (order[:, 1] - order[:, 0]) % 3 == 1
         low, middle, high = np.moveaxis(np.take_along_axis(corners, order[:, :, None], 1), 1, 0)
@@ -76,8 +76,8 @@ class _Spans:
         )
 
     def packed(self) -> F64:
-        """All numbers of each triangle together, (F, 16), see :data:`native.mesh_search.SPAN`."""
-        nothing = np.zeros_like(self.y_low)
+        """All numbers of each triangle, (F, 16); see :data:`..native.mesh_search.SPAN`."""
+        zeros = np.zeros_like(self.y_low)
         of_x, of_z = (
             (starts[0], starts[2], *slopes)
             for starts, slopes in (
@@ -90,13 +90,13 @@ class _Spans:
                 *(self.y_low, self.y_middle, self.y_high),
                 *of_x,
                 *of_z,
-                *(self.signs.astype(np.float64), nothing, nothing),
+                *(self.signs.astype(np.float64), zeros, zeros),
             ],
             axis=1,
         )
 
     def cross(self, triangles: I64, points: F64) -> tuple[I64, F64, I32]:
-        """Intersect vertical lines through points with triangles: pairs that cross, heights, signs.
+        """Intersect vertical lines through points with triangles, pair by pair.
 
         Parameters
         ----------
@@ -106,14 +106,16 @@ class _Spans:
         Returns
         -------
         pairs : (m,) int64
-            Those of the n pairs whose triangle has the point's x and y.
+            Indices of the pairs that cross, ascending.
         heights : (m,) float64
-            z of the crossing.
+            z of each crossing.
         signs : (m,) int32
+            Change of the winding number, +1 or -1.
         """
         y = points[1]
         pairs = np.flatnonzero((self.y_low[triangles] <= y) & (y < self.y_high[triangles]))
         triangles, x, y = triangles[pairs], points[0, pairs], y[pairs]
+        # The long edge spans every y of the triangle; one of the two short edges spans the rest.
         bent = self.y_middle[triangles]
         upper = y >= bent
         short = np.where(upper, len(self.signs) * 2, len(self.signs)) + triangles
@@ -122,6 +124,8 @@ class _Spans:
         long_x = self.start_x[0, triangles] + long_rise * self.slope_x[0, triangles]
         short_x = self.start_x.ravel()[short] + short_rise * self.slope_x.ravel()[short]
         left = x < short_x
+        # The point is between the edges if it is left of exactly one. Both comparisons use the
+        # same rounded edge positions as the neighbours across these edges.
         hit = np.flatnonzero(left != (x < long_x))
         triangles, long_x, short_x = triangles[hit], long_x[hit], short_x[hit]
         long_z = self.start_z[0, triangles] + long_rise[hit] * self.slope_z[0, triangles]
@@ -135,27 +139,27 @@ class _Spans:
 
 
 class InsideGrid:
-    """Inside test of points by their winding number.
+    """Voxel grid for inside tests by winding number.
 
-    Every voxel is inside, outside or mixed. Mixed voxels that follow each other in a column are
-    a *run*; it lists its triangles, and the winding number beyond its upper end.
+    Each voxel is inside, outside or mixed. Consecutive mixed voxels of a column form a *run*, with
+    a list of its triangles and the winding number above its upper end.
 
     Parameters
     ----------
     vertices : (V, 3) float64
         With some extent along each axis.
     triangles : (F, 3) int32
-        Closed: each edge is used as often in one direction as in the other.
+        Closed: each edge is used equally often in both directions.
 
     Attributes
     ----------
     compiled : NativeGrid or None
-        The same for the library, where there is one.
+        Grid of the compiled test; None without the library.
     """
 
     def __init__(self, vertices: F64, triangles: I32) -> None:
         low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
-        # Columns along the shortest axis: the fewest voxels, and triangles, in each.
+        # Columns along the shortest axis have the fewest voxels and triangles.
         shortest = int(np.argmin(extent))
         self._axes = [(shortest + 1) % 3, (shortest + 2) % 3, shortest]
         self._low, self._high = low, vertices.max(axis=0)
@@ -172,13 +176,15 @@ class InsideGrid:
         self.compiled = self._packed(corners) if library() is not None else None
 
     def _to_cells(self, points: F64) -> F64:
+        """Points (3, N) in grid coordinates, axes reordered."""
         placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
         return placed
 
     def _fill(self, triangles: I64, columns: I64, first: I64, last: I64) -> None:
-        """Sort the voxels into three states; list the triangles of each run."""
+        """Classify the voxels, and list the triangles of each run."""
         shape = (int(self._counts[0] * self._counts[1]), int(self._counts[2]))
         size = shape[0] * (shape[1] + 1)  # one more on top, for sums that end there
+        # Coverage by +1 at the start and -1 after the end of each interval, then a running sum.
         starts, ends = columns * (shape[1] + 1) + first, columns * (shape[1] + 1) + last + 1
         cover = np.bincount(starts, minlength=size) - np.bincount(ends, minlength=size)
         mixed = np.cumsum(cover).reshape(shape[0], -1) > 0
@@ -192,6 +198,8 @@ class InsideGrid:
         sizes = np.bincount(run_of_pair)
         self.run_offsets = np.concatenate([[0], np.cumsum(sizes)])
 
+        # The winding number of a voxel is that of the crossings above it in its column, as seen on
+        # the line through the column's centre.
         middle = np.stack([columns // self._counts[1], columns % self._counts[1], first]) + 0.5
         pairs, heights, signs = self._spans.cross(triangles, middle)
         level = np.clip(heights.astype(np.int64), first[pairs], last[pairs])
@@ -206,7 +214,7 @@ class InsideGrid:
         self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
     def _packed(self, corners: F64) -> NativeGrid:
-        """Grid in the form that the compiled test reads."""
+        """Grid of the compiled test."""
         columns = np.repeat(self._columns, np.diff(self.run_offsets))
         return NativeGrid(
             box=np.stack([self._low, self._high]),
@@ -222,7 +230,7 @@ class InsideGrid:
         )
 
     def contains(self, points: F64) -> Bool:
-        """Inside test of points (3, N), (N,) bool."""
+        """Test points (3, N) for being inside, (N,) bool; NaN is outside."""
         if self.compiled is not None:
             return self.compiled.contains(points)
         inside = np.zeros(points.shape[1], np.bool_)
@@ -231,17 +239,18 @@ class InsideGrid:
         placed = self._to_cells(points.take(candidates, axis=1))
         cells = np.minimum(placed.astype(np.int64), self._counts[:, None] - 1)
         codes = self.voxels[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
-        unsure = np.flatnonzero(codes >= 0)
+        mixed = np.flatnonzero(codes >= 0)
         decided = codes == _INSIDE
-        decided[unsure] = self._in_columns(placed.take(unsure, axis=1), codes[unsure])
+        decided[mixed] = self._in_columns(placed.take(mixed, axis=1), codes[mixed])
         inside[candidates] = decided
         return inside
 
     def _in_columns(self, placed: F64, runs: I32) -> Bool:
+        """Inside test (n,) of points (3, n) in mixed voxels of the given runs."""
         starts = self.run_offsets[runs]
         counts = self.run_offsets[runs + 1] - starts
         winding = self._beyond[runs]
-        # Never more than some pairs at once, however many triangles meet in one column.
+        # Bounds the memory, however many triangles meet in one column.
         parts = np.cumsum(counts) // PAIRS_AT_ONCE
         for part in np.unique(parts):
             chosen = np.flatnonzero(parts == part)
@@ -259,10 +268,17 @@ class InsideGrid:
 
 
 def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
-    """Voxels that each triangle touches: never too few, seldom too many.
+    """Voxels that triangles touch: never too few, seldom too many.
 
-    Triangles are cut into rows of cells (y), then into columns (x); within a column the plane
-    of the triangle bounds its heights.
+    Triangles are cut into rows of cells (y), then into columns (x); within a column the triangle's
+    plane bounds its heights.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float64
+        Triangle, corner, axis; in cells.
+    counts : (3,) int64
+        Number of cells along each axis.
 
     Returns
     -------
@@ -303,7 +319,7 @@ def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
 
 
 def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[F64, F64]:
-    """Bounds in x and z, (2, n) each, of triangles cut to below <= y <= above."""
+    """Bounds in x and z, (2, n) each, of triangles clipped to below <= y <= above."""
     low = np.full((2, len(triangles)), np.inf)
     high = np.full((2, len(triangles)), -np.inf)
     order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
@@ -317,7 +333,7 @@ def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[
         passes = (foot[:, 1] <= above) & (head[:, 1] >= below)
         for row, axis in enumerate((0, 2)):
             span = head[:, axis] - foot[:, axis]
-            one, other = foot[:, axis] + entry * span, foot[:, axis] + leave * span
-            np.minimum(low[row], np.minimum(one, other), where=passes, out=low[row])
-            np.maximum(high[row], np.maximum(one, other), where=passes, out=high[row])
+            near, far = foot[:, axis] + entry * span, foot[:, axis] + leave * span
+            np.minimum(low[row], np.minimum(near, far), where=passes, out=low[row])
+            np.maximum(high[row], np.maximum(near, far), where=passes, out=high[row])
     return low, high

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Repairs a triangle mesh into a closed surface that faces one way.
+"""Repair of triangle meshes into closed, consistently oriented surfaces.
 
-trimesh tells what is connected where a mesh has to be mended; its own ``repair`` turns faces and
-fills holes with networkx, which is not bundled. A sound mesh is judged without importing it.
+A sound mesh is recognised with numpy alone. trimesh finds connected parts of a faulty one; its own
+``repair`` needs networkx, which the extension does not bundle.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
 
 LARGEST_HOLES: Final = 0.25
-"""Largest area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more.
-Beyond it a mesh is rather a sheet, whose inside is undefined."""
+"""Largest area of all caps as a share of the mesh's: 0.2 for a box without its lid, far more for a
+bowl. Beyond this limit a mesh is rather a sheet, which has no inside."""
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
+    """Merge coincident vertices; drop unused vertices and degenerate triangles.
+
+    Vertices are sorted in the result (by z, then y, then x); triangles keep their order.
+    """
     used, corners = _used(triangles, len(vertices))
     vertices = vertices[used]
     order = np.lexsort(vertices.T)
@@ -37,32 +40,31 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
 
 
 def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Numbers below ``count`` that occur, ascending, and the place of each number among them."""
+    """Sorted unique ids below ``count``, and the index among these of each entry of ``numbers``."""
     occurs = np.zeros(count, np.bool_)
     occurs[numbers] = True
     return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
 
 
 def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
-    """Turn the few triangles with the wrong orientation, and close small holes.
+    """Flip wrongly oriented triangles and close small holes.
 
-    A cap is the cone from a hole's rim to the middle of its corners; over any rim, however bent,
-    it makes every edge used as often in one direction as in the other.
+    A cap is the cone from a hole's rim to the mean of its corners. Over a rim of any shape it makes
+    each edge used equally often in both directions.
 
     Returns
     -------
     vertices : (V', 3) float64
-        With the middles of holes at the end.
+        Given vertices, then the apexes of caps.
     triangles : (F', 3) int32
-        With the caps at the end.
+        Given triangles, some of them flipped, then the caps.
     note : str
-        The repairs, counted, for the user; empty without any.
+        Repairs for the user, with counts; empty without repairs.
 
     Raises
     ------
     InputError
-        Holes are too large to guess at, the faces cannot all face one way, or trimesh, which mends
-        both, is not installed.
+        The holes are too large, no orientation is consistent, or trimesh is missing.
     """
     try:
         return _mended(vertices, triangles, name)
@@ -74,6 +76,7 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
 
 
 def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
+    """Implementation of :func:`closed_surface` that raises ImportError without trimesh."""
     edge, uses, up = _edges(triangles)
     is_open = uses % 2 == 1
     notes: list[str] = []
@@ -84,6 +87,7 @@ def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
         number = int(np.count_nonzero(turned))
         faces = "1 face that faces" if number == 1 else f"{number} faces that face"
         notes += [f"'{name}' has {faces} the other way: turned for it"] * (number > 0)
+    # Flipping keeps the number of uses of an edge, so ``is_open`` still holds.
     if is_open.any():
         vertices, triangles, note = _with_caps(vertices, triangles, edge, uses, name)
         notes.append(note)
@@ -97,16 +101,22 @@ def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
 
 
 def is_closed(triangles: I32) -> bool:
-    """Test that each edge is used as often in one direction as in the other."""
+    """Test that each edge is used equally often in both directions."""
     edge, _, up = _edges(triangles)
     return not _balance(edge, up).any()
 
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
-    """Edge of each of the 3 F corners, the number of uses of each edge, and each corner's
-    direction.
+    """Undirected edges of triangles.
 
-    Corner ``k`` belongs to triangle ``k // 3``.
+    Returns
+    -------
+    edge : (3 F,) int64
+        Edge of each corner ``k``, which starts at this corner of triangle ``k // 3``.
+    uses : (edges,) int64
+        Number of corners of each edge.
+    up : (3 F,) bool
+        The edge leads to the higher vertex id there.
     """
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     up = starts < ends
@@ -118,17 +128,18 @@ def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
 
 
 def _balance(edge: I64, up: Bool) -> F64:
-    """Uses of each edge upwards minus its uses downwards, (edges,)."""
+    """Upward minus downward uses of each edge, (edges,)."""
     return np.bincount(edge, np.where(up, 1.0, -1.0)).astype(np.float64)
 
 
 def _with_caps(
     vertices: F64, triangles: I32, edge: I64, uses: I64, name: str
 ) -> tuple[F64, I32, str]:
+    """Close holes; raises InputError if the caps are too large. Returns the note as well."""
     from trimesh.graph import connected_component_labels
 
-    # Of the uses of an open edge those in both directions cancel: one is left over.
-    rim = _left_over(edge, triangles, uses)
+    # Opposite uses of an edge cancel; the uncancelled ones form closed loops, the rims.
+    rim = _rim_edges(edge, triangles, uses)
     count = len(vertices)
     labels = connected_component_labels(rim, count)[rim[:, 0]]
     holes, hole = np.unique(labels, return_inverse=True)
@@ -149,34 +160,35 @@ def _with_caps(
     return with_middles, np.concatenate([triangles, caps]), note
 
 
-def _left_over(edge: I64, triangles: I32, uses: I64) -> I64:
-    """Directed edges (n, 2) that caps must add, so that every edge is balanced."""
+def _rim_edges(edge: I64, triangles: I32, uses: I64) -> I64:
+    """Directed edges (n, 2) of hole rims: uses of an edge without an opposite use."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     balance = _balance(edge, starts < ends)
     firsts = np.zeros(len(uses), np.int64)
     firsts[edge] = np.arange(len(edge))
-    is_lacking = (uses % 2 == 1) & (balance != 0)
-    lacking = np.repeat(np.arange(len(uses)), np.where(is_lacking, np.abs(balance), 0).astype(int))
-    one, other = starts[firsts[lacking]], ends[firsts[lacking]]
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    upwards = balance[lacking] > 0
+    is_unbalanced = (uses % 2 == 1) & (balance != 0)
+    edges = np.repeat(np.arange(len(uses)), np.where(is_unbalanced, np.abs(balance), 0).astype(int))
+    start, end = starts[firsts[edges]], ends[firsts[edges]]
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    upwards = balance[edges] > 0
     return np.stack([np.where(upwards, low, high), np.where(upwards, high, low)], axis=1).astype(
         np.int64
     )
 
 
 def _area(vertices: F64, triangles: I32) -> float:
+    """Total area of triangles relative to the mesh's size."""
     from trimesh.triangles import area
 
-    size = np.abs(vertices - vertices[0]).max() or 1.0  # no scale underflows
+    size = np.abs(vertices - vertices[0]).max() or 1.0  # areas of tiny meshes would underflow
     return float(area(vertices[triangles] / size).sum())
 
 
 def _turns(triangles: I32) -> Bool:
-    """Triangles to turn so that neighbours agree, as a mask; the fewest of each connected piece.
+    """Mask of triangles to flip so that neighbours agree, the fewest in each connected piece.
 
-    Each triangle is there twice, as it is and turned; those that agree are connected. A piece
-    that can face one way is then there twice, too, and the one with fewer turned is taken.
+    Each triangle has two nodes of a graph, as it is and flipped; links join consistent neighbours.
+    An orientable piece therefore has two components, and the one with fewer flipped triangles wins.
     """
     from trimesh.graph import connected_component_labels, face_adjacency
 
@@ -185,13 +197,15 @@ def _turns(triangles: I32) -> Bool:
     corners = triangles[pairs]  # (n, 2, 3)
     ahead = (corners == shared[:, None, :1]) & (np.roll(corners, -1, axis=2) == shared[:, None, 1:])
     differ = count * (ahead[:, 0].any(axis=1) == ahead[:, 1].any(axis=1))
-    one, other = pairs.T
-    links = np.stack([one, other + differ, one + count, other + count - differ]).reshape(2, 2, -1)
+    first_face, second_face = pairs.T
+    links = np.stack(
+        [first_face, second_face + differ, first_face + count, second_face + count - differ]
+    ).reshape(2, 2, -1)
     labels = connected_component_labels(links.swapaxes(1, 2).reshape(-1, 2), 2 * count)
     as_is, turned = labels[:count], labels[count:]
     votes = np.bincount(as_is, minlength=2 * count)
     more = votes[turned] - votes[as_is]
-    # Of as many each way the first triangle of a piece stays.
+    # At a tie the first triangle of the piece stays as it is.
     first = np.full(2 * count, count)
     np.minimum.at(first, as_is, np.arange(count))
     return (more > 0) | ((more == 0) & (first[turned] < first[as_is]))

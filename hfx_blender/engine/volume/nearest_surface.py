@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest place of a volume's boundary: its normal, seen from inside; its distance from outside."""
+"""Nearest boundary points of volumes: places and normals from inside, distances from outside."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
 
-_ASIDE: Final = np.array([[0.36], [0.48], [0.8]])
-_STEP: Final = 1e-3  # of the depth, for its slope; the error is the square of it
+_ASIDE: Final = np.array([[0.36], [0.48], [0.8]])  # a direction along no axis
+_STEP: Final = 1e-3  # share of the depth for its central difference; the error is its square
 
 
 def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]:
-    """Nearest places on the boundary, and the unit normals outwards there.
+    """Nearest boundary points of inner points, and the outward unit normals there.
 
-    Depth falls fastest straight towards the nearest place, by one metre a metre; where several
-    places are equally near, the answer is one of them.
+    Depth falls fastest towards the nearest boundary point, by 1 m/m. Where several points are
+    equally near, the result is one of these.
 
     Parameters
     ----------
@@ -40,27 +40,31 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
     back = inverse_3x3(linear[None])[0]
     world = linear @ points + to_world[:3, 3:]
     normals = boundary_normals(shape, points, to_world)
-    asked = np.flatnonzero(depths > 1e-9 * np.abs(linear).max())
-    # On a ridge, from where several places are equally near, a little aside there is one.
+    deep = np.flatnonzero(depths > 1e-9 * np.abs(linear).max())
+    # On a ridge several boundary points are equally near and the slope vanishes; slightly off the
+    # ridge the nearest point is unique.
     for aside in (0.0, 4.0):
-        if not len(asked):
+        if not len(deep):
             break
-        steps = _STEP * depths[asked]
-        base = points[:, asked] + back @ (_ASIDE * aside * steps)
-        slopes = np.zeros((3, len(asked)))
+        steps = _STEP * depths[deep]
+        base = points[:, deep] + back @ (_ASIDE * aside * steps)
+        slopes = np.zeros((3, len(deep)))
         for axis in range(3):
             shift = back[:, axis : axis + 1] * steps
             ahead, behind = (shape.depth_m(base + sign * shift, to_world) for sign in (1.0, -1.0))
             slopes[axis] = (ahead - behind) / (2.0 * steps)
         length = np.sqrt(np.einsum("in,in->n", slopes, slopes))
-        some = length > 1e-6
-        normals[:, asked[some]] = -slopes[:, some] / length[some]
-        asked = asked[length < 0.99]
+        is_sloped = length > 1e-6
+        normals[:, deep[is_sloped]] = -slopes[:, is_sloped] / length[is_sloped]
+        deep = deep[length < 0.99]
     return world + normals * depths, normals
 
 
 def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Unit normals outwards, world space (3, N), at points on the boundary, shape space."""
+    """Outward unit normals, world space (3, N), at boundary points (3, N) in shape space.
+
+    0 where none exists, as in the centre of a sphere.
+    """
     if isinstance(shape, Cuboid):
         normals = np.where(np.abs(points) == np.abs(points).max(axis=0), np.sign(points), 0.0)
     elif isinstance(shape, Sphere):
@@ -81,7 +85,10 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
 
 
 def _by_neighbours(shape: Shape, points: F64) -> F64:
-    """Normals (3, N), shape space, away from the inside part of a little ball around each point."""
+    """Outward directions (3, N), shape space, from the inner part of a small ball at each point.
+
+    Not normalised. 64 directions of a Fibonacci sphere sample each ball.
+    """
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
     golden = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(64)
@@ -95,15 +102,15 @@ def _by_neighbours(shape: Shape, points: F64) -> F64:
 
 
 def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Distances to a volume of points outside it, (n, V) metres; 0 inside.
+    """Distances of points to a volume, (n, V) metres; 0 inside.
 
-    Exact for meshes, boxes without shear, and round shapes that are scaled alike along all axes;
-    else the distance to the place that is nearest before stretching, so never too small.
+    Exact for meshes, for boxes without shear and for uniformly scaled round shapes. Otherwise the
+    distance to the point that is nearest before stretching, which is never too small.
 
     Parameters
     ----------
     points : (3, n, V) float64
-        Shape space.
+        Shape space, V points for each of n placements.
     to_world : (n, 4, 4) float64
         Placing matrices.
     """
@@ -111,7 +118,7 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
     flat = points.reshape(3, -1)
     if isinstance(shape, MeshVolume):
         distances = np.stack(
-            [shape.surface_distance_m(points[:, k], each) for k, each in enumerate(linear)]
+            [shape.surface_distance_m(points[:, k], placing) for k, placing in enumerate(linear)]
         )
         return np.where(shape.contains(flat).reshape(distances.shape), 0.0, distances)
     offsets = (flat - _nearest(shape, flat)).reshape(points.shape)
@@ -120,6 +127,7 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
 
 
 def _nearest(shape: Shape, points: F64) -> F64:
+    """Nearest point of an analytic shape to each point (3, N), in shape space."""
     if isinstance(shape, Sphere):
         return _onto_ball(points)
     if isinstance(shape, Cylinder):
@@ -133,5 +141,6 @@ def _nearest(shape: Shape, points: F64) -> F64:
 
 
 def _onto_ball(points: F64) -> F64:
+    """Nearest point of the unit ball to each point (n, N)."""
     length = np.sqrt(np.einsum("in,in->n", points, points))
     return points / np.maximum(length, 1.0)

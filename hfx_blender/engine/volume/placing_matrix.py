@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing matrices of volumes: their inverses where these are reliable, and world boxes."""
+"""Placing matrices of volumes: reliable inverses, and world boxes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from ..matmul import inverse_3x3
 from .shape import Shape
 
 FLATTEST: Final = 1e-6
-"""Least reciprocal condition number, after equilibration, of a matrix that is inverted. Blender
-computes world matrices in float32. One that some parent has squashed flat comes out with rounding
-noise in place of the zero, 1e-7 of the rest: below this limit the two cannot be told apart."""
+"""Least reciprocal condition number, after equilibration, of a usable matrix. Blender computes
+world matrices in float32, so a matrix flattened by a parent has rounding noise of about 1e-7 in
+place of zeros. Below this limit noise and flatness are indistinguishable."""
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     """Invert affine placing matrices, with a mask of the reliable inverses.
 
-    Columns, then rows, are first brought to a similar size by powers of two (exactly), so that
-    neither the unit nor different scales of the axes count as flatness: only axes that are
-    nearly in one plane do.
+    Columns, then rows, are equilibrated by powers of two, which is exact. Neither the unit nor
+    unequal scales of the axes then count as flatness, only axes that are nearly coplanar.
 
     Parameters
     ----------
@@ -33,12 +32,12 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     Returns
     -------
     inverses : (T, 4, 4) float64
-        World to shape space; NaN where not usable, so that every point counts as outside.
+        World to shape space; NaN where not usable, so that every point is outside.
     usable : (T,) bool
         False where the matrix is not finite, singular, or flatter than :data:`FLATTEST`.
     """
     matrices = np.asarray(matrices, np.float64)
-    if len(matrices) and (matrices[1:] == matrices[0]).all():  # it stands still
+    if len(matrices) and (matrices[1:] == matrices[0]).all():  # a still volume
         inverse, is_usable = _inverse_of_still(matrices[0].tobytes())
         return np.repeat(inverse, len(matrices), 0), np.repeat(is_usable, len(matrices))
     return _inverse_placement(matrices)
@@ -46,14 +45,15 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 @lru_cache(maxsize=1024)
 def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
-    """Cached inverse of one matrix: in live playback most volumes do not move."""
+    """Cached inverse of one matrix; in live playback most volumes do not move."""
     return _inverse_placement(np.frombuffer(matrix).reshape(1, 4, 4))
 
 
 def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
+    """:func:`inverse_placement` without the cache."""
     usable: Bool = np.isfinite(matrices[:, :3, :]).all(axis=(1, 2))
     linear = np.where(usable[:, None, None], matrices[:, :3, :3], 0.0)
-    # Powers of two that bring the largest of a column, then of a row, into [0.5, 1).
+    # Exponents that bring the largest entry of each column, then row, into [0.5, 1).
     columns = np.frexp(np.abs(linear).max(axis=1))[1]
     balanced = np.ldexp(linear, -columns[:, None, :])
     rows = np.frexp(np.abs(balanced).max(axis=2))[1]
@@ -75,10 +75,9 @@ def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 
 def world_bounds(shape: Shape, matrices: F64) -> F64:
-    """Axis-aligned world boxes that hold the placed shape.
+    """Axis-aligned world boxes of a placed shape's bounds.
 
-    The box of the placed bounds: never too small (rounding included), up to sqrt(3) too long
-    for a rotated sphere.
+    Never too small, rounding included; up to sqrt(3) times too long for a rotated sphere.
 
     Parameters
     ----------
@@ -97,6 +96,7 @@ def world_bounds(shape: Shape, matrices: F64) -> F64:
         centre = linear @ middle + offset
         reach = np.abs(linear) @ half
         largest = np.abs(linear) @ (np.abs(middle) + half) + np.abs(offset)
+        # Eight roundings of the largest possible sum.
         reach = reach + 8.0 * np.finfo(np.float64).eps * largest
         bounds: F64 = np.stack([centre - reach, centre + reach], axis=1)
     bounds[~np.isfinite(bounds).all(axis=(1, 2))] = np.nan

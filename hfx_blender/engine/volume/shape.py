@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Interface of haptic volumes, and the falloff from the boundary to the core."""
+"""Interface of haptic volumes, and the falloff of weight from core to boundary."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..arrays import F64, Bool
 
 
 class Shape(Protocol):
-    """A closed solid in *shape space*. Points are (3, N) float64, one row a coordinate.
+    """A closed solid in *shape space*; points are (3, N) float64, one row for each axis.
 
-    The boundary belongs to the solid. No method raises on NaN points: they are outside.
+    The boundary belongs to the solid. NaN points are outside; no method raises on them.
     """
 
     @property
@@ -26,14 +26,14 @@ class Shape(Protocol):
         """Test points for being inside or on the boundary, (N,) bool."""
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """World-space distance to the boundary of points that are inside, (N,) metres.
+        """World-space distance of inner points to the boundary, (N,) metres.
 
         ``to_world`` is the (4, 4) placing matrix, finite. 0 outside and for NaN.
         """
 
 
 class FalloffKind(StrEnum):
-    """Shape of the rise of strength from the boundary inwards."""
+    """Profile of the weight from the boundary inwards."""
 
     NONE = "none"
     LINEAR = "linear"
@@ -42,10 +42,10 @@ class FalloffKind(StrEnum):
 
 @dataclass(frozen=True)
 class Falloff:
-    """Full strength in the core, falling to nothing at the boundary.
+    """Weight of 1 in the core, falling to 0 at the boundary.
 
-    ``share`` is the part of the way from boundary to core over which strength rises:
-    1 peaks only at the core, 0 (or kind NONE) is full strength everywhere inside.
+    ``share`` is the part of the way from boundary to core over which the weight rises: 1 reaches 1
+    only at the core; 0, as kind NONE, is 1 everywhere inside.
     """
 
     kind: FalloffKind = FalloffKind.NONE
@@ -53,18 +53,18 @@ class Falloff:
 
     @property
     def is_flat(self) -> bool:
-        """Full strength everywhere inside."""
+        """Test for a weight of 1 everywhere inside."""
         return self.kind is FalloffKind.NONE or self.share <= 0.0
 
     @property
     def precision(self) -> type[np.floating[Any]]:
-        """Floating-point type of weights: without falloff, half the memory suffices."""
+        """Floating-point type of weights: float32 without falloff, to save memory, else float64."""
         return np.float32 if self.is_flat else np.float64
 
     def weight(self, rise: F64) -> F64:
-        """Contact weight (N,) in 0..1 of points inside.
+        """Contact weights (N,) in 0..1 of inner points.
 
-        ``rise`` is their share of the way from the boundary, 0, to the core, 1.
+        ``rise`` (N,) is each point's share of the way from the boundary (0) to the core (1).
         """
         if self.is_flat:
             return np.ones_like(rise)

@@ -12,7 +12,7 @@ from mesh_twins import MESHES, needs_library, probes, twins
 
 from hfx_blender.engine.reference import sweep as reference
 from hfx_blender.engine.volume.mesh import MeshVolume
-from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
+from hfx_blender.engine.volume.mesh_distance import TriangleTree
 
 pytestmark = needs_library
 
@@ -23,17 +23,16 @@ def finite(points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_the_tree_and_the_distances_are_those_of_numpy(name: str) -> None:
+def test_the_distances_are_those_of_a_comparison_with_all_triangles(name: str) -> None:
     vertices, triangles = MESHES[name]
     compiled, plain = twins(vertices, triangles)
-    np.testing.assert_array_equal(compiled.tree.order, plain.tree.order)
     points = finite(probes(vertices, triangles, 100))
     size = np.ptp(vertices, axis=0).max()
     linear = np.array([[1.0, 0.5, 0.0], [0.0, -2.0, 0.3], [0.1, 0.0, 0.7]])
     for matrix in (np.eye(3), linear):
         found, expected = (each.surface_distance_m(points, matrix) for each in (compiled, plain))
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15 * size)
-    np.testing.assert_allclose(compiled.core_radius, plain.core_radius, rtol=1e-9)
+    np.testing.assert_allclose(compiled.core_radius, plain.core_radius, rtol=5e-3)
     assert compiled.core_radius > 0.0
 
 
@@ -53,7 +52,8 @@ def test_trees_of_a_few_triangles(count: int) -> None:
     corners = rng.normal(size=(count, 3, 3))
     corners[0, 2] = corners[0, 1]  # a segment
     tree = TriangleTree(corners)
-    np.testing.assert_array_equal(tree.order, leaf_order(corners))
+    assert tree.compiled is not None
+    np.testing.assert_array_equal(np.unique(tree.compiled.order), np.arange(count))
     points = rng.normal(size=(3, 200))
     faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
     squared = igl.point_mesh_squared_distance(points.T, corners.reshape(-1, 3), faces)[0]

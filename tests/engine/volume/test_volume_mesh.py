@@ -257,11 +257,12 @@ def test_depth_in_large_meshes(name, rng):
     np.testing.assert_allclose(volume.depth_m(points.T, matrix), expected, atol=1e-7)
 
 
-def test_depth_many_pairs_at_once(rng, monkeypatch):
+def test_depth_without_library_many_pairs_at_once(rng, monkeypatch):
+    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance.library", lambda: None)
     volume = MeshVolume(*mesh("sphere, 5120", rng), "A")
     points = 0.05 * rng.normal(size=(3, 300))
     whole = volume.depth_m(points, np.eye(4))
-    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance.PAIRS_AT_ONCE", 3000)
+    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance.PAIRS_AT_ONCE", 30000)
     np.testing.assert_array_equal(volume.depth_m(points, np.eye(4)), whole)
 
 
