@@ -20,7 +20,7 @@ CHILDREN = (
     "devices.workers.render_worker",
     "devices.workers.script_worker",
     "engine.texture.relief.relief_worker",
-    "generation.worker",
+    "generation.generation_process",
     "hfx_tools.relief.data_set",
     "hfx_tools.relief.training",
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from words and from pictures of other generators: colour, height and haptic map.
+"""Surfaces from words and from pictures of any generator: colour, height and haptic map.
 
-Pure Python and numpy; never imports ``bpy``. The back ends give a :class:`.generated.Generated`.
+Never imports ``bpy``. Back ends return a :class:`.generated.Generated`.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated surface: colour picture, relief, haptic map and the record of its making, as files."""
+"""Generated surface as files: pictures of colour, height and roughness, haptic map, record."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FORMAT: Final = "hfx-generated-texture"
 VERSION: Final = 1
 _LONGEST_NAME: Final = 48
 _FULL: Final = 65535
-_MOST_BYTES: Final = 8 << 20  # of a record: a ComfyUI workflow may be in it
+_MOST_BYTES: Final = 8 << 20  # of a record, which may contain a ComfyUI workflow
 _RECORD: Final = Record(
     {
         "format": Text((FORMAT,)),
@@ -48,38 +48,22 @@ _RECORD: Final = Record(
 
 @dataclass(frozen=True, eq=False)
 class Generated:
-    """Surface from a back end.
+    """Surface of a back end, before its files are written."""
 
-    Parameters
-    ----------
-    name : str
-        Begin of its files' names.
-    colour : (H, W, 3) uint8
-        sRGB, bottom row first.
-    roughness : (H, W) float64
-        0 smooth to 1 rough.
-    map : HapticMap
-        Of this height and roughness.
-    record : mapping
-        How it was made, in JSON's types: words, seed, back end and what else makes it again.
-    is_metal : bool
-        For the material's look.
-    """
-
-    name: str
-    colour: U8
+    name: str  # stem of the file names
+    colour: U8  # (H, W, 3) sRGB, bottom row first
     height: HeightField
-    roughness: F64
-    map: HapticMap
-    record: Mapping[str, Any]
-    is_metal: bool = False
+    roughness: F64  # (H, W) 0 smooth, 1 rough
+    map: HapticMap  # of this height and roughness
+    record: Mapping[str, Any]  # JSON data to generate the surface again: words, seed, back end ...
+    is_metal: bool = False  # for the material's look
     notes: tuple[str, ...] = ()
-    slope: F32 | None = None  # estimated by itself, on the heights' grid
+    slope: F32 | None = None  # (H, W) estimated slope; None: the slope of the heights
 
 
 @dataclass(frozen=True, eq=False)
 class GeneratedFiles:
-    """Files of a generated surface, read again, and its record."""
+    """Generated surface as read from its files; fields as of :class:`Generated`."""
 
     path: Path  # of the record
     name: str
@@ -87,17 +71,18 @@ class GeneratedFiles:
     roughness: F64
     map: HapticMap
     is_metal: bool
-    words: str
+    words: str  # "" for pictures without words
     notes: tuple[str, ...] = ()
     slope: F32 | None = None
 
 
 def name_of(words: str, mark: str) -> str:
-    """File name of a wish or a picture: its words and a mark, in letters that any system allows.
+    """File name of a surface: the words in ASCII letters, then ``-`` and a mark.
 
-    Where they are cut or left out, a hash of all words follows, so that no two wishes share files.
+    Shortened or changed words are followed by a hash of all words, so that different words have
+    different names.
     """
-    parts = [each for each in tokens(words) if each.isalnum() and each.isascii()]
+    parts = [token for token in tokens(words) if token.isalnum() and token.isascii()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-")
     if name != re.sub(r"[\s,_-]+", "-", words.lower()).strip("-"):
         digest = hashlib.sha256(words.encode("utf-8", "surrogatepass")).hexdigest()
@@ -105,61 +90,62 @@ def name_of(words: str, mark: str) -> str:
     return f"{name}-{mark}"
 
 
-def write(made: Generated, folder: Path, version: str) -> Written:
-    """Write all files of a surface into a folder; the record, with their hashes, comes last.
+def write(surface: Generated, folder: Path, version: str) -> Written:
+    """Write all files of a surface into a folder; the last one is the record, with file hashes.
 
-    ``version`` is that of this package.
+    ``version`` is the version of this package, for the record.
 
     Raises
     ------
     OutputError
-        A file cannot be written; nothing is left of the others then.
+        A file cannot be written; no file is left then.
     """
-    heights = made.height.heights_m
+    heights = surface.height.heights_m
     low, high = float(heights.min()), float(heights.max())
     share = (heights - low) / (high - low) if high > low else np.zeros_like(heights)
-    with staging.staging(folder, made.name) as stage:
-        stem = stage / made.name
+    # All files are written to a hidden folder first, and moved together.
+    with staging.staging(folder, surface.name) as stage:
+        stem = stage / surface.name
         pictures = {
-            "colour": made.colour[::-1],
+            "colour": surface.colour[::-1],
             "height": _codes(share),
-            "roughness": _codes(np.clip(made.roughness, 0.0, 1.0)),
+            "roughness": _codes(np.clip(surface.roughness, 0.0, 1.0)),
         }
-        full_slope = 0.0 if made.slope is None else max(float(made.slope.max()), 1e-9)
-        if made.slope is not None:
-            pictures["slope"] = _codes(made.slope / full_slope)
+        full_slope = 0.0 if surface.slope is None else max(float(surface.slope.max()), 1e-9)
+        if surface.slope is not None:
+            pictures["slope"] = _codes(surface.slope / full_slope)
         paths = [stem.with_name(f"{stem.name}.{part}.png") for part in pictures]
         for path, values in zip(paths, pictures.values(), strict=True):
             png.write(values, path)
-        written = texture_map.write(made.map, stem, name=made.name)
+        written = texture_map.write(surface.map, stem, name=surface.name)
         files = [*paths, *written.files]
         record = stem.with_name(stem.name + RECORD)
         document = {
             "format": FORMAT,
             "version": VERSION,
-            "name": made.name,
-            **made.record,
-            "size_mm": [1e3 * length for length in made.height.size_m],
+            "name": surface.name,
+            **surface.record,
+            "size_mm": [1e3 * length for length in surface.height.size_m],
             "height_mm": 1e3 * (high - low),
             "full_slope": full_slope or None,
-            "tiles": made.height.tiles,
-            "is_metal": made.is_metal,
-            "notes": list(made.notes),
-            "versions": {"hfx": version, "numpy": np.__version__, **made.record["versions"]},
+            "tiles": surface.height.tiles,
+            "is_metal": surface.is_metal,
+            "notes": list(surface.notes),
+            "versions": {"hfx": version, "numpy": np.__version__, **surface.record["versions"]},
             "files": {path.name: sha256_of(path) for path in files},
         }
         write_json(document, record)
         placed = staging.place([*files, record], folder)
-    return Written(placed, notes=made.notes)
+    return Written(placed, notes=surface.notes)
 
 
 def read(path: Path) -> GeneratedFiles:
-    """Read a generated surface by its record.
+    """Read a generated surface by the path of its record.
 
     Raises
     ------
     InputError
-        A file is missing or damaged, or is no longer the one that the record names.
+        A file is missing, damaged, or differs from the hash in the record.
     """
     document = read_json(path, _MOST_BYTES)
     refuse_another(document.value, document.file, FORMAT)
@@ -192,7 +178,7 @@ def read(path: Path) -> GeneratedFiles:
 
 
 def _check(record: Path, name: str, files: Mapping[str, Any]) -> None:
-    """Refuse a picture that is not the one that the record names: :class:`InputError`."""
+    """Raise ``InputError`` for a missing picture, or one whose hash differs from the record's."""
     path = record.with_name(name)
     if name not in files:
         raise InputError(f"{record}: files: '{name}' is missing.")
@@ -202,9 +188,11 @@ def _check(record: Path, name: str, files: Mapping[str, Any]) -> None:
 
 
 def _codes(share: F64) -> png.Grey:
+    """Grey picture of 16 bits, top row first, of values 0..1, bottom row first."""
     return np.rint(share[::-1] * _FULL).astype(np.uint16)
 
 
 def _share(path: Path) -> F64:
+    """Values 0..1, bottom row first, of a grey picture."""
     codes, _ = png.read(path)
     return np.asarray(codes[::-1].astype(np.float64) / np.iinfo(codes.dtype).max)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Back end ``library``: the nearest procedural material, steered by the words. Offline, at once.
-
-It searches and steers; it paints nothing that the library has not.
-"""
+"""Back end ``library``: the nearest procedural material, steered by the words; works offline."""
 
 from __future__ import annotations
 
@@ -14,16 +11,15 @@ import numpy as np
 from ..engine.texture import procedural
 from ..engine.texture.device_range import NoticeableSteps
 from ..engine.texture.mcha import MapSettings, make_map
-from .albedo import albedo
 from .generated import Generated, name_of
+from .interpretation import Interpretation, read_words
 from .material_words import COLOURS, MaterialWord
-from .steering import Steering, steered
-from .wish import Wish, read_words
+from .steering import Steering, albedo, steered
 
 NAME: Final = "library"
 _LEAST_FACTOR: Final = 0.2
 _MOST_FACTOR: Final = 5.0
-"""Bounds of what words alone do to size and depth."""
+"""Bounds of the factors of size and depth by words."""
 
 
 def generate(
@@ -34,24 +30,33 @@ def generate(
     texels: int = 512,
     steps: NoticeableSteps | None = None,
 ) -> Generated:
-    """Surface of a wish: same words, seed and size, same arrays.
+    """Generate a surface from words and unwanted words; equal arguments give equal arrays.
+
+    Parameters
+    ----------
+    texels : int
+        Texels along each side, at least 16.
+    steps : NoticeableSteps, optional
+        Quantization of the haptic map; None: no quantization.
 
     Raises
     ------
     InputError
-        No word names a material.
+        No word names a material, or a size is outside the range of touch.
     """
-    wish = read_words(words, negative)
-    shape, strongest = wish.choose()
+    meaning = read_words(words, negative)
+    shape, strongest = meaning.choose()
     material = procedural.material(shape.material)
-    steering = _steering(wish, shape, material)
+    steering = _steering(meaning, shape, material)
     field, roughness = steered(material, steering, texels, seed)
-    if wish.depth_m is not None:
-        factor = wish.depth_m / float(np.ptp(field.heights_m))
+    if meaning.depth_m is not None:
+        factor = meaning.depth_m / float(np.ptp(field.heights_m))
         field = type(field)(field.heights_m * factor, field.texel_m, field.tiles)
-    colour = wish.colour or strongest.meaning.colour
-    picture = albedo(shape.kind, field, COLOURS[colour], wish.light, seed, steering.direction_deg)
-    notes = _notes(wish, strongest.word, material)
+    colour = meaning.colour or strongest.meaning.colour
+    picture = albedo(
+        shape.kind, field, COLOURS[colour], meaning.light, seed, steering.direction_deg
+    )
+    notes = _notes(meaning, strongest.word, material)
     record = {
         "words": words,
         "negative_words": negative,
@@ -60,9 +65,9 @@ def generate(
         "searched_not_painted": True,
         "kind": material.kind,
         "material": material.name,
-        "steering": {**asdict(steering), "colour": colour, "light": wish.light},
-        "understood": dict(wish.understood),
-        "unknown_words": list(wish.unknown),
+        "steering": {**asdict(steering), "colour": colour, "light": meaning.light},
+        "understood": dict(meaning.understood),
+        "unknown_words": list(meaning.unknown),
         "versions": {},
     }
     return Generated(
@@ -77,28 +82,34 @@ def generate(
     )
 
 
-def _steering(wish: Wish, shape: MaterialWord, material: procedural.ProceduralMaterial) -> Steering:
-    scale = float(np.clip(wish.scale, _LEAST_FACTOR, _MOST_FACTOR)) * shape.scale
-    if wish.period_m is not None:
-        scale = wish.period_m / material.period_m
+def _steering(
+    meaning: Interpretation, shape: MaterialWord, material: procedural.ProceduralMaterial
+) -> Steering:
+    scale = float(np.clip(meaning.scale, _LEAST_FACTOR, _MOST_FACTOR)) * shape.scale
+    if meaning.period_m is not None:
+        scale = meaning.period_m / material.period_m
     return Steering(
         scale,
-        float(np.clip(wish.depth, _LEAST_FACTOR, _MOST_FACTOR)) * shape.depth,
-        wish.wear,
-        wish.roughness,
-        wish.direction_deg or 0,
-        wish.draft,
+        float(np.clip(meaning.depth, _LEAST_FACTOR, _MOST_FACTOR)) * shape.depth,
+        meaning.wear,
+        meaning.roughness,
+        meaning.direction_deg or 0,
+        meaning.draft,
     ).clipped()
 
 
-def _notes(wish: Wish, word: str, material: procedural.ProceduralMaterial) -> tuple[str, ...]:
+def _notes(
+    meaning: Interpretation, word: str, material: procedural.ProceduralMaterial
+) -> tuple[str, ...]:
     notes = [
         f"the library was searched, nothing was painted: nearest to '{word}' is "
         f"'{material.title}' ({material.kind}), steered by the other words"
     ]
-    if wish.unknown:
-        notes.append(f"words that are not known: {', '.join(wish.unknown)}")
-    corrected = [f"'{word}' {note}" for word, note in wish.understood.items() if "read as" in note]
+    if meaning.unknown:
+        notes.append(f"words that are not known: {', '.join(meaning.unknown)}")
+    corrected = [
+        f"'{word}' {note}" for word, note in meaning.understood.items() if "read as" in note
+    ]
     if corrected:
         notes.append("; ".join(corrected))
     return tuple(notes)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vocabularies of colours, as sRGB, and of materials: the library material nearest to each word.
+"""Vocabularies: sRGB of colours, and the nearest library material of each material word.
 
-The table of materials is ``material_words.csv``; where a word stands twice, its first row counts.
+Materials are in ``material_words.csv``; of a word in several rows the first row counts.
 """
 
 from __future__ import annotations
@@ -39,31 +39,18 @@ COLOURS: Final = {
     "bluish": (0.42, 0.48, 0.58), "greenish": (0.42, 0.50, 0.38), "yellowish": (0.78, 0.70, 0.46),
     "brownish": (0.46, 0.35, 0.25), "mossy": (0.34, 0.42, 0.22), "mustard": (0.74, 0.58, 0.16),
 }  # fmt: skip
-"""sRGB, 0 to 1. A word that is a material as well is a colour before a material of another kind."""
+"""sRGB of each colour, 0..1. Material words among the keys are colours before other materials."""
 
 
 @dataclass(frozen=True)
 class MaterialWord:
-    """A word that names a material, an object made of it, or its finish.
+    """Library material that is nearest to a material word, and the differences from it."""
 
-    Parameters
-    ----------
-    material : str
-        The nearest one of :data:`.procedural.MATERIALS`.
-    scale, depth : float
-        Size of its features, and height besides, relative to that material.
-    colour : str
-        A key of :data:`COLOURS`.
-    weight : float
-        3 names the material itself, 2 an object or a trade name, 1 a finish that other materials
-        may have as well.
-    """
-
-    material: str
-    scale: float
-    depth: float
-    colour: str
-    weight: float
+    material: str  # key of procedural.MATERIALS
+    scale: float  # factor of all lengths
+    depth: float  # further factor of heights
+    colour: str  # key of COLOURS
+    weight: float  # 3 a material, 2 an object or trade name, 1 a finish of several materials
 
     @property
     def kind(self) -> str:
@@ -72,7 +59,7 @@ class MaterialWord:
 
 
 def _words() -> dict[str, MaterialWord]:
-    found: dict[str, MaterialWord] = {}
+    words: dict[str, MaterialWord] = {}
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as table:
         for row in csv.DictReader(table):
             entry = MaterialWord(
@@ -83,11 +70,11 @@ def _words() -> dict[str, MaterialWord]:
                 int(row["weight"]),
             )
             for word in row["words"].split(","):
-                found.setdefault(word.strip(), entry)
-    return found
+                words.setdefault(word.strip(), entry)
+    return words
 
 
 WORDS: Final = _words()
-"""Each word or phrase, in lower case, singular, without hyphens."""
+"""Material of each word or phrase; keys are lower case, singular, without hyphens."""
 
 LONGEST_PHRASE: Final = max(len(phrase.split()) for phrase in WORDS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief of a picture of a material: the one place that chooses between the ways there are."""
+"""Conversion of a picture of a material to a relief, by a network or by brightness."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ..engine.texture.relief.relief_estimate import estimate
 Way = Literal["relief", "sobel"]
 
 WAYS: Final[tuple[Way, ...]] = ("relief", "sobel")
-"""Ways of conversion, the best first."""
+"""Ways of conversion, the best one first."""
 
-_TOLD: Final = {
+_NOTES: Final = {
     "relief": "the relief was estimated from the picture by a network",
     "sobel": "the picture's brightness was taken as heights (the map paper's way): prints and "
     "shadows are felt as ridges",
@@ -30,16 +30,16 @@ _TOLD: Final = {
 
 @dataclass(frozen=True, eq=False)
 class PictureSurface:
-    """Surface of a picture: heights, roughness (H, W) of 0 to 1, and how it was found."""
+    """Surface of a picture."""
 
     field: HeightField
-    roughness: F64
+    roughness: F64  # (H, W) 0..1
     way: Way
-    note: str
-    slope: F32 | None = None  # estimated by itself, on the heights' grid
+    note: str  # sentence about the way
+    slope: F32 | None = None  # (H, W) estimated slope; None: the slope of the heights
 
     def map(self, settings: MapSettings) -> HapticMap:
-        """Haptic map; an estimated slope takes the place of the heights' own."""
+        """Haptic map of the surface, from the estimated slope if there is one."""
         return make_map(self.field, self.roughness, settings, self.slope)
 
 
@@ -51,24 +51,26 @@ def surface_of(
     tiles: bool,
     way: Way = WAYS[0],
 ) -> PictureSurface:
-    """Surface of a picture (H, W, 3) of sRGB 0..1, bottom row first.
+    """Convert a picture (H, W, 3), sRGB 0..1, bottom row first, to a surface.
 
     Parameters
     ----------
     size_m : (float, float)
-        Width and height of what it shows.
+        Width and height of the shown surface.
     depth_m : float
-        Of white over black, for the way ``sobel``; the network states heights of its own.
+        Height of white over black, for the way ``sobel`` only.
+    tiles : bool
+        Opposite edges match.
 
     Raises
     ------
     InputError
-        It is no picture, or has no size.
+        The array is no picture, or a size is not allowed.
     """
     if way == "relief":
-        made = estimate(srgb, size_m, tiles=tiles)
-        roughness = np.asarray(made.roughness, np.float64)
-        return PictureSurface(made.field, roughness, way, _TOLD[way], made.slope)
+        relief = estimate(srgb, size_m, tiles=tiles)
+        roughness = np.asarray(relief.roughness, np.float64)
+        return PictureSurface(relief.field, roughness, way, _NOTES[way], relief.slope)
     field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
     roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
-    return PictureSurface(field, roughness, way, _TOLD[way])
+    return PictureSurface(field, roughness, way, _NOTES[way])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Back end ``folder``: pictures that any generator puts into a watched folder, as they come."""
+"""Back end ``folder``: surfaces from the pictures in a watched folder, by any generator."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ _MOST_FILES: Final = 100_000
 
 @dataclass
 class WatchedFolder:
-    """Folder of pictures, each of which is new once: when its writer has ended.
+    """Folder of pictures, watched by polling for files that are completely written.
 
     Attributes
     ----------
     passed_over : list of Path
-        What has the name of a picture and no content, at the last look.
+        Files of the last poll with a picture's suffix that are empty, no regular file, or a
+        broken link.
 
     Raises
     ------
     InputError
-        There is no such folder.
+        The folder does not exist.
     """
 
     folder: Path
@@ -51,11 +52,11 @@ class WatchedFolder:
             raise InputError(f"{self.folder}: there is no such folder.")
 
     def settled(self) -> list[Path]:
-        """Pictures that are as they were at the last call, and were not given out before.
+        """Poll the folder; return new pictures with equal size and time at two polls, sorted.
 
-        A picture that changes later is given out again.
+        Each picture is returned once, and again after a change.
         """
-        now: dict[Path, tuple[int, int]] = {}
+        states: dict[Path, tuple[int, int]] = {}
         self.passed_over = []
         for path in sorted(self.folder.iterdir())[:_MOST_FILES]:
             if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):
@@ -63,35 +64,36 @@ class WatchedFolder:
             try:
                 state = path.stat()
             except OSError:
-                if path.is_symlink():  # to nothing; else it is gone meanwhile
+                if path.is_symlink():  # broken; a regular file was removed since the listing
                     self.passed_over.append(path)
                 continue
             if stat.S_ISREG(state.st_mode) and state.st_size:
-                now[path] = (state.st_size, state.st_mtime_ns)
+                states[path] = (state.st_size, state.st_mtime_ns)
             else:
                 self.passed_over.append(path)
+        # A picture that is still being written changes its size or time between two polls.
         ready = [
             path
-            for path, state in now.items()
+            for path, state in states.items()
             if self._seen.get(path) == state and self._done.get(path) != state
         ]
-        self._seen = now
-        self._done.update({path: now[path] for path in ready})
+        self._seen = states
+        self._done.update({path: states[path] for path in ready})
         return ready
 
     @property
     def is_waiting(self) -> bool:
-        """Test for pictures that were seen, but not yet twice alike."""
+        """Test for pictures that were found but not returned yet."""
         return any(self._done.get(path) != state for path, state in self._seen.items())
 
 
 def generated_name(picture: Path, digest: str) -> str:
-    """Name of the surface of a picture: the same for the same file, another for other content."""
+    """Name of a picture's surface, of the file's stem and its SHA-256 ``digest``."""
     return name_of(picture.stem, digest[:8])
 
 
 def is_made(picture: Path, folder: Path) -> bool:
-    """Test that the surface of a picture is in a folder already."""
+    """Test that a folder contains the surface of a picture with this content."""
     return (folder / (generated_name(picture, sha256_of(picture)) + RECORD)).is_file()
 
 
@@ -105,30 +107,32 @@ def generate(
     way: Way = WAYS[0],
     steps: NoticeableSteps | None = None,
 ) -> Generated:
-    """Surface of a picture, with the words that it was made of where it tells them.
+    """Generate the surface of a picture; the record has the picture's prompt, if there is one.
 
     Parameters
     ----------
     pixels : callable
-        Reads a picture: (H, W, 3) of sRGB 0..1, bottom row first.
+        Reads a picture as (H, W, 3) sRGB 0..1, bottom row first.
     size_m : (float, float), optional
-        Width and height of what is shown; by default 0.1 m along the longer edge.
+        Width and height of the shown surface; by default 0.1 m along the longer edge.
+    depth_m : float
+        Height of white over black for the way ``sobel``.
     tiles : bool
-        Opposite edges match; so they do where the picture tells that it was made like that.
+        Opposite edges match. A prompt with tiling has the same effect.
 
     Raises
     ------
     InputError
-        It cannot be read.
+        The picture cannot be read, or a size is not allowed.
     """
     srgb = pixels(picture)
     prompt = prompt_of(png.texts(picture))
     rows, columns = srgb.shape[:2]
     longest = max(rows, columns)
     size = size_m or (0.1 * columns / longest, 0.1 * rows / longest)
-    made = surface_of(srgb, size, depth_m=depth_m, tiles=tiles or prompt.is_tiling, way=way)
+    surface = surface_of(srgb, size, depth_m=depth_m, tiles=tiles or prompt.is_tiling, way=way)
     digest = sha256_of(picture)
-    notes = [made.note]
+    notes = [surface.note]
     if not prompt.words:
         notes.append("the picture tells no words that it was made of")
     source: dict[str, Any] = {
@@ -143,17 +147,17 @@ def generate(
         "negative_words": prompt.negative,
         "seed": prompt.seed,
         "back_end": NAME,
-        "conversion": made.way,
+        "conversion": surface.way,
         "source": source,
         "versions": {},
     }
     return Generated(
         generated_name(picture, digest),
         np.rint(255.0 * np.clip(srgb, 0.0, 1.0)).astype(np.uint8),
-        made.field,
-        made.roughness,
-        made.map(MapSettings(steps=steps)),
+        surface.field,
+        surface.roughness,
+        surface.map(MapSettings(steps=steps)),
         record,
-        slope=made.slope,
+        slope=surface.slope,
         notes=tuple(notes),
     )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prompts that image generators write into their PNG pictures.
+"""Prompts in the PNG pictures of image generators.
 
-AUTOMATIC1111's web UI (and its kin) writes one text, ``parameters``; ComfyUI the graph of its nodes
-as JSON, ``prompt`` as it was run and ``workflow`` as it was drawn.
+AUTOMATIC1111's web UI and its forks write one text, ``parameters``. ComfyUI writes the graph of
+its nodes as JSON: ``prompt`` as executed, ``workflow`` as drawn in the editor.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ _TEXTS: Final = (
     "value",
     "prompt",
 )
-"""Inputs of ComfyUI's nodes that hold words, the most telling first."""
+"""Inputs of ComfyUI's nodes with words, by precedence."""
 
-_OTHER: Final = {"positive": "negative", "negative": "positive"}
+_OPPOSITE: Final = {"positive": "negative", "negative": "positive"}
 _SEEDS: Final = ("seed", "noise_seed")
 _GUIDED: Final = ("positive", "negative", "conditioning")
-_WANTED: Final = ("positive", "conditioning", "cond1")  # a basic guider has no negative words
-_DEEPEST: Final = 64  # nodes from a sampler to its words
+_POSITIVE: Final = ("positive", "conditioning", "cond1")  # a basic guider has no negative words
+_DEEPEST: Final = 64  # most links from a sampler to its seed
 
 
 @dataclass(frozen=True)
 class PicturePrompt:
-    """Words and settings that a picture tells about its making; empty where it tells none."""
+    """Words and settings of a generated picture; empty or None where the picture has none."""
 
     words: str = ""
     negative: str = ""
@@ -49,7 +49,7 @@ class PicturePrompt:
 
 
 def prompt_of(texts: Mapping[str, str]) -> PicturePrompt:
-    """Prompt in the texts of a PNG; what cannot be read is left empty."""
+    """Prompt in the text chunks of a PNG, by their keys; empty for missing or unreadable texts."""
     if "parameters" in texts:
         return of_parameters(texts["parameters"])
     for key, read in (("prompt", _of_graph), ("workflow", _of_workflow)):
@@ -57,9 +57,9 @@ def prompt_of(texts: Mapping[str, str]) -> PicturePrompt:
             document = json.loads(texts.get(key, ""))
         except (ValueError, RecursionError):
             continue
-        found = read(document) if isinstance(document, dict) else None
-        if found is not None:
-            return found
+        prompt = read(document) if isinstance(document, dict) else None
+        if prompt is not None:
+            return prompt
     return PicturePrompt()
 
 
@@ -67,8 +67,9 @@ def of_parameters(text: str) -> PicturePrompt:
     """Prompt of AUTOMATIC1111's text: words, negative words, and a last line of settings."""
     lines = text.strip().splitlines()
     settings: dict[str, str] = {}
-    if lines and len(found := _SETTINGS.findall(lines[-1])) >= 3:
-        settings = {key.strip(): value.strip().strip('"') for key, value in found}
+    # Fewer than three settings are words that contain a colon.
+    if lines and len(pairs := _SETTINGS.findall(lines[-1])) >= 3:
+        settings = {key.strip(): value.strip().strip('"') for key, value in pairs}
         lines = lines[:-1]
     words: list[str] = []
     negative: list[str] = []
@@ -90,18 +91,21 @@ def of_parameters(text: str) -> PicturePrompt:
 
 
 def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
-    """Prompt of a ComfyUI graph: the words that reach a sampler's positive and negative input."""
-    nodes = {key: each for key, each in graph.items() if _is_node(each)}
+    """Prompt of an executed ComfyUI graph: the words that lead to the first sampler with words.
+
+    None if no sampler has words.
+    """
+    nodes = {key: node for key, node in graph.items() if _is_node(node)}
     for node in nodes.values():
         inputs = node["inputs"]
         if not any(name in inputs for name in ("positive", "guider")):
             continue
         if not any(name in inputs for name in (*_SEEDS, "noise")):
-            continue  # a ControlNet has such inputs, too, but is no sampler
+            continue  # a ControlNet has inputs of these names, but no seed
         guider = _followed(nodes, inputs.get("guider"))
         ends = guider["inputs"] if guider else inputs
-        wanted = next((ends[name] for name in _WANTED if name in ends), None)
-        words = _words(nodes, wanted, "positive")
+        positive = next((ends[name] for name in _POSITIVE if name in ends), None)
+        words = _words(nodes, positive, "positive")
         if words:
             negative = _words(nodes, ends.get("negative"), "negative")
             seed = _number(nodes, inputs)
@@ -114,35 +118,40 @@ def _is_node(value: Any) -> bool:
 
 
 def _followed(nodes: Mapping[str, Any], link: Any) -> Mapping[str, Any] | None:
-    """Node at the other end of a link, [its key, number of its output]."""
+    """Node at the end of a link [key of the node, number of its output]; None for anything else."""
     if isinstance(link, list) and len(link) == 2:
-        found: Mapping[str, Any] | None = nodes.get(str(link[0]))
-        return found
+        node: Mapping[str, Any] | None = nodes.get(str(link[0]))
+        return node
     return None
 
 
 def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None = None) -> str:
-    """Words at the end of a chain of links; those of a sampler's other input are not taken."""
+    """Words at the end of a chain of links for a role, positive or negative; "" without any.
+
+    Inputs of the opposite role are not followed. ``seen`` holds the ids of visited nodes.
+    """
     seen = set() if seen is None else seen
     node = _followed(nodes, link)
     if node is None:
         return link.strip() if isinstance(link, str) else ""
     if id(node) in seen or node.get("class_type") == "ConditioningZeroOut":
         return ""
-    seen.add(id(node))  # a graph of strangers may go in circles
+    seen.add(id(node))  # a graph of an unknown file may contain cycles
     inputs = node["inputs"]
+    # A text node ends the chain; other nodes, as those that combine words, pass it on.
     for name in _TEXTS:
-        if name in inputs and (found := _words(nodes, inputs[name], role, seen)):
-            return found
+        if name in inputs and (text := _words(nodes, inputs[name], role, seen)):
+            return text
     parts = []
     for name, value in inputs.items():
-        is_guided = name.startswith(_GUIDED) and not name.startswith(_OTHER[role])
+        is_guided = name.startswith(_GUIDED) and not name.startswith(_OPPOSITE[role])
         if is_guided and isinstance(value, list):
             parts.append(_words(nodes, value, role, seen))
     return ", ".join(dict.fromkeys(part for part in parts if part))
 
 
 def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0) -> int | None:
+    """Seed among the inputs of a node, or of the first linked node; None without any."""
     for name in (*_SEEDS, "noise", "value"):
         value = inputs.get(name)
         if isinstance(value, int) and not isinstance(value, bool):
@@ -154,6 +163,7 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
 
 
 def _model(nodes: Mapping[str, Any]) -> str:
+    """File name of the first checkpoint or diffusion model; "" without any."""
     for node in nodes.values():
         for name in ("ckpt_name", "unet_name"):
             if isinstance(node["inputs"].get(name), str):
@@ -162,41 +172,47 @@ def _model(nodes: Mapping[str, Any]) -> str:
 
 
 def _of_workflow(document: Mapping[str, Any]) -> PicturePrompt | None:
-    """Prompt of ComfyUI's drawn graph, whose links have numbers and whose values no names."""
+    """Prompt of ComfyUI's drawn graph, where links have numbers and widget values have no names."""
+    # A link is [number, source node, source slot, target node, target slot, type].
     links = {
-        each[0]: each[1]
-        for each in _items(document.get("links"))
-        if isinstance(each, list) and len(each) > 4 and isinstance(each[0], int)
+        link[0]: link[1]
+        for link in _items(document.get("links"))
+        if isinstance(link, list) and len(link) > 4 and isinstance(link[0], int)
     }
-    graph = {str(node["id"]): _as_run(node, links) for node in _drawn(document)}
+    graph = {str(node["id"]): _as_executed(node, links) for node in _enabled_nodes(document)}
     return _of_graph(graph)
 
 
-def _drawn(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _enabled_nodes(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Nodes of a drawn graph that are neither muted nor bypassed."""
     for node in _items(document.get("nodes")):
         if isinstance(node, dict) and "id" in node and node.get("mode", 0) == 0:
             yield node
 
 
 def _items(value: Any) -> list[Any]:
+    """A list as it is, and an empty list for anything else."""
     return value if isinstance(value, list) else []
 
 
-def _as_run(node: Mapping[str, Any], links: Mapping[Any, Any]) -> dict[str, Any]:
-    """Node of a drawn graph in the form in which graphs are run."""
+def _as_executed(node: Mapping[str, Any], links: Mapping[Any, Any]) -> dict[str, Any]:
+    """Convert a node of a drawn graph to the form of executed graphs; ``links``: number to node.
+
+    Widget values are guessed by the node's type: the first text, or the first whole number.
+    """
     inputs: dict[str, Any] = {}
     values = _items(node.get("widgets_values"))
     kind = str(node.get("type", ""))
-    texts = [each for each in values if isinstance(each, str)]
-    numbers = [each for each in values if isinstance(each, int) and not isinstance(each, bool)]
+    texts = [value for value in values if isinstance(value, str)]
+    numbers = [value for value in values if isinstance(value, int) and not isinstance(value, bool)]
     if "Checkpoint" in kind and texts:
         inputs["ckpt_name"] = texts[0]
     elif "Sampler" in kind or "Noise" in kind:
         inputs.update({"seed": numbers[0]} if numbers else {})
     elif texts:
         inputs["text"] = texts[0]
-    for each in _items(node.get("inputs")):
-        link = each.get("link") if isinstance(each, dict) else None
+    for slot in _items(node.get("inputs")):
+        link = slot.get("link") if isinstance(slot, dict) else None
         if isinstance(link, int) and link in links:
-            inputs[str(each.get("name"))] = [str(links[link]), 0]
+            inputs[str(slot.get("name"))] = [str(links[link]), 0]
     return {"class_type": kind, "inputs": inputs}

@@ -8,64 +8,50 @@ from typing import Final
 
 
 @dataclass(frozen=True)
-class Quality:
-    """A quality of a surface, as factors and shares at its usual degree.
+class Traits:
+    """Effect of a quality such as "coarse" on a surface, at degree 1."""
 
-    Parameters
-    ----------
-    scale : float
-        Size of all features, their height included.
-    depth : float
-        Height alone.
-    wear : float
-        0 new to 1: the tops are worn flat.
-    roughness : float
-        Added to the roughness of 0 to 1.
-    light : float
-        Factor of the colour's linear light.
-    """
-
-    scale: float = 1.0
-    depth: float = 1.0
-    wear: float = 0.0
-    roughness: float = 0.0
-    light: float = 1.0
+    scale: float = 1.0  # factor of all lengths, heights included
+    depth: float = 1.0  # further factor of heights
+    wear: float = 0.0  # added to the wear, 0 new to 1 tops worn flat
+    roughness: float = 0.0  # added to the roughness, 0..1
+    light: float = 1.0  # factor of the colour's linear light
 
 
 _TABLE: Final = (
-    (Quality(scale=1.6), "coarse, big, large, chunky, thick, wide, broad, bulky, heavy, giant,"
+    (Traits(scale=1.6), "coarse, big, large, chunky, thick, wide, broad, bulky, heavy, giant,"
      " huge, oversized, loose, loosely, open, enlarged, heavyweight, spaced, enormous, gigantic,"
      " massive, colossal, immense"),
-    (Quality(scale=0.6), "fine, small, tiny, narrow, tight, tightly, dense, densely, delicate,"
+    (Traits(scale=0.6), "fine, small, tiny, narrow, tight, tightly, dense, densely, delicate,"
      " thin, little, miniature, lightweight, micro, finely, compact, minute"),
-    (Quality(depth=1.7), "deep, pronounced, rugged, bumpy, raised, embossed, prominent, strong,"
+    (Traits(depth=1.7), "deep, pronounced, rugged, bumpy, raised, embossed, prominent, strong,"
      " uneven, craggy, ridged, grooved, cracked, knobbly, textured, tall, high, lumpy, ridge,"
      " groove, crack, split, furrowed, wavy, wrinkled, gouged, chiselled, carve, engraved,"
      " tactile, bold, sculpted, crevice, furrow, relief, irregular, bump, deeply, strongly,"
      " jagged, corrugated, edgy, undulating, pit, scratched, scored, dented, hammered, chipped,"
      " broken, crumpled, creased, crinkled, porous, peeling, flaking, splintered, knurled,"
      " pebbled, fluffy, dent"),
-    (Quality(depth=0.6), "shallow, flat, subtle, faint, slight, even, level, low, gentle, muted,"
+    (Traits(depth=0.6), "shallow, flat, subtle, faint, slight, even, level, low, gentle, muted,"
      " weak, flattened, ironed, evened, uniform, shallowly, gently, softened"),
-    (Quality(depth=1.6, roughness=0.15), "rough, harsh, scratchy, coarsened, raw, unfinished,"
+    (Traits(depth=1.6, roughness=0.15), "rough, harsh, scratchy, coarsened, raw, unfinished,"
      " untreated, prickly, unpolished, unsanded, roughened, bristly, abrasively, gritty"),
-    (Quality(depth=0.6, roughness=-0.15), "smooth, sleek, slippery, smoothly, smoothed, satiny"),
-    (Quality(depth=0.5, roughness=-0.3, wear=0.3), "polished, glossy, shiny, varnished, lacquered,"
+    (Traits(depth=0.6, roughness=-0.15), "smooth, sleek, slippery, smoothly, smoothed, satiny"),
+    (Traits(depth=0.5, roughness=-0.3, wear=0.3), "polished, glossy, shiny, varnished, lacquered,"
      " waxed, oiled, buffed, glazed, honed, burnished, gleaming, lustrous, mirror, planed, glassy,"
      " reflective, sheen, gloss, sparkling, glittering, shimmering"),
-    (Quality(wear=0.7), "worn, eroded, used, abraded, rubbed, faded, vintage, antique, distressed,"
+    (Traits(wear=0.7), "worn, eroded, used, abraded, rubbed, faded, vintage, antique, distressed,"
      " tumbled, sanded, aged, waterworn, old, ancient, washed, stonewashed, rounded, timeworn,"
      " beat, battered, wear, tired, threadbare, weatherbeaten, shabby, trodden, weathered, rustic,"
      " smoothworn, trampled, smoothened, scuffed"),
-    (Quality(wear=-0.2), "new, pristine, crisp, unworn, sharp, fresh, freshly"),
-    (Quality(roughness=-0.25, light=0.55), "wet, damp, moist, rainy, soaked, dripping, slick,"
+    (Traits(wear=-0.2), "new, pristine, crisp, unworn, sharp, fresh, freshly"),
+    (Traits(roughness=-0.25, light=0.55), "wet, damp, moist, rainy, soaked, dripping, slick,"
      " rain, dew, soggy, drenched, sodden, waterlogged, dank, oily, greasy, muddy, moistened"),
-    (Quality(roughness=-0.3, depth=0.7, light=1.3), "icy, frozen, frosty, ice"),
-    (Quality(roughness=0.1, light=1.15), "dry, dusty, matte, matt, chalky, sunbaked, parched, dull,"
+    (Traits(roughness=-0.3, depth=0.7, light=1.3), "icy, frozen, frosty, ice"),
+    (Traits(roughness=0.1, light=1.15), "dry, dusty, matte, matt, chalky, sunbaked, parched, dull,"
      " arid, bleached, sunlit, unglazed, satinless"),
-    (Quality(light=0.5), "dark, deepcolour, darkened, shadowy, dim, blackened, burnt, charred,"
+    (Traits(light=0.5), "dark, deepcolour, darkened, shadowy, dim, blackened, burnt, charred,"
      " smoked, dirty, sooty, stained, grimy"),
-    (Quality(light=1.6), "light, pale, bright, light coloured, whitewashed, pastel, lightened"),
+    (Traits(light=1.6), "light, pale, bright, light coloured, whitewashed, pastel, lightened"),
 )  # fmt: skip
 
 DEGREES: Final = {
@@ -76,24 +62,24 @@ DEGREES: Final = {
     "heavily": 1.6, "most": 1.6, "least": -1.6, "un": -1.0, "non": -1.0, "never": -1.0,
     "freshly": 1.0, "even": 1.0, "especially": 1.6, "moderately": 0.8, "lot": 1.8, "twice": 1.8,
 }  # fmt: skip
-"""Exponent that a word gives to the quality after it; below 0 it turns it round."""
+"""Exponent of the following quality; negative for the opposite quality."""
 
 DIRECTIONS: Final = {
     "horizontal": 0, "horizontally": 0, "lengthwise": 0, "lengthways": 0, "along": 0,
     "vertical": 90, "vertically": 90, "across": 90, "crosswise": 90, "upright": 90,
     "sideways": 90, "diagonal": 45, "diagonally": 45, "slanted": 45, "oblique": 45, "bias": 45,
 }  # fmt: skip
-"""Degrees by which the material is turned; the library's grain runs along x."""
+"""Rotation of the material, degrees; 0 is grain along x."""
 
 DRAFTS: Final = {
     "plain": "plain", "tabby": "plain", "basket": "basket", "basketweave": "basket",
     "hopsack": "basket", "rib": "rib", "ribbed": "rib", "twill": "twill", "herringbone": "twill",
     "denim": "denim", "satin": "satin", "sateen": "satin", "canvas": "plain", "burlap": "basket",
 }  # fmt: skip
-"""Weave of :data:`.weave.DRAFTS` that is meant by the words after "woven as"."""
+"""Weave, a key of :data:`.weave.DRAFTS`, for words after "woven as"."""
 
 NEGATIONS: Final = {"no", "without", "avoid", "lacking", "excluding", "except", "free"}
-"""Words after which a material or a quality is not wanted."""
+"""Words before an unwanted material or quality."""
 
 SMALL_WORDS: Final = frozenset(
     "a an the of with in on at to and or but by for from as like its it is are be been that this"
@@ -120,20 +106,16 @@ SMALL_WORDS: Final = frozenset(
     " feet bare finger fingers fingertip fingertips skin hand hands stroke stroking underneath"
     " grain grains line lines covers time people man woman someone person who whose".split()
 )  # fmt: skip
-"""Words that say nothing about a material and are passed over."""
+"""Words without meaning for a material."""
 
 SURFACE_TURNS: Final = {"covered", "coated", "wrapped", "upholstered", "clad", "draped", "lined"}
-"""Words after which another material is on top: a table covered with linen."""
+"""Words before the material of the upper layer: a table covered with linen."""
 
 ASIDES: Final = {
     "like", "than", "under", "beside", "near", "behind", "against", "resembling", "between",
     "among",
 }  # fmt: skip
-"""Words after which a material is a comparison or stands by: as rough as, next to."""
+"""Words before a material of a comparison, or of a nearby object."""
 
-
-def _words() -> dict[str, Quality]:
-    return {word.strip(): quality for quality, words in _TABLE for word in words.split(",")}
-
-
-QUALITIES: Final = _words()
+QUALITIES: Final = {word.strip(): quality for quality, words in _TABLE for word in words.split(",")}
+"""Quality of each word."""

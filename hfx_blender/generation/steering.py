@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Steering of a library material: its size, depth, wear, direction and weave."""
+"""Steered library materials: size, depth, wear, direction and weave; and their colour picture."""
 
 from __future__ import annotations
 
@@ -8,48 +8,33 @@ from typing import Final
 
 import numpy as np
 
-from ..engine.arrays import F64
+from ..engine.arrays import F64, U8
 from ..engine.texture.height_field import HeightField
 from ..engine.texture.procedural import ProceduralMaterial, noise
+from ..engine.texture.relief.linear_light import linear_to_srgb, srgb_to_linear
 from ..engine.texture.weave import Weave, woven
 
 _LEAST: Final = 0.03
 _MOST: Final = 30.0
 """Bounds of the factors of size and depth."""
 
-_THREADS: Final = 40  # of a square whose weave was asked for
-_WORN_FLAT: Final = 0.85  # of the height above the median that full wear takes away
+_THREADS: Final = 40  # along the side of a tile with a chosen weave
+_WORN_FLAT: Final = 0.85  # share of the height above the median that full wear removes
 
 
 @dataclass(frozen=True)
 class Steering:
-    """Differences from a library material.
+    """Differences from a library material."""
 
-    Parameters
-    ----------
-    scale : float
-        Factor of all lengths, heights included: the slopes stay.
-    depth : float
-        Factor of the heights besides.
-    wear : float
-        0 new to 1: what is above the median height is worn flat; below 0 it is raised.
-    roughness : float
-        Added to the roughness 0..1.
-    direction_deg : int
-        0, 45 or 90: the tile is turned, and stays without a seam.
-    draft : str, optional
-        A key of :data:`.weave.DRAFTS`, instead of the material's own relief.
-    """
-
-    scale: float = 1.0
-    depth: float = 1.0
-    wear: float = 0.0
-    roughness: float = 0.0
-    direction_deg: int = 0
-    draft: str | None = None
+    scale: float = 1.0  # factor of all lengths, heights included: slopes stay
+    depth: float = 1.0  # further factor of heights
+    wear: float = 0.0  # 0 new, 1 heights above the median worn flat, below 0 raised
+    roughness: float = 0.0  # added to the roughness, 0..1
+    direction_deg: int = 0  # rotation: 0, 45 or 90
+    draft: str | None = None  # key of weave.DRAFTS, in place of the material's relief
 
     def clipped(self) -> Steering:
-        """The same within the bounds of what a material bears."""
+        """Copy with all values within their bounds."""
         return replace(
             self,
             scale=float(np.clip(self.scale, _LEAST, _MOST)),
@@ -62,33 +47,34 @@ class Steering:
 def steered(
     material: ProceduralMaterial, steering: Steering, texels: int, seed: int
 ) -> tuple[HeightField, F64]:
-    """Heights and roughness 0..1 (N, N) of a steered material; it tiles.
+    """Heights, and roughness 0..1 (N, N), of a steered material; N = ``texels``. The result tiles.
 
     Raises
     ------
     InputError
         Fewer than 16 texels.
     """
-    wanted = steering.clipped()
+    steering = steering.clipped()
     field, roughness = material.make(texels, seed)
-    if wanted.draft is not None:
-        field = _with_weave(field, wanted.draft, texels, seed)
+    if steering.draft is not None:
+        field = _with_weave(field, steering.draft, texels, seed)
+    # Wear removes tops only: the gaps below the median stay as deep as they were.
     heights = field.heights_m
     middle = float(np.median(heights))
     above = np.maximum(heights - middle, 0.0)
-    heights = heights - _WORN_FLAT * wanted.wear * above
-    heights = heights * (wanted.scale * wanted.depth)
-    texel = field.texel_m[0] * wanted.scale
-    heights, roughness = (turned(each, wanted.direction_deg) for each in (heights, roughness))
-    if wanted.direction_deg == 45:
+    heights = heights - _WORN_FLAT * steering.wear * above
+    heights = heights * (steering.scale * steering.depth)
+    texel = field.texel_m[0] * steering.scale
+    heights, roughness = (turned(grid, steering.direction_deg) for grid in (heights, roughness))
+    if steering.direction_deg == 45:
         texel *= float(np.sqrt(2.0))
     heights = heights - heights.min()
-    rough = np.clip(roughness + wanted.roughness, 0.0, 1.0)
+    rough = np.clip(roughness + steering.roughness, 0.0, 1.0)
     return HeightField(heights, (texel, texel)), rough
 
 
 def _with_weave(field: HeightField, draft: str, texels: int, seed: int) -> HeightField:
-    """A cloth as deep as a field's relief, with its texels, in another weave."""
+    """Cloth of a weave with the texels of a field, as deep as the field's relief."""
     size = field.size_m[0]
     depth = float(np.ptp(np.quantile(field.heights_m, (0.02, 0.98))))
     cloth = woven(Weave(draft, size / _THREADS, max(depth, 1e-6)), size, texels)
@@ -98,10 +84,10 @@ def _with_weave(field: HeightField, draft: str, texels: int, seed: int) -> Heigh
 
 
 def turned(values: F64, direction_deg: int) -> F64:
-    """A tile (N, N) turned by 0, 45 or 90 degrees, exactly: each texel of it is one of the tile.
+    """Rotate a tile (N, N) by 0, 45 or 90 degrees without interpolation; other angles: unchanged.
 
-    Turned by 45 degrees its rows cross the tile along a diagonal, so that it holds the tile twice,
-    and a texel is longer by the root of 2.
+    Rows of the result at 45 degrees are diagonals of the tile: the result contains the tile twice,
+    and its texels are longer by the square root of 2.
     """
     if direction_deg == 90:
         return values.T
@@ -110,3 +96,69 @@ def turned(values: F64, direction_deg: int) -> F64:
     count = len(values)
     i, j = np.meshgrid(np.arange(count), np.arange(count))
     return np.asarray(values[(j - i) % count, (i + j) % count])
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Variation of the colour within a kind of material, as shares of its linear light."""
+
+    gaps: float  # darkening of the lowest texels
+    patches: float  # RMS of patches of the size of features
+    tint: float  # RMS between warm and cool
+    speckle: float  # RMS of single texels
+    stretch: float  # factor of the patches' length along x
+
+
+_LOOKS: Final = {
+    "gravel": _Look(0.75, 0.22, 0.05, 0.08, 1.0),
+    "metal": _Look(0.3, 0.04, 0.01, 0.02, 1.0),
+    "fabric": _Look(0.55, 0.06, 0.01, 0.06, 1.0),
+    "wood": _Look(0.45, 0.12, 0.05, 0.05, 12.0),
+}
+_WARM: Final = (1.0, 0.0, -1.0)
+
+
+def albedo(
+    kind: str,
+    field: HeightField,
+    srgb: tuple[float, float, float],
+    light: float,
+    seed: int,
+    direction_deg: int = 0,
+) -> U8:
+    """Colour picture (N, N, 3) of a surface, 8 bit sRGB, bottom row first; darker in gaps, tiling.
+
+    Parameters
+    ----------
+    kind : str
+        Entry of :data:`.procedural.KINDS`.
+    field : HeightField
+        Heights (N, N).
+    srgb : (float, float, float)
+        Colour of the material, 0..1.
+    light : float
+        Factor of the linear light.
+    direction_deg : int
+        Direction of the grain: 0, 45 or 90.
+    """
+    # Patches and tint have wavelengths of the tile's size, so that they repeat without a seam.
+    look = _LOOKS[kind]
+    rng = np.random.default_rng([seed, 17, *kind.encode()])
+    texels, size = field.heights_m.shape[0], field.size_m[0]
+    patches = noise(rng, texels, size, 0.12 * size, 0.02 * size, stretch=look.stretch)
+    warmth = noise(rng, texels, size, 0.4 * size, 0.04 * size, stretch=look.stretch)
+    patches, warmth = turned(patches, direction_deg), turned(warmth, direction_deg)
+    speckle = rng.standard_normal((texels, texels))
+    shade = 1.0 - look.gaps * (1.0 - _share(field.heights_m))
+    shade = shade * np.exp(look.patches * patches + look.speckle * speckle) * light
+    tinted = 1.0 + look.tint * warmth[..., None] * np.array(_WARM)
+    linear = srgb_to_linear(np.array(srgb)) * shade[..., None] * tinted
+    return np.rint(255.0 * linear_to_srgb(np.clip(linear, 0.0, 1.0))).astype(np.uint8)
+
+
+def _share(heights: F64) -> F64:
+    """Heights scaled to 0..1 between their 2nd and 98th percentiles, clipped; 1 if these agree."""
+    low, high = np.quantile(heights, (0.02, 0.98))
+    if high <= low:
+        return np.ones_like(heights)
+    return np.asarray(np.clip((heights - low) / (high - low), 0.0, 1.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Words of a text in their dictionary forms, and words that are nearly right."""
+"""Tokens of a text, dictionary forms of words, and correction of misspelt words."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TOKEN: Final = re.compile(r"[a-z]+|[^\W\d_a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
 _POSSESSIVE: Final = re.compile(r"(?<=[a-z])['\N{RIGHT SINGLE QUOTATION MARK}]s?\b")
 _LEAST_FUZZY: Final = 5  # letters
 _LEAST_GUESSED: Final = 7
-"""Letters of a word of which any may be wrong: shorter ones are soon other words (stand, steep)."""
+"""Least length of a word with a wrong letter; a shorter word may be a different word (steep)."""
 
 _ALIKE: Final = 0.85
 _ENDINGS: Final = (
@@ -26,7 +26,7 @@ _ENDINGS: Final = (
 
 
 def tokens(text: str) -> list[str]:
-    """Words, numbers and punctuation of a text, in lower case and without accents."""
+    """Split a text into words, numbers and punctuation, in lower case and without accents."""
     plain = unicodedata.normalize("NFKD", text.lower())
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     plain = _POSSESSIVE.sub("", plain.replace("\N{GREEK SMALL LETTER MU}m", "um"))
@@ -34,9 +34,10 @@ def tokens(text: str) -> list[str]:
 
 
 def base_form(word: str, known: Container[str]) -> str | None:
-    """Form of a word that is known: itself, its singular, or the word that it is derived from."""
+    """Known form of a word: the word, its singular, or its stem; None if none is known."""
     if word in known:
         return word
+    # A stem has at least three letters: "es" of "yes" is no ending.
     for ending, instead in _ENDINGS:
         if not word.endswith(ending) or len(word) - len(ending) < 3:
             continue
@@ -49,18 +50,18 @@ def base_form(word: str, known: Container[str]) -> str | None:
 
 
 def nearest_form(word: str, known: Iterable[str]) -> str | None:
-    """Known word that a misspelt one is likely to mean.
+    """Known word nearest to a misspelt word; None if none is near, or below 5 letters.
 
-    Of short words only slips of typing are mended: neighbours swapped, a letter doubled or not.
+    Below 7 letters only swapped neighbours and wrongly doubled letters are corrected.
     """
     if len(word) < _LEAST_FUZZY:
         return None
-    alike = [each for each in known if abs(len(each) - len(word)) <= 1 and each[0] == word[0]]
+    similar = [x for x in known if abs(len(x) - len(word)) <= 1 and x[0] == word[0]]
     swapped = {word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)}
-    found = [each for each in alike if each in swapped or _undoubled(each) == _undoubled(word)]
-    if not found and len(word) >= _LEAST_GUESSED:
-        found = difflib.get_close_matches(word, alike, 1, _ALIKE)
-    return found[0] if found else None
+    nearest = [x for x in similar if x in swapped or _undoubled(x) == _undoubled(word)]
+    if not nearest and len(word) >= _LEAST_GUESSED:
+        nearest = difflib.get_close_matches(word, similar, 1, _ALIKE)
+    return nearest[0] if nearest else None
 
 
 def _undoubled(word: str) -> str:

@@ -23,7 +23,7 @@ ended: list[bool] = []  # not empty: this process ends, and starts no other
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a module, by its name within the package: ``generation.worker``.
+    """Command line of a module, by its name within the package: ``generation.generation_process``.
 
     A module of ``hfx_tools`` is given by its full name.
     """

@@ -35,7 +35,7 @@ class Worker:
     :class:`.owner.Owner`, and so ends with this process. A Ctrl-C that is meant for this process
     does not reach it; one that is killed takes with it what it has started. ::
 
-        worker = Worker("generation.worker")
+        worker = Worker("generation.generation_process")
         worker.start()
         worker.send(json_message({"words": "oak"}))
         print(worker.receive(limit_s=60.0))

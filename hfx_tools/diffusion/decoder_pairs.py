@@ -19,11 +19,10 @@ from hfx_blender.engine.arrays import F32, F64
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.procedural import KINDS, MATERIALS
 from hfx_blender.errors import InputError
-from hfx_blender.generation.albedo import albedo
 from hfx_blender.generation.material_words import COLOURS
 from hfx_blender.generation.picture_conversion import surface_of
 from hfx_blender.generation.picture_folder import SUFFIXES
-from hfx_blender.generation.steering import Steering, steered
+from hfx_blender.generation.steering import Steering, albedo, steered
 
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]

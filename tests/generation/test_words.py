@@ -11,7 +11,7 @@ import pytest
 
 from hfx_blender.errors import InputError
 from hfx_blender.generation import generated, library_search
-from hfx_blender.generation.wish import read_words
+from hfx_blender.generation.interpretation import read_words
 from hfx_tools.bench.surfaces import words as bench
 
 

@@ -19,11 +19,11 @@ from ...version import __version__
 from ..shared import HfxOperator
 
 if TYPE_CHECKING:
-    from ...generation.child import GenerationChild
+    from ...generation.generation_process import GenerationProcess
 
 _TICK_S = 0.1
 
-running: GenerationChild | None = None
+running: GenerationProcess | None = None
 """Generation that is under way."""
 
 results: list[Path] = []
@@ -124,12 +124,12 @@ class HFX_OT_generate_surface(HfxOperator):
 
     def _begin(self, context: bpy.types.Context) -> str:
         global running
-        from ...generation.child import GenerationChild
+        from ...generation.generation_process import GenerationProcess
 
         if importlib.util.find_spec("scipy") is None:  # the child would end for want of it
             raise ModuleNotFoundError(name="scipy")
         try:
-            running = GenerationChild(_job(context))
+            running = GenerationProcess(_job(context))
         except OSError as error:
             raise HfxError(f"No process can be started ({error}).") from error
         active = context.object

@@ -13,7 +13,7 @@ from hfx_blender.engine.texture.roughness import roughness_of_surface
 from hfx_blender.errors import InputError
 from hfx_blender.generation import library_search
 from hfx_blender.generation.generated import Generated
-from hfx_blender.generation.wish import read_words
+from hfx_blender.generation.interpretation import read_words
 
 from . import classify, texture
 from .word_prompts import COMPARATIVES, PROMPTS

@@ -14,7 +14,7 @@ from hfx_blender.authoring.surfaces import generated_surfaces, surfaces
 from hfx_blender.cli import run
 from hfx_blender.formats.pictures import png
 from hfx_blender.generation import generated, library_search
-from hfx_blender.generation.child import GenerationChild
+from hfx_blender.generation.generation_process import GenerationProcess
 from hfx_blender.operators.surfaces import generation
 
 
@@ -125,7 +125,7 @@ def test_a_wish_that_cannot_be_met_changes_nothing(registered: Any, wanted: Any)
 
 def test_generation_is_cancelled_at_once(tmp_path: Path) -> None:
     job = {"back_end": "library", "words": "gravel", "negative": "", "seed": 0, "texels": 4096}
-    child = GenerationChild(
+    child = GenerationProcess(
         {**job, "variations": 8, "use_steps": False, "folder": str(tmp_path), "version": "1"}
     )
     assert child.is_running

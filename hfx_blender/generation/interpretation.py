@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Interpretation of words: the kind of material, and its qualities."""
+"""Interpretation of English words: the kind of material and its qualities."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .quality_words import (
     QUALITIES,
     SMALL_WORDS,
     SURFACE_TURNS,
-    Quality,
+    Traits,
 )
 from .word_forms import base_form, nearest_form, tokens
 
@@ -32,58 +32,61 @@ _PICTURE_WORDS: Final = re.compile(
     r"|fine[- ]detail\w*|soft\w* light\w*"
 )
 _FINISHED: Final = ("metal", "gravel")
-"""Kinds whose finish decides which variant is nearest."""
+"""Kinds whose finish, such as "brushed", decides the library material."""
 
 _GUESSED: Final = 0.6
-"""Weight of a word that is only spelt nearly like a material: less than of any that is one."""
+"""Factor of the weight of a misspelt material: below the weight of any exact word."""
 
-_ON_TOP: Final = 6.0
-_BESIDE: Final = 1.5  # less, of what a thing has or lies on
+_ON_TOP: Final = 6.0  # added weight of an upper layer: covered with linen
+_BESIDE: Final = 1.5  # subtracted weight after "with", "on" and "in"
 
 _MOST_DEGREE: Final = 6.0
-"""However often "very" is said: about four times."""
+"""Largest exponent of a quality, however many times "very" is repeated."""
 
 _LISTED: Final = 200  # letters of unknown words in a message
 
 _SIZES_M: Final = (5e-5, 0.5)
-"""Sizes and depths of features that a finger can tell on a surface."""
+"""Allowed sizes and depths of features, metres: the range of touch."""
 
 
 @dataclass(frozen=True)
 class NamedMaterial:
-    """A material in the text: its word, its place, and how much it decides the kind."""
+    """Material in a text."""
 
     word: str
-    place: int
+    place: int  # index among the text's words
     meaning: MaterialWord
-    weight: float
+    weight: float  # vote for the kind
     is_reference: bool = False  # of a comparison: coarser than denim
 
 
 @dataclass
-class Wish:
-    """Meaning of a text: materials with weights, and qualities multiplied together."""
+class Interpretation:
+    """Meaning of a text: materials with weights, and the product of all qualities.
+
+    None, and neutral numbers, where the text says nothing.
+    """
 
     materials: list[NamedMaterial] = field(default_factory=list)
-    scale: float = 1.0
+    scale: float = 1.0  # these five as of Traits
     depth: float = 1.0
     wear: float = 0.0
     roughness: float = 0.0
     light: float = 1.0
-    colour: str | None = None
-    direction_deg: int | None = None
-    draft: str | None = None
-    period_m: float | None = None
+    colour: str | None = None  # a key of COLOURS
+    direction_deg: int | None = None  # 0, 45 or 90
+    draft: str | None = None  # weave
+    period_m: float | None = None  # size of the features
     depth_m: float | None = None
     unwanted: set[str] = field(default_factory=set)  # kinds
-    understood: dict[str, str] = field(default_factory=dict)  # word to meaning
-    unknown: list[str] = field(default_factory=list)
-    _counts: dict[Quality, int] = field(default_factory=dict)
+    understood: dict[str, str] = field(default_factory=dict)  # word to meaning, for the record
+    unknown: list[str] = field(default_factory=list)  # unique words
+    _counts: dict[Traits, int] = field(default_factory=dict)
 
-    def add(self, quality: Quality, degree: float) -> None:
-        """Multiply with a quality to some degree; a negative degree turns it round.
+    def add(self, quality: Traits, degree: float) -> None:
+        """Apply a quality to a power ``degree``, clipped to +-6; negative: the opposite quality.
 
-        Each repetition of it, or of a word that means the same, counts half of the one before.
+        Each repetition of equal factors has half the degree of the repetition before.
         """
         times = self._counts.get(quality, 0)
         self._counts[quality] = times + 1
@@ -95,102 +98,116 @@ class Wish:
         self.roughness += quality.roughness * degree
 
     def choose(self) -> tuple[MaterialWord, NamedMaterial]:
-        """Shape and word of the material that is meant.
+        """Choose the material: the word for its shape, and the strongest word of its kind.
+
+        Kinds are compared by the sum of weights, equal sums by the last word; unwanted kinds and
+        references of comparisons do not count, unless a text has only references. Sets a colour
+        from a material of another kind (silk, gold) if the text has none.
 
         Raises
         ------
         InputError
             No word names a material.
         """
+        # Of kinds with equal scores the one of the later word wins, as its noun comes last.
         scores = dict.fromkeys(KINDS, 0.0)
         last = dict.fromkeys(KINDS, -1)
-        named = [each for each in self.materials if not each.is_reference] or self.materials
-        for each in named:
-            kind = each.meaning.kind
+        named = [material for material in self.materials if not material.is_reference]
+        for material in named or self.materials:
+            kind = material.meaning.kind
             if kind not in self.unwanted:
-                scores[kind] += max(each.weight, 0.1)
-                last[kind] = max(last[kind], each.place)
+                scores[kind] += max(material.weight, 0.1)
+                last[kind] = max(last[kind], material.place)
         kind = max(KINDS, key=lambda name: (scores[name], last[name]))
         if scores[kind] == 0.0:
             raise InputError(
                 "No word names a material that the library has anything near to; it knows English "
                 f"words for {', '.join(KINDS)}" + _listed(self.unknown)
             )
-        mine = [each for each in self.materials if each.meaning.kind == kind]
-        tints = [each.word for each in self.materials if each.word in COLOURS and each not in mine]
-        self.colour = self.colour or (tints[0] if tints else None)  # silk, gold
-        strongest = max(mine, key=lambda each: (each.weight, each.is_reference, each.place))
-        finishes = [each.meaning for each in mine if each.meaning.weight == 1]
+        of_kind = [x for x in self.materials if x.meaning.kind == kind]
+        tints = [x.word for x in self.materials if x.word in COLOURS and x not in of_kind]
+        self.colour = self.colour or (tints[0] if tints else None)
+        strongest = max(of_kind, key=lambda x: (x.weight, x.is_reference, x.place))
+        # Brushed steel: the finish has the shape, the steel has the colour.
+        finishes = [x.meaning for x in of_kind if x.meaning.weight == 1]
         shape = finishes[-1] if finishes and kind in _FINISHED else strongest.meaning
         return shape, strongest
 
 
-def read_words(text: str, negative: str = "") -> Wish:
-    """Interpret a wish, and the words of what is not wanted.
+def read_words(text: str, negative: str = "") -> Interpretation:
+    """Interpret a text, and a text of unwanted materials and qualities.
+
+    Unwanted materials of weight 2 or more exclude their kind; unwanted qualities count with
+    degree -0.5.
 
     Raises
     ------
     InputError
-        A size that no surface has.
+        A size is outside the range of touch.
     """
-    wish = Wish()
-    _Reader(wish, text).read()
+    meaning = Interpretation()
+    _TextReader(meaning, text).read()
     if negative.strip():
-        unwanted = Wish()
-        _Reader(unwanted, negative).read()
-        wish.unwanted |= {each.meaning.kind for each in unwanted.materials if each.weight >= 2.0}
-        wish.add(
-            Quality(
+        unwanted = Interpretation()
+        _TextReader(unwanted, negative).read()
+        meaning.unwanted |= {x.meaning.kind for x in unwanted.materials if x.weight >= 2.0}
+        meaning.add(
+            Traits(
                 unwanted.scale, unwanted.depth, unwanted.wear, unwanted.roughness, unwanted.light
             ),
             -0.5,
         )
-        wish.unknown += [each for each in unwanted.unknown if each not in wish.unknown]
-    return wish
+        meaning.unknown += [word for word in unwanted.unknown if word not in meaning.unknown]
+    return meaning
 
 
 def _listed(unknown: list[str]) -> str:
+    """End of a message with the unknown words, shortened; "." without any."""
     text = ", ".join(unknown)
     return f". Not known: {text[:_LISTED]}{' ...' * (len(text) > _LISTED)}." if unknown else "."
 
 
-class _Reader:
-    """One pass over the words of a text."""
+class _TextReader:
+    """Single pass over the words of a text; writes to an interpretation.
 
-    def __init__(self, wish: Wish, text: str) -> None:
-        self._wish = wish
+    The state holds for the next material or quality, or to the end of the clause.
+    """
+
+    def __init__(self, interpretation: Interpretation, text: str) -> None:
+        self._result = interpretation
         coloured = r"\b([a-z]+)[- ](?:colou?red|toned|tinted|hued)\b"
         self._coloured = set(re.findall(coloured, text.lower()))
         self._words = tokens(_PICTURE_WORDS.sub(" ", text.lower()))
-        self._degree = 1.0
+        self._degree = 1.0  # product of "very", "less" ...
         self._is_unwanted = False
-        self._is_denied = False  # by "not"
-        self._bonus = 0.0
-        self._is_aside = False
-        self._is_reference = False
+        self._is_denied = False  # unwanted by "not", which ends with the next quality
+        self._bonus = 0.0  # added to the weight of materials
+        self._is_aside = False  # material of a comparison, or nearby
+        self._is_reference = False  # after "than"
 
     def read(self) -> None:
-        """Read all words."""
-        place = 0
-        while place < len(self._words):
-            place += self._step(place)
+        """Read all words of the text."""
+        index = 0
+        while index < len(self._words):
+            index += self._step(index)
 
     def _end_of_clause(self) -> None:
         self._degree, self._bonus = 1.0, 0.0
         self._is_unwanted = self._is_aside = self._is_reference = False
 
     def _step(self, place: int) -> int:
-        """Read what begins at a place; returns the number of words."""
+        """Read the words from ``place`` on that belong together; return their number."""
         word = self._words[place]
         if word in _STOPS or word == "but":
             self._end_of_clause()
             return 1
+        # Longer patterns come first, so that their words are not read one by one.
         if word[0].isdigit():
             return self._number(place)
         if word in ("woven", "weave", "knitted") and (used := self._weave(place)):
             return used
         if self._words[place : place + 3 : 2] == ["as", "as"]:
-            self._is_aside = True  # as rough as sandpaper: the quality counts, the material not
+            self._is_aside = True  # as rough as sandpaper: only the quality counts
             return self._step(place + 1) + 1
         if word in NEGATIONS:
             self._is_unwanted, self._is_denied = True, False
@@ -210,7 +227,10 @@ class _Reader:
         return self._phrase(place) or self._single(place, word)
 
     def _number(self, place: int) -> int:
-        """Read a length: the period, or the depth if the next word says so."""
+        """Read a length, the period or the depth ("2 mm deep"); return the number of words.
+
+        A number without a unit is passed over.
+        """
         following = self._words[place + 1 : place + 3]
         if not following or following[0] not in _UNITS_M:
             return 1
@@ -222,48 +242,49 @@ class _Reader:
                 f"{_SIZES_M[0] * 1e3:g} to {_SIZES_M[1] * 1e3:g} mm."
             )
         if len(following) == 2 and following[1] in _HEIGHTS:
-            self._wish.depth_m = metres
-            self._wish.understood[shown] = "depth"
+            self._result.depth_m = metres
+            self._result.understood[shown] = "depth"
             return 3
-        self._wish.period_m = metres
-        self._wish.understood[shown] = "size of the features"
+        self._result.period_m = metres
+        self._result.understood[shown] = "size of the features"
         return 2
 
     def _weave(self, place: int) -> int:
-        """Read "woven as twill", "woven like a basket", "woven in rib"."""
+        """Read "woven as twill", "woven like a basket"; return the number of words, 0 for none."""
         rest = [word for word in self._words[place + 1 : place + 5] if word not in ("a", "the")]
         if len(rest) < 2 or rest[0] not in ("as", "like", "in", "into") or rest[1] not in DRAFTS:
             return 0
-        self._wish.draft = DRAFTS[rest[1]]
-        self._wish.understood[f"woven as {rest[1]}"] = f"weave {self._wish.draft}"
+        self._result.draft = DRAFTS[rest[1]]
+        self._result.understood[f"woven as {rest[1]}"] = f"weave {self._result.draft}"
         end = self._words.index(rest[1], place)
         return end - place + 1
 
     def _phrase(self, place: int) -> int:
-        """Read the longest material of several words that begins here; 0 if there is none."""
+        """Read the longest material of several words at ``place``; return their number or 0."""
         for count in range(LONGEST_PHRASE, 1, -1):
             words = self._words[place : place + count]
             if len(words) < count:
                 continue
-            found = base_form(" ".join(words), WORDS)
-            if found is None and words[0] not in QUALITIES:  # "rough cast iron" is no roughcast
-                found = base_form("".join(words), WORDS)
-            if found is not None:
-                self._material(found, WORDS[found], place)
+            material = base_form(" ".join(words), WORDS)
+            if material is None and words[0] not in QUALITIES:  # "rough cast iron": no roughcast
+                material = base_form("".join(words), WORDS)
+            if material is not None:
+                self._material(material, WORDS[material], place)
                 return count
         return 0
 
     def _single(self, place: int, word: str) -> int:
+        """Read one word by the first vocabulary that has it; unknown words are noted."""
         if word in DEGREES and not self._is_quality_alone(place):
             factor = DEGREES[word]
-            if word == "not":  # not metal; but of "not shiny metal" only the shine is denied
+            if word == "not":  # "not metal" excludes metal, "not shiny metal" only the shine
                 self._is_unwanted = self._is_denied = True
             self._degree *= factor
-            self._wish.understood[word] = f"degree {factor:g}"
+            self._result.understood[word] = f"degree {factor:g}"
             return 1
         if word in DIRECTIONS:
-            self._wish.direction_deg = DIRECTIONS[word]
-            self._wish.understood[word] = f"turned by {DIRECTIONS[word]} degrees"
+            self._result.direction_deg = DIRECTIONS[word]
+            self._result.understood[word] = f"turned by {DIRECTIONS[word]} degrees"
         elif self._is_colour(place, word):
             self._colour(word)
         elif (quality := base_form(word, QUALITIES)) and word not in WORDS:
@@ -275,29 +296,30 @@ class _Reader:
         return 1
 
     def _is_quality_alone(self, place: int) -> bool:
-        """Test for a word such as "even" that is a quality, not a degree: no quality follows."""
+        """Test that a degree such as "even" is used as a quality: no quality follows."""
         word = self._words[place]
         following = self._words[place + 1 : place + 2]
         return word in QUALITIES and not (following and base_form(following[0], QUALITIES))
 
     def _is_colour(self, place: int, word: str) -> bool:
+        """Test that a word is used as a colour, not as a material: copper dress, oak-toned."""
         if word not in COLOURS:
             return False
         if word not in WORDS or word in self._coloured:
             return True
         following = self._words[place + 1 : place + 2]
-        other = base_form(following[0], WORDS) if following else None
-        if other is None:
+        noun = base_form(following[0], WORDS) if following else None
+        if noun is None:
             return bool(following) and following[0] in COLOURS
-        own, thing = WORDS[word], WORDS[other]
-        # A gate can be of oak, a dress of copper is only coloured so.
+        own, thing = WORDS[word], WORDS[noun]
+        # An oak gate is made of oak, but a copper dress has the colour of copper.
         is_made_of_it = thing.weight < own.weight and thing.kind != "fabric"
         return thing.kind != own.kind and thing.weight >= 2 and not is_made_of_it
 
     def _colour(self, word: str) -> None:
         if not self._is_unwanted:
-            self._wish.colour = word
-            self._wish.understood[word] = "colour"
+            self._result.colour = word
+            self._result.understood[word] = "colour"
         self._degree = 1.0
 
     def _quality(self, place: int, quality: str) -> None:
@@ -309,8 +331,8 @@ class _Reader:
         degree = self._degree
         if self._is_unwanted and degree > 0.0:
             degree = -degree
-        self._wish.add(meaning, degree)
-        self._wish.understood[word] = quality if degree > 0.0 else f"not {quality}"
+        self._result.add(meaning, degree)
+        self._result.understood[word] = quality if degree > 0.0 else f"not {quality}"
         self._degree = 1.0
         self._is_unwanted &= not self._is_denied
 
@@ -318,36 +340,37 @@ class _Reader:
         if word in self._coloured and word not in COLOURS:
             return
         if self._is_unwanted:
-            self._wish.unwanted.add(meaning.kind)
-            self._wish.understood[word] = f"no {meaning.kind}"
+            self._result.unwanted.add(meaning.kind)
+            self._result.understood[word] = f"no {meaning.kind}"
             self._is_unwanted = False
             return
         is_aside = (self._is_aside and not self._is_reference) or self._is_shade(place)
         weight = 0.0 if is_aside else meaning.weight + self._bonus
         named = NamedMaterial(word, place, meaning, weight, self._is_reference)
-        self._wish.materials.append(named)
-        self._wish.understood[word] = meaning.kind
-        # An adjective of quality, read as a material's finish, is not lost to the surface.
+        self._result.materials.append(named)
+        self._result.understood[word] = meaning.kind
+        # A finish such as "polished" is a material and a quality.
         if word in QUALITIES:
-            self._wish.add(QUALITIES[word], self._degree)
+            self._result.add(QUALITIES[word], self._degree)
         self._degree = 1.0
 
     def _is_shade(self, place: int) -> bool:
-        """Test for a material that only tells which grey it is: "stone grey carpet"."""
+        """Test for a material before a colour, as a shade of the colour: "stone grey carpet"."""
         following = self._words[place + 1 : place + 2]
         return bool(following) and following[0] in COLOURS and following[0] not in WORDS
 
     def _unknown(self, place: int, word: str) -> None:
+        """Read a misspelt material or quality, or note an unknown word."""
         for known in (WORDS, QUALITIES):
             near = nearest_form(word, known)
             if near is not None and " " not in near:
-                self._wish.understood[word] = f"read as '{near}'"
+                self._result.understood[word] = f"read as '{near}'"
                 if known is WORDS:
                     known_word = WORDS[near]
                     guess = replace(known_word, weight=_GUESSED * known_word.weight)
                     self._material(near, guess, place)
                 else:
-                    self._wish.add(QUALITIES[near], self._degree)
+                    self._result.add(QUALITIES[near], self._degree)
                 return
-        if word not in self._wish.unknown:
-            self._wish.unknown.append(word)
+        if word not in self._result.unknown:
+            self._result.unknown.append(word)

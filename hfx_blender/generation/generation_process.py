@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Generation of surfaces in a process of its own, so that Blender never waits: both its sides.
+
+The process takes one job and sends JSON messages ``{"share": 0..1}``, ``{"made": record's path}``
+and ``{"error": sentence}``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..engine.texture.device_range import NoticeableSteps
+from ..errors import HfxError
+from ..processes.messages import Message, decode_json, json_message
+from ..processes.owner import Owner
+from ..processes.worker import Worker
+from . import library_search, picture_folder
+from .generated import Generated, write
+
+
+class GenerationProcess:
+    """Parent side: a process that does one job.
+
+    Attributes
+    ----------
+    share : float
+        Completed share of the job, 0..1.
+    records : list of Path
+        Record files of the finished surfaces, in order.
+    fault : str
+        Reason of a failure; "" without a failure.
+    """
+
+    def __init__(self, job: Mapping[str, Any]) -> None:
+        """Start the process; OSError if that fails."""
+        self.share = 0.0
+        self.records: list[Path] = []
+        self.fault = ""
+        self._worker = Worker(
+            "generation.generation_process", received=self._take, keeps_errors=True
+        )
+        self._worker.start()
+        self._worker.send(json_message(dict(job)))
+
+    def _take(self, _worker: Worker, message: Message) -> None:
+        content = decode_json(message.body)
+        self.share = float(content.get("share", self.share))
+        self.fault = content.get("error", self.fault)
+        if "made" in content:
+            self.records.append(Path(content["made"]))
+
+    @property
+    def is_running(self) -> bool:
+        """Test that the process runs; once False, all its messages have been received."""
+        if self._worker.is_running:
+            return True
+        self.wait()
+        return False
+
+    def wait(self) -> None:
+        """Wait for the end of the process; a crash sets :attr:`fault`."""
+        if self._worker.wait() and not self.fault:
+            self.fault = f"Generation {self._worker.how_it_ended()}"
+
+    def cancel(self) -> None:
+        """Kill the process."""
+        self._worker.close(0.0)
+
+
+def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
+    """Generate the surfaces of a job; yield each with the share of the job then completed.
+
+    Raises
+    ------
+    HfxError
+        The job cannot be done.
+    """
+    steps = NoticeableSteps() if job["use_steps"] else None
+    count = int(job["variations"])
+    for number in range(count):
+        if job["back_end"] == picture_folder.NAME:
+            surface = _of_picture(job, steps)
+        else:
+            surface = library_search.generate(
+                job["words"],
+                negative=job["negative"],
+                seed=job["seed"] + number,
+                texels=job["texels"],
+                steps=steps,
+            )
+        yield (number + 1) / count, surface
+
+
+def _of_picture(job: Mapping[str, Any], steps: NoticeableSteps | None) -> Generated:
+    width, height = job["size_mm"]
+    return picture_folder.generate(
+        Path(job["picture"]),
+        # Blender has decoded the picture into an array: this process reads fewer picture formats.
+        lambda path: np.asarray(np.load(job["pixels"], allow_pickle=False), np.float64),
+        size_m=(width / 1000.0, height / 1000.0),
+        depth_m=job["height_mm"] / 1000.0,
+        tiles=job["tiles"],
+        steps=steps,
+    )
+
+
+def main() -> None:
+    """Child side: do the owner's job, write its surfaces and report each."""
+    owner = Owner()
+    job = decode_json(owner.receive().body)
+    try:
+        for share, surface in run(job):
+            files = write(surface, Path(job["folder"]), job["version"]).files
+            owner.send(json_message({"share": share, "made": str(files[-1])}))
+    except HfxError as error:
+        owner.send(json_message({"error": str(error)}))
+    except ModuleNotFoundError as error:  # the extension's zip without wheels lacks scipy
+        text = f"This needs the Python package {error.name}, which is missing."
+        owner.send(json_message({"error": text}))
+
+
+if __name__ == "__main__":
+    main()
