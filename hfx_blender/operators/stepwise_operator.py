@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import bpy
 
-from ..authoring.effects import swarms
 from ..engine.stepwise import finish
+from ..reading.stepped.reached import has_effects
 from .shared import HfxOperator
 
 if TYPE_CHECKING:
@@ -125,9 +125,7 @@ class StepwiseExport(StepwiseOperator):
     bl_options = {"REGISTER"}
     doing, doing_icon = "Exporting Haptics", "EXPORT"
     cancelled = "Export cancelled: nothing was written"
-    requires = (
-        (lambda context: swarms.listed_effects(context.scene), "Add a haptic effect first"),
-    )
+    requires = ((lambda context: has_effects(context.scene), "Add a haptic effect first"),)
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         """Begin the export; the steps yield the share that is done, and return the report."""

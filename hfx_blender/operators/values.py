@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring.effects import effects, swarms
+from ..authoring.effects import effects
 from ..playback.preview.preview import preview
 from ..playback.timeline.timeline_recorder import recorder
+from ..reading.stepped.reached import has_effects
 from .shared import HfxOperator
 
 
@@ -19,9 +20,7 @@ class HFX_OT_update_values(HfxOperator):
     bl_options = {"REGISTER"}
     requires = (
         (
-            lambda context: (
-                swarms.listed_effects(context.scene) and effects.bodies_of(context.scene)
-            ),
+            lambda context: has_effects(context.scene) and effects.bodies_of(context.scene),
             "Add a body and effects first",
         ),
     )

@@ -34,6 +34,7 @@ from ...reading.curves.animation_time import time_base
 from ...reading.description.scene_devices import load_scene_device
 from ...reading.description.scene_tolerance import live_tolerance
 from ...reading.scene_reader import SceneReader
+from ...reading.stepped.reached import sources_of
 
 MOST_SAMPLES = 20_000
 """A longer scene is sampled once a frame; one that is longer still, not at all."""
@@ -41,6 +42,9 @@ MOST_SAMPLES = 20_000
 MOST_BYTES = 64_000_000
 """Memory limit of the samples that are kept, bytes; later ones are evaluated when they are shown,
 and latency is not compensated there."""
+
+
+_MUST_STEP = "The scene has to be stepped through for that."
 
 
 class NeedsSteppingError(HfxError):
@@ -160,6 +164,8 @@ def record(
         There is nothing to feel, the timeline is too long, or there are volumes and no compiled
         part.
     """
+    if not may_step and sources_of(scene):  # a reader looks for their instances at each frame
+        raise NeedsSteppingError(_MUST_STEP)
     tolerance = live_tolerance(scene)
     reader = SceneReader(
         scene,
@@ -169,7 +175,7 @@ def record(
         is_probed=may_step,
     )
     if not may_step and reader.steps():
-        raise NeedsSteppingError("The scene has to be stepped through for that.")
+        raise NeedsSteppingError(_MUST_STEP)
     described = reader.description
     if described.has_volumes:
         library.require_in_time()

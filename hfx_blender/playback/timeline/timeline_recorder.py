@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import bpy
 
-from ...authoring.effects import effects, swarms
+from ...authoring.effects import effects
 from ...errors import HfxError
 from ...reading.stepped import stepping
+from ...reading.stepped.reached import has_effects
 from ..evaluation import evaluation
 
 if TYPE_CHECKING:
@@ -104,15 +106,13 @@ class TimelineRecorder:
         if quiet_s < QUIET_S:
             return QUIET_S - quiet_s + 0.01
         begin = time.perf_counter()
-        self._is_working = True
-        try:
-            self._piece(scene)
-        except HfxError as error:
-            self._done(None, str(error))
-        except (ReferenceError, AttributeError):  # an undo took objects away
-            self._stop()
-        finally:
-            self._is_working = False
+        with self._working():
+            try:
+                self._piece(scene)
+            except HfxError as error:
+                self._done(None, str(error))
+            except (ReferenceError, AttributeError):  # an undo took objects away
+                self._stop()
         return 0.02 + 2.0 * (time.perf_counter() - begin)
 
     def update_now(self, scene: bpy.types.Scene) -> None:
@@ -127,18 +127,28 @@ class TimelineRecorder:
 
         self._stop()
         self._key = _key_of(scene)
-        self._is_working = True
-        try:
+        with self._working():
             *_, found = record(scene, may_step=True, with_positions=evaluation.with_positions)
             self._done(found, "")
+
+    @contextmanager
+    def _working(self) -> Iterator[None]:
+        """Context in which Blender's reports of changes are ignored: they follow from reading."""
+        self._is_working = True
+        try:
+            yield
         finally:
+            # Reading tags objects (scratch scenes come and go, frames are set). Blender would
+            # evaluate and report them later, as if a user had edited them.
+            for window in bpy.context.window_manager.windows:
+                window.view_layer.update()
             self._is_working = False
 
     def _piece(self, scene: bpy.types.Scene) -> None:
         from .timeline_record import NeedsSteppingError, record
 
         if self._running is None:
-            if not (swarms.listed_effects(scene) and effects.bodies_of(scene)):
+            if not (has_effects(scene) and effects.bodies_of(scene)):
                 self._done(None, "")
                 return
             self._running = record(scene, may_step=False, with_positions=evaluation.with_positions)

@@ -22,7 +22,6 @@ import numpy as np
 
 from ...authoring import volumes
 from ...authoring.effects import effect_values, effects
-from ...blender.background_scenes import scene_objects
 from ...engine.arrays import F64, Bool
 from ...engine.response.paths import OVERLAP
 from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
@@ -39,7 +38,7 @@ from ..description import (
 )
 from ..description.scene_description import HapticObjects
 from . import stepping
-from .reached import data_reached_from, data_reaching, is_instancer, reached_from
+from .reached import data_reached_from, data_reaching, is_instancer, is_volume, sources_of
 from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
 
@@ -56,16 +55,6 @@ Phase = Callable[[bpy.types.Object, F64], F64]
 """Controls (F, WIDTH) of a source's filters -> the same with phases that go on evenly."""
 
 
-def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Volumes that something in a scene may instance, by their full names."""
-    if not any(_is_volume(obj) for obj in bpy.data.objects):
-        return {}
-    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
-    found = reached_from(instancers) if instancers else set()
-    named = {obj.name_full: obj for obj in found if _is_volume(obj)}
-    return dict(sorted(named.items()))
-
-
 def _states(
     scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
 ) -> dict[str, activation.Activation]:
@@ -76,10 +65,6 @@ def _states(
         name: activation.SILENCED if source in silenced else activation.activation_of(source)
         for name, source in sources.items()
     }
-
-
-def _is_volume(obj: bpy.types.Object) -> bool:
-    return bool(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME")
 
 
 def _shown(
@@ -94,7 +79,7 @@ def _shown(
         if not instance.is_instance:
             continue
         source = instance.object
-        if not _is_volume(source) or source.hide_viewport:
+        if not is_volume(source) or source.hide_viewport:
             continue
         parent = instance.parent
         number = tuple(n for n in instance.persistent_id if n != _NO_NUMBER)

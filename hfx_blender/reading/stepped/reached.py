@@ -7,6 +7,9 @@ from collections.abc import Collection, Iterable, Iterator
 
 import bpy
 
+from ...authoring.effects import swarms
+from ...blender.background_scenes import scene_objects
+
 Reference = tuple[bpy.types.ID, bpy.types.ID]
 """Data, and other data that it refers to."""
 
@@ -18,6 +21,29 @@ def is_instancer(obj: bpy.types.ID) -> bool:
         or bool(obj.particle_systems)
         or any(modifier.type == "NODES" for modifier in obj.modifiers)
     )
+
+
+def is_volume(obj: bpy.types.Object) -> bool:
+    """Test for a haptic volume."""
+    return bool(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME")
+
+
+def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
+    """Volumes that something in a scene may instance, by their full names, sorted."""
+    if not any(map(is_volume, bpy.data.objects)):
+        return {}
+    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
+    reached = reached_from(instancers) if instancers else set()
+    return {obj.name_full: obj for obj in sorted(reached, key=_full_name) if is_volume(obj)}
+
+
+def has_effects(scene: bpy.types.Scene) -> bool:
+    """Test for haptic effects of a scene, also for those that it only has instances of."""
+    return bool(swarms.listed_effects(scene) or sources_of(scene))
+
+
+def _full_name(data: bpy.types.ID) -> str:
+    return str(data.name_full)
 
 
 def reached_from(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
@@ -17,10 +18,12 @@ from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.colouring import PALETTES
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.actuator_glow import Discs
+from hfx_blender.playback.preview.preview import preview
 from hfx_blender.playback.preview.preview_layers import Preview
 from hfx_blender.playback.timeline import timeline_recorder, value_chart
 from hfx_blender.playback.timeline.timeline_record import NeedsSteppingError, TimelineRecord, record
-from hfx_blender.playback.timeline.timeline_recorder import TimelineRecorder
+from hfx_blender.playback.timeline.timeline_recorder import TimelineRecorder, recorder
+from hfx_blender.reading.stepped import stepping
 
 PAPER = PALETTES["PAPER"]
 
@@ -251,3 +254,100 @@ def test_deleting_what_is_being_recorded_is_no_error(squeeze: Any, scene: Any, s
     updates.changed()
     until_done(updates, scene)
     assert updates.result is None and not updates.is_fresh
+
+
+def _constrain(scene: Any, ball: Any, guide: Any) -> None:
+    effects.bodies_of(scene)[0].constraints.new("COPY_LOCATION").target = guide
+
+
+def _drive(scene: Any, ball: Any, guide: Any) -> None:
+    ball.driver_add("location", 2).driver.expression = "frame * 0.05"
+
+
+def _chain_parents(scene: Any, ball: Any, guide: Any) -> None:
+    ball.parent = guide
+    guide.constraints.new("LIMIT_LOCATION")
+
+
+def _simulate(scene: Any, ball: Any, guide: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(location=(0.0, 0.0, 3.0))
+    bpy.ops.rigidbody.object_add()
+    ball.parent = bpy.context.object
+
+
+def _show_in_two_scenes(scene: Any, ball: Any, guide: Any) -> None:
+    _constrain(scene, ball, guide)
+    second = bpy.data.scenes.new("Second")
+    second.collection.objects.link(ball)
+    second.view_layers[0].update()
+
+
+def _instance(scene: Any, ball: Any, guide: Any) -> None:
+    hidden = bpy.data.collections.new("Not in the Scene")
+    hidden.objects.link(ball)
+    for collection in ball.users_collection:
+        if collection != hidden:
+            collection.objects.unlink(ball)
+    guide.instance_type, guide.instance_collection = "COLLECTION", hidden
+
+
+def _emit(scene: Any, ball: Any, guide: Any) -> None:
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, 0.0, 2.0))
+    emitter = bpy.context.object
+    emitter.modifiers.new("Drops", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    settings.count, settings.frame_end = 5, 4
+    settings.render_type, settings.instance_object = "OBJECT", ball
+
+
+@pytest.fixture
+def ball_and_guide(scene: Any, soon: None) -> Iterator[tuple[Any, Any]]:
+    """A volume and a keyframed empty, with the handlers of a Blender with a window."""
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE")
+    ball = bpy.context.object
+    guide = bpy.data.objects.new("Guide", None)
+    scene.collection.objects.link(guide)
+    for frame, x in ((1, 0.0), (6, 0.3)):
+        guide.location.x = x
+        guide.keyframe_insert("location", frame=frame)
+    scene.frame_start, scene.frame_end, scene.hfx.rate = 1, 6, 24
+    preview.listen()
+    recorder.forget()
+    yield ball, guide
+    preview.stop_listening()
+    preview.forget()
+
+
+@pytest.mark.parametrize(
+    "moved",
+    [_constrain, _drive, _chain_parents, _simulate, _show_in_two_scenes, _instance, _emit],
+)
+def test_update_values_is_valid_until_an_edit(
+    scene: Any, ball_and_guide: tuple[Any, Any], moved: Callable[[Any, Any, Any], None]
+) -> None:
+    moved(scene, *ball_and_guide)
+    bpy.context.view_layer.update()
+    scene.frame_set(3)
+    recorder.changed()
+    until_done(recorder, scene)
+    assert recorder.must_step and recorder.valid is None, "idle time sets no frames"
+    assert scene.frame_current == 3 and not stepping.is_stepping()
+    assert bpy.ops.hfx.update_values() == {"FINISHED"}
+    for frame in (3, 4, 1):
+        scene.frame_set(frame)
+        preview.look()
+        bpy.context.view_layer.update()
+        assert recorder.valid is not None
+    effects.bodies_of(scene)[0].location.z = 0.1
+    bpy.context.view_layer.update()
+    assert recorder.valid is None
+
+
+def test_instances_alone_can_be_exported(ball_and_guide: tuple[Any, Any], scene: Any) -> None:
+    assert bpy.ops.hfx.export.poll()
+    _instance(scene, *ball_and_guide)
+    assert not effects.effects_of(scene)
+    assert bpy.ops.hfx.export.poll()
+    bpy.data.objects.remove(ball_and_guide[0])
+    assert not bpy.ops.hfx.export.poll()
