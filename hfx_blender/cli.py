@@ -9,7 +9,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import redirect_stdout
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -70,8 +70,9 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         options = parser.parse_args(_joined_ranges(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
+            has_largest = "largest" in options
             with (
-                limits.raised(getattr(options, "largest", 1.0)),
+                limits.raised(options.largest) if has_largest else nullcontext(),
                 inputs_kept(_named_files(options)),
             ):
                 code = int(options.run(options, console))

@@ -16,7 +16,8 @@ from typing import Final
 
 from ..errors import InputError
 
-_times: ContextVar[float] = ContextVar("hfx_file_limits", default=1.0)
+_times: ContextVar[float | None] = ContextVar("hfx_file_limits", default=None)
+"""Factor of all limits; None where the user cannot change it."""
 
 MOST_TIMES: Final = 1e6
 _COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
@@ -36,7 +37,7 @@ class Limit:
     @property
     def allowed(self) -> float:
         """Current limit."""
-        return self.default * _times.get()
+        return self.default * (_times.get() or 1.0)
 
     def check(self, asked: float, name: str, asks: str) -> None:
         """Reject more than is allowed.
@@ -56,10 +57,14 @@ class Limit:
         """
         if not asked <= self.allowed:  # not a number is too much as well
             times = asked / self.default if asked < _COUNTLESS else math.inf
-            way = f"'--largest {_up(times)}' allows it" if times <= MOST_TIMES else "far too much"
+            way = ""
+            if not times <= MOST_TIMES:
+                way = " (far too much)"
+            elif _times.get() is not None:
+                way = f" ('--largest {_up(times)}' allows it)"
             raise TooLargeError(
                 f"{name}: {asks} {_shown(asked)} {self.unit}, allowed are "
-                f"{_shown(self.allowed)} {self.unit} ({way})."
+                f"{_shown(self.allowed)} {self.unit}{way}."
             )
 
 
@@ -93,7 +98,7 @@ def check_unfolded(unfolded: float, size: float, name: str) -> None:
     ------
     TooLargeError
     """
-    if unfolded > PACKING * size * _times.get():
+    if unfolded > PACKING * size * (_times.get() or 1.0):
         UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
 
 
@@ -110,7 +115,8 @@ def check_unpacked(unpacked: float, packed: float, name: str) -> None:
 
 @contextmanager
 def raised(times: float) -> Iterator[None]:
-    """Context in which ``times`` as much is allowed, in this thread.
+    """Context in which ``times`` as much is allowed, in this thread, and in which messages name the
+    option ``--largest``.
 
     Raises
     ------

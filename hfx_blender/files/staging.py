@@ -19,7 +19,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from ..errors import OutputError
+from ..errors import InputError, OutputError
 from .atomic import move, passing, refuse_taken, temporary_name, temporary_pattern, unfinished
 from .locks import LOCKED_BYTE, NEW_S, is_ownerless, take_lock
 
@@ -148,8 +148,11 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     except OSError as error:
         path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
-    except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(with_final_names(str(error), stage, folder)) from error
+    except (InputError, OutputError) as error:  # the user knows the file by its final name
+        text = with_final_names(str(error), stage, folder)
+        if text == str(error):
+            raise
+        raise type(error)(text) from error
     finally:
         _remove_empty(new)  # they hold the results, unless there are none
 

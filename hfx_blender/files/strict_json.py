@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..errors import InputError, refuse_no_file
+from . import limits
 
 MAX_BYTES: Final = 64 << 20
 SHOWN: Final = 60
@@ -99,6 +100,19 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     if size > most:
         raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")
     return b"".join(parts)
+
+
+def read_data(path: Path) -> bytes:
+    """A file of samples or tables, within :data:`.limits.MEMORY`.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or is larger.
+    """
+    refuse_no_file(path)
+    limits.MEMORY.check(path.stat().st_size, str(path), "it has")
+    return read_bytes(path, int(limits.MEMORY.allowed))
 
 
 def mapped(path: Path) -> bytes:

@@ -21,13 +21,12 @@ from ..errors import InputError, OutputError, refuse_no_file
 from ..files import limits
 from ..files.findings import Finding, refuse_errors
 from ..files.kinds import title_of
-from ..files.strict_json import mapped, read_bytes
+from ..files.strict_json import mapped, read_bytes, read_data
 from .leniency import as_fact
 from .registry import FORMATS, FormatInfo
 from .signals.signals import FrequencyRange, Signal
 from .written import Written
 
-_MOST_BYTES: Final = 1 << 30
 _HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
 
 
@@ -122,7 +121,7 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
                 return info, [_finding(info, "CONTENT", error, path)]
             return info, []
     info = format_of(path)
-    content = mapped(path) if info.id == "wav" else read_bytes(path, _MOST_BYTES)
+    content = mapped(path) if info.id == "wav" else read_data(path)
     try:
         findings: list[Finding] = info.function("check")(content, str(path))
         if reads and info.decode and not any(finding.severity == "error" for finding in findings):
@@ -185,15 +184,23 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
 
 
 def valid_only(written: Written) -> Written:
-    """Delete invalid files of an export and report each in ``left_out``.
+    """Delete files of an export that are invalid, or larger than any that is read, and report each
+    in ``left_out``.
 
     Only formats with ``decode`` are validated, without decoding them; the order is kept.
     """
     with_rules = tuple(info.suffix for info in FORMATS.values() if info.decode)
+    unlimited = tuple(FORMATS[id].suffix for id in ("track", "wav"))
     files: list[Path] = []
     left_out: list[str] = []
     for path in written.files:
-        fault = fault_of(path, reads=False) if path.name.endswith(with_rules) else ""
+        size = path.stat().st_size
+        fault = ""
+        if path.name.endswith(with_rules):
+            fault = fault_of(path, reads=False)
+        elif size > limits.MEMORY.default and not path.name.endswith(unlimited):
+            most = limits.MEMORY.default
+            fault = f"it has {size:,} bytes, allowed are {most:,.0f}; export a shorter range"
         if fault:
             path.unlink()
             left_out.append(f"{path.name} would not be valid, and is not written: {fault}")

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -13,13 +14,18 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
 from ..errors import InputError, NothingFeltError, UsageError
+from ..files import limits
+from ..files.limits import TooLargeError
 from ..text import name_key
 from .clip.spatial_recorder import SpatialRecorder
+from .rasters import raster_rules
 from .registry import FORMATS, FormatInfo, refuse_unknown
 from .signals import losses
 from .signals.curves import clipped
 from .signals.signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, signals_of
 from .written import Written
+
+_LASTS: Final = "its envelopes last"
 
 
 def write(
@@ -55,6 +61,10 @@ def write(
             f"Device '{device.id}' plays {' and '.join(lost)}, the format {id} holds "
             f"{' and '.join(info.modalities or ())} only; export it as csv or npz."
         )
+    if info.read_raster:
+        raster_rules.refuse_large(raster, info.title)
+    elif info.write_signals or info.decode:
+        limits.SECONDS.check(len(raster.times_s) / float(raster.rate_hz), info.title, _LASTS)
     if info.write_raster:
         written: Written = info.function("write_raster")(raster, device, stem, tolerance)
     else:
@@ -203,14 +213,23 @@ def write_all(
     for info in (FORMATS[id] for id in formats):
         if info.write_track:
             try:
+                time = track.header.time
+                if info.decode:
+                    seconds = time.sample_count / float(time.rate_hz)
+                    limits.SECONDS.check(seconds, info.title, _LASTS)
                 result = info.function("write_track")(track, devices, stem, tolerance)
                 written += result.prefixed(info.title)
             except NothingFeltError:
                 written += Written(left_out=(f"nothing is felt: no {info.title}",))
+            except TooLargeError as error:
+                written += Written(left_out=(str(error).removesuffix("."),))
         elif info.write_played:
             of_devices = [(device, raster) for _, device, raster in played]
-            result = info.function("write_played")(track.header, of_devices, stem, scene)
-            written += result.prefixed(info.title)
+            try:
+                result = info.function("write_played")(track.header, of_devices, stem, scene)
+                written += result.prefixed(info.title)
+            except TooLargeError as error:
+                written += Written(left_out=(str(error).removesuffix("."),))
         elif info.is_of_device:
             for path, device, raster in played:
                 written += _write_or_tell(info, raster, device, path, tolerance)

@@ -30,6 +30,7 @@ from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError, OutputError
 from hfx_blender.files import limits
 from hfx_blender.files.limits import TooLargeError
+from hfx_blender.files.staging import staging
 from hfx_blender.formats import files
 from hfx_blender.formats.ahap import ahap as ahap_format
 from hfx_blender.formats.ahap import ahap_rules
@@ -204,10 +205,8 @@ def test_an_archive_is_not_unpacked_before_its_shapes_fit(tmp_path, key):
     refused(lambda: npz_raster.decode(wrong, "x"), "allowed is float64 of")
     lying = archive(raster, tmp_path, **{key: array((1 << 40, 16), 56 << 20)})
     refused(lambda: npz_raster.decode(lying, "x"), "an array of the wrong size")
-    with limits.raised(0.2):
-        refused(
-            lambda: npz_raster.decode(wrong, "x"), "bytes would become 5.* allowed are 53,687,091"
-        )
+    with limits.raised(0.05):
+        refused(lambda: npz_raster.decode(wrong, "x"), "would take 5.* allowed are 53,687,091")
 
 
 @pytest.mark.parametrize(
@@ -469,3 +468,17 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
     """A fuzzer's find: such a name stands in the JSON of a haptic map."""
     with pytest.raises(InputError, match="cannot be read"):
         png.read(tmp_path / name)
+
+
+def test_only_commands_with_the_option_name_it(tmp_path):
+    with pytest.raises(TooLargeError) as refused_alone:
+        limits.SECONDS.check(86_401.0, "a", "lasts")
+    assert str(refused_alone.value) == "a: lasts 86,401 s, allowed are 86,400 s."
+    with limits.raised(1.0), pytest.raises(TooLargeError, match=r"'--largest 1\.1' allows it"):
+        limits.SECONDS.check(86_401.0, "a", "lasts")
+
+
+def test_a_refusal_names_the_final_file(tmp_path):
+    with pytest.raises(TooLargeError) as error, staging(tmp_path, "x") as stage:
+        limits.SECONDS.check(86_401.0, str(stage / "a.hfxtrack"), "it lasts")
+    assert str(error.value).startswith(f"{tmp_path / 'a.hfxtrack'}: it lasts")

@@ -10,8 +10,9 @@ wider numbers are grouped by significance. The zeros that this leaves are what d
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +24,13 @@ from ..native import track as native
 
 Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 
-_ENTRY_BYTES: Final = 64  # that a (sample, vertex) pair takes at most while it is unpacked
+_ENTRY_BYTES: Final = 64  # upper bound of memory for a (set, vertex) pair while it is unpacked
 
 MAX_ENTRIES: Final = 2**25
-"""Largest number of (sample, vertex) pairs of one stream in one chunk, which a reader
-has to hold."""
+"""Largest number of (sample, vertex) pairs of one stream in one chunk."""
+
+MAX_SET_ENTRIES: Final = int(limits.MEMORY.default) // _ENTRY_BYTES
+"""Largest number of (set, vertex) pairs of all streams in one chunk, which a reader has to hold."""
 
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
 """Optional values at each vertex, and how many numbers each has; bit ``k`` of the flags."""
@@ -58,6 +61,44 @@ class Section:
     channels: Mapping[str, F32] = field(default_factory=dict)  # (s, CHANNELS[name])
     focus: F32 | None = None  # (n, FOCUS_COLUMNS)
     drive: F32 | None = None  # (n, A)
+
+    def parts(self, size: int) -> Iterator[tuple[int, Section]]:
+        """Yield (number, section) for each ``size`` successive steps that hold a sample, ascending.
+
+        Steps count from the first step of a part; its first sample always brings its set.
+        """
+        set_of = np.cumsum(self.is_new) - 1
+        offsets = np.concatenate(([0], np.cumsum(self.sizes)))
+        numbers = self.steps // size
+        edges = np.flatnonzero(np.diff(numbers, prepend=-1, append=-1))
+        for first, last in pairwise(edges.tolist()):
+            rows = slice(first, last)
+            sets = slice(int(set_of[first]), int(set_of[last - 1]) + 1)
+            entries = slice(int(offsets[sets.start]), int(offsets[sets.stop]))
+            is_new = self.is_new[rows].copy()
+            is_new[0] = True
+            number = int(numbers[first])
+            yield (
+                number,
+                Section(
+                    stream=self.stream,
+                    steps=self.steps[rows] - number * size,
+                    levels=self.levels[rows],
+                    parameters=self.parameters[rows],
+                    is_new=is_new,
+                    sizes=self.sizes[sets],
+                    vertices=self.vertices[entries],
+                    weights=self.weights[entries],
+                    channels={name: values[entries] for name, values in self.channels.items()},
+                    focus=None if self.focus is None else self.focus[rows],
+                    drive=None if self.drive is None else self.drive[rows],
+                ),
+            )
+
+    @property
+    def entry_count(self) -> int:
+        """Number of (sample, vertex) pairs."""
+        return int(self.sizes[np.cumsum(self.is_new) - 1].sum())
 
 
 def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
@@ -123,7 +164,7 @@ class Cursor:
         self._entries = 0
 
     def count(self, entries: int) -> None:
-        """Count (sample, vertex) pairs of a section that is about to be unpacked.
+        """Count (set, vertex) pairs of a section that is about to be unpacked.
 
         Raises
         ------
@@ -286,9 +327,9 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     uses_before = np.concatenate(([0], np.cumsum(uses)))
     entries = int((uses_before[first + lasts] - uses_before[first]).sum())
     _require(entries <= MAX_ENTRIES, f"a section has more than {MAX_ENTRIES} contacts")
-    cursor.count(entries)
-
     total = int(lasts.sum())
+    cursor.count(total)
+
     before = np.cumsum(lasts) - lasts
     owners = np.repeat(first - before, lasts) + np.arange(total)
     by_set = np.argsort(owners.astype(np.uint16), kind="stable")

@@ -19,6 +19,7 @@ from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
+from .header import TrackHeader
 from .header_json import from_json
 
 _ENCRYPTED: Final = 0x1  # of a ZIP entry's flags
@@ -89,7 +90,6 @@ class TrackReader:
         except BaseException:
             self._archive.close()
             raise
-        self._vertex_counts = [self.header.vertex_count(each) for each in self.header.streams]
         self._cached: tuple[int, list[Section]] = (-1, [])
 
     def __enter__(self) -> Self:
@@ -119,7 +119,7 @@ class TrackReader:
         for chunk in self.chunks:
             low = chunk * self.samples_per_chunk
             if low < stop and first < low + self.samples_per_chunk:
-                for section in self._read_chunk(chunk):
+                for section in self.sections(chunk):
                     run = self._run(section, low, first, stop)
                     if len(run):
                         yield run
@@ -153,7 +153,7 @@ class TrackReader:
         if chunk not in self._chunk_set:
             return []
         if self._cached[0] != chunk:
-            self._cached = (chunk, self._read_chunk(chunk))
+            self._cached = (chunk, self.sections(chunk))
         low = chunk * self.samples_per_chunk
         found = (self._run(each, low, index, index + 1) for each in self._cached[1])
         return [run for run in found if len(run)]
@@ -230,46 +230,33 @@ class TrackReader:
         InputError
             The file is damaged.
         """
-        self._read_chunk(chunk)
+        self.sections(chunk)
         return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 
-    def _read_chunk(self, chunk: int) -> list[Section]:
+    def sections(self, chunk: int) -> list[Section]:
+        """Sections of a chunk, in the order of ``header.streams``.
+
+        Raises
+        ------
+        InputError
+            The file is damaged.
+        """
         name = layout.chunk_name(chunk)
-        content = self._entry(name, layout.MAX_CHUNK_BYTES)
+        cursor = Cursor(self._entry(name, layout.MAX_CHUNK_BYTES), str(self.path))
+        low = chunk * self.samples_per_chunk
         try:
-            return self._sections(chunk, Cursor(content, str(self.path)))
+            sections = list(
+                read_sections(cursor, self.header, self.samples_per_chunk, self.full_precision)
+            )
+            for section in sections:
+                index = self.index[section.stream]
+                if low + section.steps[0] < index.first or low + section.steps[-1] > index.last:
+                    raise ValueError(
+                        f"a sample of stream {section.stream} lies where there is none"
+                    )
         except ValueError as error:
             self._fail(f"{name}: {error}")
-
-    def _sections(self, chunk: int, cursor: Cursor) -> list[Section]:
-        found: list[Section] = []
-        low = chunk * self.samples_per_chunk
-        while not cursor.at_end:
-            head = read_head(cursor)
-            stream, samples, _ = head
-            if stream >= len(self.header.streams) or (found and stream <= found[-1].stream):
-                raise ValueError(f"stream {stream} is not expected here")
-            if samples > self.samples_per_chunk:
-                raise ValueError(f"{samples} samples do not fit into a chunk")
-            effect = self.header.effect(self.header.streams[stream])
-            section = decode(
-                cursor,
-                head,
-                parameter_count=len(MODALITIES[self.header.streams[stream].modality].parameters),
-                vertex_count=self._vertex_counts[stream],
-                full_precision=self.full_precision,
-                is_spot=effect.kind == "spot",
-                actuator_count=len(effect.actuators),
-            )
-            index = self.index[stream]
-            if (
-                section.steps[-1] >= self.samples_per_chunk
-                or low + section.steps[0] < index.first
-                or low + section.steps[-1] > index.last
-            ):
-                raise ValueError(f"a sample of stream {stream} lies where there is none")
-            found.append(section)
-        return found
+        return sections
 
     def _check_index(self) -> None:
         names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
@@ -310,3 +297,39 @@ class TrackReader:
     def _fail(self, reason: str) -> NoReturn:
         reason = textwrap.shorten(reason, 200)  # zipfile quotes file names, however long
         raise InputError(f"{self.path}: not a readable HapticTrack ({reason}).")
+
+
+def read_sections(
+    cursor: Cursor, header: TrackHeader, samples_per_chunk: int, full_precision: bool
+) -> Iterator[Section]:
+    """Decode the sections of a chunk up to the end of its bytes.
+
+    Raises
+    ------
+    ValueError
+        The bytes are no such chunk.
+    TooLargeError
+        Its contacts would take more memory than :data:`.limits.MEMORY`.
+    """
+    last = -1
+    while not cursor.at_end:
+        head = read_head(cursor)
+        stream, samples, _ = head
+        if not last < stream < len(header.streams):
+            raise ValueError(f"stream {stream} is not expected here")
+        if samples > samples_per_chunk:
+            raise ValueError(f"{samples} samples do not fit into a chunk")
+        effect = header.effect(header.streams[stream])
+        section = decode(
+            cursor,
+            head,
+            parameter_count=len(MODALITIES[effect.modality].parameters),
+            vertex_count=header.vertex_count(header.streams[stream]),
+            full_precision=full_precision,
+            is_spot=effect.kind == "spot",
+            actuator_count=len(effect.actuators),
+        )
+        if section.steps[-1] >= samples_per_chunk:
+            raise ValueError(f"a sample of stream {stream} lies where there is none")
+        yield section
+        last = stream

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterable
@@ -26,6 +28,8 @@ from .codec import (
     CHANNELS,
     FOCUS_COLUMNS,
     MAX_ENTRIES,
+    MAX_SET_ENTRIES,
+    Cursor,
     Section,
     decode_weights,
     encode,
@@ -33,7 +37,7 @@ from .codec import (
 )
 from .header import TrackEffect, TrackHeader
 from .header_json import to_json
-from .reader import TrackReader
+from .reader import TrackReader, read_sections
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _TIME_TOLERANCE_S: Final = 1e-9
@@ -44,7 +48,8 @@ class TrackWriter:
 
     The file appears when the ``with`` block ends without an exception; otherwise nothing is
     left. The bytes depend on the header and the samples, not on how calls of :meth:`append`
-    split them. At most the samples of a call and of one chunk are held.
+    split them. At most the samples of a call and of :data:`layout.SAMPLES_PER_CHUNK` are held.
+    Chunks of all the file are halved as often as one of them needs it for a reader to hold it.
 
     Parameters
     ----------
@@ -54,7 +59,7 @@ class TrackWriter:
     Raises
     ------
     OutputError
-        The file cannot be written, or a stream has too many contacts for a reader to hold.
+        The file cannot be written, or one sample has too many contacts for a reader to hold.
     ValueError
         The header holds something that is not JSON.
     """
@@ -68,21 +73,27 @@ class TrackWriter:
         }
         self._vertex_counts = [header.vertex_count(stream) for stream in header.streams]
         self._index = [layout.StreamIndex() for _ in header.streams]
+        self._samples_per_chunk = layout.SAMPLES_PER_CHUNK
         self._chunks: list[int] = []
-        self._open: dict[int, dict[int, _SectionBuilder]] = {}  # by chunk, then by stream
+        self._end = 0  # sample index after the last chunk that is written
+        self._open: dict[int, dict[int, _SectionBuilder]] = {}  # by block of samples, then stream
 
     def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._file = stack.enter_context(atomic_file(self.path))
+            self._archive = zipfile.ZipFile(self._file, "w")
+            stack.callback(lambda: self._archive.close())  # the last one, if it is written again
+            self._put_header()
+            self._finishing = stack.pop_all()
+        return self
+
+    def _put_header(self) -> None:
         encoding = {
-            "samples_per_chunk": layout.SAMPLES_PER_CHUNK,
+            "samples_per_chunk": self._samples_per_chunk,
             "weights": layout.WEIGHTS_FULL if self.full_precision else layout.WEIGHTS_BYTE,
         }
         header = to_json(self.header, encoding)
-        with ExitStack() as stack:
-            file = stack.enter_context(atomic_file(self.path))
-            self._archive = stack.enter_context(zipfile.ZipFile(file, "w"))
-            self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
-            self._finishing = stack.pop_all()
-        return self
+        self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
 
     def __exit__(
         self,
@@ -94,7 +105,7 @@ class TrackWriter:
             self._finishing.__exit__(kind, error, trace)
             return
         with self._finishing:
-            self._write_chunks(sorted(self._open))
+            self._write_blocks(sorted(self._open))
             index = layout.encode_index(self._chunks, self._index)
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
@@ -104,8 +115,8 @@ class TrackWriter:
         Runs with any sample are returned, with the weights that reading the track will give.
 
         Blocks come in time order, and so do the runs of one stream within a block. A block
-        may start within the chunk of :data:`layout.SAMPLES_PER_CHUNK` samples in which
-        the one before ended.
+        may start within the :data:`layout.SAMPLES_PER_CHUNK` samples in which the one before
+        ended.
 
         Raises
         ------
@@ -116,7 +127,7 @@ class TrackWriter:
         stored = [self._add(run) for run in runs if len(run)]
         if self._open:
             newest = max(self._open)
-            self._write_chunks([chunk for chunk in sorted(self._open) if chunk < newest])
+            self._write_blocks([block for block in sorted(self._open) if block < newest])
         return stored
 
     def _add(self, run: SampleRun) -> SampleRun:
@@ -128,18 +139,17 @@ class TrackWriter:
             )
         _check_run(run, self.header, self._vertex_counts[stream])
         index = self._index[stream]
-        written_until = (self._chunks[-1] + 1) * layout.SAMPLES_PER_CHUNK if self._chunks else 0
-        if run.indices[0] <= index.last or run.indices[0] < written_until:
+        if run.indices[0] <= index.last or run.indices[0] < self._end:
             raise ValueError(f"sample {run.indices[0]} comes after later ones were recorded")
 
         weights: npt.NDArray[Any] = run.weights.astype(np.float32)
         if not self.full_precision:
             weights = encode_weights(weights)
-        chunks = run.indices // layout.SAMPLES_PER_CHUNK
-        edges = np.flatnonzero(np.diff(chunks, prepend=-1, append=-1))
+        blocks = run.indices // layout.SAMPLES_PER_CHUNK
+        edges = np.flatnonzero(np.diff(blocks, prepend=-1, append=-1))
         for first, last in pairwise(edges.tolist()):
-            sections = self._open.setdefault(int(chunks[first]), {})
-            builder = sections.setdefault(stream, _SectionBuilder())
+            builders = self._open.setdefault(int(blocks[first]), {})
+            builder = builders.setdefault(stream, _SectionBuilder())
             builder.extend(run, weights, first, last)
 
         index.add(
@@ -165,27 +175,86 @@ class TrackWriter:
             The part is damaged, is of another recording, or does not follow what was added.
         OutputError
         """
-        encoding = part.full_precision, part.samples_per_chunk
+        size = part.samples_per_chunk
         if (
             to_json(part.header, {}) != to_json(self.header, {})
-            or encoding != (self.full_precision, layout.SAMPLES_PER_CHUNK)
+            or part.full_precision != self.full_precision
+            or layout.SAMPLES_PER_CHUNK % size
             or self._open
-            or (self._chunks and part.chunks and part.chunks[0] <= self._chunks[-1])
+            or (part.chunks and part.chunks[0] * size < self._end)
         ):
             raise InputError(f"{part.path}: not the next part of {self.path.name}.")
+        while self._samples_per_chunk > size:
+            self._halve_chunks()
         for chunk in part.chunks:
-            self._put(layout.chunk_name(chunk), part.chunk_bytes(chunk), layout.MAX_CHUNK_BYTES)
-            self._chunks.append(chunk)
+            if size == self._samples_per_chunk:
+                self._put_chunk(chunk, part.chunk_bytes(chunk))
+            else:
+                self._write_sections(part.sections(chunk), chunk * size)
         for index, other in zip(self._index, part.index, strict=True):
             index.add(other)
 
-    def _write_chunks(self, chunks: list[int]) -> None:
-        for chunk in chunks:
-            sections = self._open.pop(chunk)
-            start = chunk * layout.SAMPLES_PER_CHUNK
-            content = [sections[stream].encoded(stream, start) for stream in sorted(sections)]
-            self._put(layout.chunk_name(chunk), b"".join(content), layout.MAX_CHUNK_BYTES)
-            self._chunks.append(chunk)
+    def _write_blocks(self, blocks: list[int]) -> None:
+        for block in blocks:
+            builders = self._open.pop(block)
+            start = block * layout.SAMPLES_PER_CHUNK
+            sections = [builders[stream].section(stream, start) for stream in sorted(builders)]
+            self._write_sections(sections, start)
+            self._end = start + layout.SAMPLES_PER_CHUNK
+
+    def _write_sections(self, sections: list[Section], start: int) -> None:
+        """Write sections of one block or chunk, which starts at sample ``start``, as chunks."""
+        while (chunks := self._encoded(sections)) is None:
+            self._halve_chunks()
+        for number, content in sorted(chunks.items()):
+            self._put_chunk(start // self._samples_per_chunk + number, content)
+
+    def _encoded(self, sections: list[Section]) -> dict[int, bytes] | None:
+        """Encode sections as chunks by number, from 0; None if a reader could not hold one."""
+        chunks: defaultdict[int, list[Section]] = defaultdict(list)
+        for section in sections:
+            for number, part in section.parts(self._samples_per_chunk):
+                chunks[number].append(part)
+        for parts in chunks.values():
+            entries = sum(len(part.vertices) for part in parts)
+            if entries > MAX_SET_ENTRIES or any(part.entry_count > MAX_ENTRIES for part in parts):
+                return None
+        encoded = {number: b"".join(map(encode, parts)) for number, parts in chunks.items()}
+        fits = all(len(content) <= layout.MAX_CHUNK_BYTES for content in encoded.values())
+        return encoded if fits else None
+
+    def _halve_chunks(self) -> None:
+        """Write the file again with half as many samples in each chunk.
+
+        A chunk of 2n samples parts into two of n, so the bytes are those of a recording that
+        began with n.
+        """
+        if self._samples_per_chunk == 1:
+            raise OutputError(
+                f"{self.path}: more is felt in one sample than a track holds ({MAX_SET_ENTRIES:,} "
+                "contacts of all effects and bodies together). Fewer effects or bodies fit."
+            )
+        chunks, self._chunks = self._chunks, []
+        size = self._samples_per_chunk
+        self._archive.close()
+        with tempfile.TemporaryFile(dir=self.path.parent) as earlier:
+            self._file.seek(0)
+            shutil.copyfileobj(self._file, earlier)
+            self._file.seek(0)
+            self._file.truncate()
+            self._samples_per_chunk //= 2
+            self._archive = zipfile.ZipFile(self._file, "w")
+            self._put_header()
+            with zipfile.ZipFile(earlier) as archive:
+                for chunk in chunks:
+                    cursor = Cursor(archive.read(layout.chunk_name(chunk)), str(self.path))
+                    sections = read_sections(cursor, self.header, size, self.full_precision)
+                    self._write_sections(list(sections), chunk * size)
+
+    def _put_chunk(self, chunk: int, content: bytes) -> None:
+        self._put(layout.chunk_name(chunk), content, layout.MAX_CHUNK_BYTES)
+        self._chunks.append(chunk)
+        self._end = (chunk + 1) * self._samples_per_chunk
 
     def _put(self, name: str, content: bytes, limit: int) -> None:
         if len(content) > limit:
@@ -205,7 +274,6 @@ class _SectionBuilder:
     def __init__(self) -> None:
         self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)  # of Section
         self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
-        self._entries = 0
 
     def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
         """Add the samples ``first`` to ``last - 1`` of a checked run, as copies, with the weights
@@ -243,7 +311,6 @@ class _SectionBuilder:
         for name in present:
             values = getattr(run, name)[low:high].astype(np.float32)
             self._channels[name].append(values.reshape(-1, CHANNELS[name]))
-        self._entries += int(run.sizes[first:last].sum())
 
     def _repeated(
         self,
@@ -274,19 +341,14 @@ class _SectionBuilder:
         )
         return found
 
-    def encoded(self, stream: int, start: int) -> bytes:
-        """Encode the collected samples as the section of a chunk that starts at sample
-        ``start``.
+    def section(self, stream: int, start: int) -> Section:
+        """The collected samples as the section of a block that starts at sample ``start``; the
+        builder is empty afterwards.
         """
         indices = np.concatenate(self._columns.pop("steps"))
-        if self._entries > MAX_ENTRIES:
-            raise OutputError(
-                f"Samples {indices[0]} to {indices[-1]} of stream {stream} have "
-                f"{self._entries} contacts; a track allows {MAX_ENTRIES} in one chunk."
-            )
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         channels = {name: np.concatenate(parts) for name, parts in self._channels.items()}
-        return encode(Section(stream=stream, steps=indices - start, channels=channels, **columns))
+        return Section(stream=stream, steps=indices - start, channels=channels, **columns)
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ...files.limits import TooLargeError
 from ...files.strict_json import clean
 from ..registry import FORMATS
 
@@ -140,7 +141,7 @@ def encoded(sections: Sections, name: str) -> bytes:
         parts += [bytes(gap), content]
         at += gap + len(content)
     if at > _MOST_BYTES:
-        raise InputError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
+        raise TooLargeError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
     return with_checksum(_HEAD.pack(_MAGIC, VERSION, at, 0, len(kept)) + table + b"".join(parts))
 
 

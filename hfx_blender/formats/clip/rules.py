@@ -125,9 +125,19 @@ def findings_of(sections: Sections, name: str) -> list[Finding]:
         found = kind(sections)
         if found:
             return found
+    refuse_long(sections, name)
+    return []
+
+
+def refuse_long(sections: Sections, name: str) -> None:
+    """Refuse a clip that lasts longer than :data:`.limits.SECONDS`.
+
+    Raises
+    ------
+    TooLargeError
+    """
     at = sections["TIME"][0]
     limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
-    return []
 
 
 def _finding(place: str, message: str, code: str = "RULE") -> Finding:

@@ -4,18 +4,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from ...engine.track.header import TrackHeader
+from ...files import limits
 from ...files.atomic import atomic_file
-from ...files.strict_json import read_bytes
+from ...files.strict_json import read_data
 from ..signals import losses
 from ..written import Written
 from . import baked, rules, spatial
 from .container import SUFFIX, Texts, encoded, texts_at
 from .spatial_recorder import SpatialRecorder
-
-_MOST_BYTES: Final = 1 << 30
 
 
 def write(
@@ -40,7 +39,9 @@ def write(
         of_scene, scene_loss = spatial.sections_of(scene, played, texts)
         sections, loss = {**sections, **of_scene}, loss + scene_loss
     sections["TEXT"] = texts.records
-    content = encoded(sections, str(path))
+    content = encoded(sections, path.name)
+    limits.MEMORY.check(len(content), path.name, "it would have")
+    rules.refuse_long(sections, path.name)
     with atomic_file(path) as file:
         file.write(content)
     notes = tuple(note for _, raster in played for note in losses.several_frequencies(raster))
@@ -55,7 +56,7 @@ def facts(path: Path) -> dict[str, Any]:
     InputError
         It is none, or breaks a rule.
     """
-    sections = rules.read(read_bytes(path, _MOST_BYTES), str(path))
+    sections = rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]
     names = zip(texts_at(sections, devices["id"]), texts_at(sections, devices["body"]), strict=True)

@@ -26,7 +26,7 @@ from ...engine.track import TrackHeader, TrackReader
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, refuse_errors
 from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check, strict
-from ...files.strict_json import Place, clean, encoded, parse, read_bytes
+from ...files.strict_json import Place, clean, encoded, parse, read_data
 from ..registry import FORMATS
 from ..written import Written
 from . import jsonl_compact
@@ -258,7 +258,7 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
     InputError
         It cannot be read or has errors.
     """
-    lines, findings = _checked(read_bytes(path), str(path))
+    lines, findings = _checked(read_data(path), str(path))
     refuse_errors(findings, str(path))
     yield from lines
 

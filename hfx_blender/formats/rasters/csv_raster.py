@@ -19,7 +19,7 @@ from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, decoding_findings
-from ...files.strict_json import MAX_BYTES, read_bytes
+from ...files.strict_json import read_data
 from ..registry import FORMATS
 from ..written import Written
 from . import raster_rules
@@ -87,7 +87,7 @@ def read(path: Path) -> Raster:
     InputError
         It cannot be read or is no such table.
     """
-    return decode(read_bytes(path, 4 * MAX_BYTES), str(path))
+    return decode(read_data(path), str(path))
 
 
 def facts(path: Path) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def decode(content: bytes, name: str) -> Raster:
     columns = tuple(Column(each[1], each[2], each[3]) for each in found if each)
     if not text.strip():
         raise InputError(f"{name}: has no rows.")
-    numbers = text.count(",") + text.count("\n") + text.count("\r") + 1
+    numbers = text.count(",") + max(text.count("\n"), text.count("\r"))
     limits.MEMORY.check(8.0 * numbers, name, "its values would take")
     lines = io.TextIOWrapper(io.BytesIO(rest), "ascii")
     try:

@@ -34,7 +34,7 @@ def refuse(raster: Raster, name: str) -> None:
         )
     if not 0 < rate <= _MOST_HZ:
         raise InputError(f"{name}: 'rate_hz' is {float(rate):g}, allowed is up to {_MOST_HZ} Hz.")
-    limits.SECONDS.check(len(times) / float(rate), name, "its rows last")
+    refuse_large(raster, name)
     parts = [slice(first, first + _BLOCK_ROWS) for first in range(0, len(times), _BLOCK_ROWS)]
     for key, array in (("times_s", times), ("values", raster.values), ("neutral", raster.neutral)):
         if not all(np.isfinite(array[part]).all() for part in parts):
@@ -54,6 +54,18 @@ def refuse(raster: Raster, name: str) -> None:
             f"{name}: 'times_s' is not evenly spaced in row {row}, allowed is one row every "
             f"{1.0 / float(rate):g} s."
         )
+
+
+def refuse_large(raster: Raster, name: str) -> None:
+    """Refuse a raster that lasts longer, or has more values, than readers take.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    times = raster.times_s
+    limits.SECONDS.check(len(times) / float(raster.rate_hz), name, "its rows last")
+    limits.MEMORY.check(8.0 * (times.size + raster.values.size), name, "its values would take")
 
 
 def facts(raster: Raster) -> dict[str, Any]:

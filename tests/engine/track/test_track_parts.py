@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from track_synthetic import cut, header, rows, run
 
 from hfx_blender.engine.scene import Clip, TimeBase
-from hfx_blender.engine.track import TrackReader, TrackWriter
+from hfx_blender.engine.track import TrackReader, TrackWriter, layout
+from hfx_blender.engine.track import writer as track_writer
 from hfx_blender.engine.track.excerpt import merge, named_clips, write_excerpt
 from hfx_blender.errors import InputError
+from hfx_blender.files import limits
 
 CHUNK = 128
 
@@ -71,6 +73,63 @@ def test_parts_become_the_bytes_of_one_recording(
     ]
     merge(parts, folder / "merged")
     assert (folder / "merged").read_bytes() == whole.read_bytes()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    count=st.integers(1, 700),
+    limit=st.integers(200, 6000),
+    cuts=st.sets(st.integers(1, 5), max_size=3),
+    precise=st.booleans(),
+)
+def test_chunks_hold_no_more_than_a_reader_holds(
+    tmp_path_factory: pytest.TempPathFactory,
+    seed: int,
+    count: int,
+    limit: int,
+    cuts: set[int],
+    precise: bool,
+) -> None:
+    """Up to 4 streams of 15 vertices a sample on average, below any limit a sample alone."""
+    folder = tmp_path_factory.mktemp("limited")
+    track_header = header(sample_count=count)
+    runs = _recording(track_header, seed)
+    whole = _write(folder / "whole", track_header, runs, precise)
+    edges = [0, *(CHUNK * k for k in sorted(cuts)), 10**9]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(track_writer, "MAX_SET_ENTRIES", limit)
+        limited = _write(folder / "limited", track_header, runs, precise)
+        parts = [
+            _write(folder / f"{k}", track_header, runs, precise, edges[k], edges[k + 1])
+            for k in range(len(edges) - 1)
+        ]
+        merge(parts, folder / "merged")
+    assert (folder / "merged").read_bytes() == limited.read_bytes()
+    times = 64 * limit / 2**30  # 64 bytes for each vertex of a set, of 1 GiB
+    with TrackReader(whole) as track, TrackReader(limited) as other:
+        assert other.samples_per_chunk in (1, 2, 4, 8, 16, 32, 64, 128)
+        with limits.raised(times):
+            found = rows(other.runs())
+        assert found == rows(track.runs())
+        assert other.summary() == track.summary()
+        if other.samples_per_chunk < CHUNK:  # no smaller than it needs to be
+            with limits.raised(times), pytest.raises(limits.TooLargeError):
+                rows(track.runs())
+
+
+def test_chunks_are_cut_by_their_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    track_header = header(sample_count=300)
+    runs = _recording(track_header, 7)
+    whole = _write(tmp_path / "whole", track_header, runs, True)
+    monkeypatch.setattr(layout, "MAX_CHUNK_BYTES", 6000)
+    path = _write(tmp_path / "limited", track_header, runs, True)
+    with TrackReader(path) as track:
+        assert track.samples_per_chunk < CHUNK
+        found = rows(track.runs())
+    monkeypatch.undo()
+    with TrackReader(whole) as track:
+        assert rows(track.runs()) == found
 
 
 def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:

@@ -86,11 +86,13 @@ def test_channels_change_within_a_chunk(tmp_path):
 
 
 def test_more_contacts_than_a_reader_can_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr(track_writer, "MAX_ENTRIES", 3)
-    with pytest.raises(OutputError, match="4 contacts; a track allows 3"):
-        with TrackWriter(tmp_path / "a", HEADER) as writer:
-            writer.append([GOOD])
-    assert list(tmp_path.iterdir()) == []
+    for name in ("MAX_ENTRIES", "MAX_SET_ENTRIES"):
+        with monkeypatch.context() as patch:
+            patch.setattr(track_writer, name, 1)  # of the 2 in each sample
+            with pytest.raises(OutputError, match="one sample than a track holds"):
+                with TrackWriter(tmp_path / "a", HEADER) as writer:
+                    writer.append([GOOD])
+            assert list(tmp_path.iterdir()) == []
 
 
 def test_what_the_caller_does_to_its_arrays_later_does_not_matter(tmp_path):
