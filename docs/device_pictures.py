@@ -18,7 +18,7 @@ from PIL import Image
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
-from hfx_blender.engine.rendering.device import BodyPlace, DeviceConfig, RoomPlace
+from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, RoomPlace
 
 _COLOURS = {
     "vibration": "#d62728",

@@ -14,7 +14,7 @@ import pytest
 from hfx_blender.devices.host import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.spatial_sound import layouts, propagation
+from hfx_blender.engine.spatial_sound import hearing, layouts
 from hfx_blender.export.batch import local_workers
 from hfx_blender.files import json_shapes, limits, resources, strict_json
 from hfx_blender.formats.ahap import ahap, ahap_rules
@@ -34,7 +34,7 @@ def _range(of: Any) -> tuple[float, float]:
 
 
 def _air_db() -> float:
-    return round(float(8.0 * propagation.absorption_db_m(np.array([880.0]))[0]), 2)
+    return round(float(8.0 * hearing.absorption_db_m(np.array([880.0]))[0]), 2)
 
 
 FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
@@ -131,7 +131,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     (
         "belt-demo.md",
         r"distances of ([0-9.]+) to (\d+) m\.",
-        lambda: (1.0 / propagation.FARTHEST_M, propagation.FARTHEST_M),
+        lambda: (1.0 / hearing.FARTHEST_M, hearing.FARTHEST_M),
     ),
     ("belt-demo.md", r"air takes ([0-9.]+) dB from 880 Hz", _air_db),
     (
@@ -143,8 +143,8 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
 )
 
 
-def _hearing() -> propagation.Hearing:
-    return propagation.Hearing()
+def _hearing() -> hearing.Hearing:
+    return hearing.Hearing()
 
 
 @pytest.mark.parametrize(

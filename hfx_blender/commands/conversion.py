@@ -10,9 +10,9 @@ from typing import Final
 
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
-from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import renderers_of_track
+from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.raster import Column, Raster, columns_of
+from ..engine.rendering.render import renderers_of_track
 from ..engine.stepwise import finish
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..devices.live.client import LiveClient
     from ..devices.live.live_settings import LiveSettings
     from ..devices.live.track_playback import ValueSource
-    from ..engine.rendering.device import DeviceConfig
+    from ..engine.rendering.device_config import DeviceConfig
 
     Targets = dict[str, tuple[DeviceConfig, DeviceScript | None]]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.arrays import F64
-from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.raster import columns_of
 from ..errors import InputError
 from ..files.strict_json import read_data

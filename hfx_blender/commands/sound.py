@@ -78,9 +78,9 @@ def settings_of(options: argparse.Namespace) -> Any:
     UsageError
         The loudspeakers, their panning or a distance make no sense.
     """
+    from ..engine.spatial_sound.hearing import Hearing
     from ..engine.spatial_sound.layouts import parse
     from ..engine.spatial_sound.panner import Panner
-    from ..engine.spatial_sound.propagation import Hearing
     from ..export.sound import SoundSettings
 
     try:

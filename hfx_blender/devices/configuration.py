@@ -16,7 +16,7 @@ from typing import Final
 from ..engine.body.model import PerceptualModel, load_model, manifest
 from ..engine.modality import MODALITIES
 from ..engine.rendering.actuator_vertices import vertices_of
-from ..engine.rendering.device import Actuator, DeviceConfig, ScriptFiles, VertexPlace
+from ..engine.rendering.device_config import Actuator, DeviceConfig, ScriptFiles, VertexPlace
 from ..errors import InputError
 from ..files import resources
 from ..files.json_shapes import read

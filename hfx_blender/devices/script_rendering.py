@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 
 from ..engine.arrays import F64
-from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import Played, renderers_of_track
-from ..engine.rendering.render import Renderer, blocks
+from ..engine.rendering.device_config import DeviceConfig
+from ..engine.rendering.render import Played, blocks, renderers_of_track
+from ..engine.rendering.renderer import Renderer
 from ..engine.samples import SampleRun
 from ..engine.stepwise import finish
 from ..engine.track import TrackHeader, TrackReader

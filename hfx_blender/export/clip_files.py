@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..devices.script_rendering import Rendered, rendering
-from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import renderers_of_track
+from ..engine.rendering.device_config import DeviceConfig
+from ..engine.rendering.render import renderers_of_track
 from ..engine.stepwise import finish
 from ..engine.track import SUFFIX, TrackReader
 from ..engine.track.excerpt import named_clips, write_excerpt

@@ -17,9 +17,9 @@ from ..engine.body.model import load_model
 from ..engine.counters import Counters, ReadingCounters
 from ..engine.evaluate import Engine
 from ..engine.overlapping import overlapped, sequentially
-from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import renderers_of
-from ..engine.rendering.render import Renderer
+from ..engine.rendering.device_config import DeviceConfig
+from ..engine.rendering.render import renderers_of
+from ..engine.rendering.renderer import Renderer
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from ..engine.track import TrackHeader, TrackWriter

@@ -16,7 +16,7 @@ from ..formats.written import name_part
 from ..text import name_key
 
 if TYPE_CHECKING:
-    from ..engine.rendering.device import DeviceConfig
+    from ..engine.rendering.device_config import DeviceConfig
     from ..engine.rendering.raster import Raster
     from ..engine.track import TrackBody, TrackHeader
 

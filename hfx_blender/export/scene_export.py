@@ -23,9 +23,9 @@ from ..engine.areas.felt_times import FeltTimes
 from ..engine.arrays import write_npz
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
-from ..engine.rendering.device import DeviceConfig
-from ..engine.rendering.devices import misfits, renderers_of_track
-from ..engine.rendering.render import Renderer
+from ..engine.rendering.device_config import DeviceConfig
+from ..engine.rendering.render import misfits, renderers_of_track
+from ..engine.rendering.renderer import Renderer
 from ..engine.rendering.room import needs_positions
 from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.stepwise import Progress, finish

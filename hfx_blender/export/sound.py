@@ -19,10 +19,9 @@ from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
-from ..engine.spatial_sound.layouts import LAYOUTS, Layout
-from ..engine.spatial_sound.listener import Listener
+from ..engine.spatial_sound.hearing import Hearing, ListenerFrame
+from ..engine.spatial_sound.layouts import LAYOUTS, LoudspeakerLayout
 from ..engine.spatial_sound.panner import Panner, Scheme
-from ..engine.spatial_sound.propagation import Hearing
 from ..engine.spatial_sound.reverberation import Reverberators
 from ..engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from ..engine.track import TrackReader
@@ -38,7 +37,7 @@ Progress = Callable[[float], None]
 class SoundSettings:
     """Settings of a scene's sound."""
 
-    layout: Layout = LAYOUTS["stereo"]
+    layout: LoudspeakerLayout = LAYOUTS["stereo"]
     scheme: Scheme = "vbap"
     hearing: Hearing = field(default_factory=Hearing)
     lowest_hz: float = 220.0  # of the sources' tones, which are spread over a pentatonic scale
@@ -72,7 +71,7 @@ class SoundRecorder:
                 f"Body '{scene.bodies[0].name}' has no bones, so it cannot be the listener."
             )
         model_id = scene.effects[self._volumes[0]].model_id
-        self._listener = Listener(scene.bodies[0].binding, load_model(model_id))
+        self._listener = ListenerFrame(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
         what = f"{len(self._volumes):,} sources at {count:,} times would take"
         MEMORY.check(

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
 from ..errors import InputError, NothingFeltError, UsageError

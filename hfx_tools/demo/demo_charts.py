@@ -13,7 +13,7 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.colouring import COLOURS
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.scene import TimeBase
-from hfx_blender.engine.spatial_sound.layouts import Layout
+from hfx_blender.engine.spatial_sound.layouts import LoudspeakerLayout
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.text import printable
 
@@ -56,7 +56,7 @@ def draw_track(track: TrackReader, rasters: Sequence[Raster], path: Path) -> Non
         _time_axis(axes, edges_s)
 
 
-def draw_belt(raster: Raster, sound: Path, layout: Layout, path: Path) -> None:
+def draw_belt(raster: Raster, sound: Path, layout: LoudspeakerLayout, path: Path) -> None:
     """Draw a belt's raster and the sound that goes with it, as SVG.
 
     Raises

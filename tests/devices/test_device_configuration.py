@@ -9,7 +9,12 @@ import jsonschema
 import pytest
 
 from hfx_blender.devices.configuration import check, list_devices, load_device
-from hfx_blender.engine.rendering.device import BodyPlace, RoomPlace, Substitution, VertexPlace
+from hfx_blender.engine.rendering.device_config import (
+    BodyPlace,
+    RoomPlace,
+    Substitution,
+    VertexPlace,
+)
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
 

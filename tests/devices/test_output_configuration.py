@@ -9,7 +9,7 @@ import pytest
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations.output_reader import is_local
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
     BhapticsEncoder,
     ButtplugEncoder,
     BytesEncoder,

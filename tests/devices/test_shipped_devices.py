@@ -11,7 +11,7 @@ from hfx_blender.devices.host.opening import kind_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.modality import MAX_TEMPERATURE_C
-from hfx_blender.engine.rendering.device import BodyPlace
+from hfx_blender.engine.rendering.device_config import BodyPlace
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.files import resources
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, Layout, parse
-from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
-from hfx_blender.engine.spatial_sound.propagation import (
+from hfx_blender.engine.spatial_sound.hearing import (
     Hearing,
     absorption_db_m,
     doppler_hz,
 )
+from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, LoudspeakerLayout, parse
+from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
 from hfx_blender.engine.spatial_sound.reverberation import Reverberators
 from hfx_blender.engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
 from hfx_blender.errors import UsageError
@@ -46,7 +46,9 @@ def _source(places: np.ndarray, amplitude: float = 0.5, hz: float = 440.0) -> So
     return SoundSource("it", places, np.full(count, amplitude), np.full(count, hz))
 
 
-def _sound(sources: list[SoundSource], layout: Layout, count: int, block: int = 4096) -> np.ndarray:
+def _sound(
+    sources: list[SoundSource], layout: LoudspeakerLayout, count: int, block: int = 4096
+) -> np.ndarray:
     panner = Panner(layout, HEARING)
     wet = Reverberators(len(layout), RATE_HZ, 0.3, block)
     mix = SpatialMix(sources, panner, wet, RASTER_HZ, RATE_HZ)

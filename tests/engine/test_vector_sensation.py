@@ -13,16 +13,17 @@ from skin_plane import plane
 
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.rendering.device import (
+from hfx_blender.engine.rendering.device_config import (
     Actuator,
+    ActuatorControl,
     ActuatorType,
     BodyPlace,
-    Control,
     DeviceConfig,
     Scheme,
 )
 from hfx_blender.engine.rendering.raster import Raster, unrendered
-from hfx_blender.engine.rendering.render import Renderer, render
+from hfx_blender.engine.rendering.render import render
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     ActuatorArea,
@@ -51,8 +52,8 @@ def _load(_: str) -> PerceptualModel:
 
 def _device(name: str = "belt", highest: float = 8.0) -> DeviceConfig:
     controls = (
-        Control("amplitude_m_s2", 0.0, 20.0, 0.0, highest, 0.0),
-        Control("frequency_hz", 50.0, 300.0, 50.0, 300.0, 100.0),
+        ActuatorControl("amplitude_m_s2", 0.0, 20.0, 0.0, highest, 0.0),
+        ActuatorControl("frequency_hz", 50.0, 300.0, 50.0, 300.0, 100.0),
     )
     kind = ActuatorType("motor", "vibration", controls, 0.0, 10.0)
     places = [BodyPlace(("torso",), (0.05 * k, 0.0, 0.0), 0.02) for k in range(3)]

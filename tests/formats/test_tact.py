@@ -13,7 +13,7 @@ from hypothesis import given, settings
 
 from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.rendering.device_output import BhapticsEncoder
+from hfx_blender.engine.rendering.device_config import BhapticsEncoder
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import writing

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from hfx_blender.engine.rendering.device import (
+from hfx_blender.engine.rendering.device_config import (
     Actuator,
+    ActuatorControl,
     ActuatorType,
-    Control,
     DeviceConfig,
     RoomPlace,
     Scheme,
@@ -30,11 +30,11 @@ FULL_SCALE = 20.0
 def make_device(channels, modality="vibration"):
     if modality == "vibration":
         controls = (
-            Control("amplitude_m_s2", 0, 30, 0, FULL_SCALE, 0),
-            Control("frequency_hz", 20, 500, 20, 500, 100),
+            ActuatorControl("amplitude_m_s2", 0, 30, 0, FULL_SCALE, 0),
+            ActuatorControl("frequency_hz", 20, 500, 20, 500, 100),
         )
     else:
-        controls = (Control("pressure_kpa", 0, 10, 0, 10, 0),)
+        controls = (ActuatorControl("pressure_kpa", 0, 10, 0, 10, 0),)
     kind = ActuatorType("motor", modality, controls, 0.0, 10.0)
     place = RoomPlace(("torso",))
     return DeviceConfig(

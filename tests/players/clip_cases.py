@@ -17,9 +17,9 @@ from telling import Telling
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.devices import renderers_of_track
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
+from hfx_blender.engine.rendering.render import renderers_of_track
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import Clip, TimeBase
 from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter

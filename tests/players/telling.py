@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
 
 F64 = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ from ..clips import clips
 from ..effects import effects
 
 if TYPE_CHECKING:
-    from ...engine.rendering.device import DeviceConfig
+    from ...engine.rendering.device_config import DeviceConfig
 
 Key = tuple[float, float]
 

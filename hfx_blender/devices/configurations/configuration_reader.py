@@ -7,11 +7,11 @@ import itertools
 
 from ...engine.modality import MODALITIES, Modality, Parameter
 from ...engine.rendering.conditioning.drive import DriveCurve
-from ...engine.rendering.device import (
+from ...engine.rendering.device_config import (
     Actuator,
+    ActuatorControl,
     ActuatorType,
     Brand,
-    Control,
     DeviceConfig,
     Mount,
     Scheme,
@@ -118,7 +118,7 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
     return tuple(curves)
 
 
-def _control(modality: Modality, known: Parameter, kind: Node) -> Control:
+def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
     """Range, limits and neutral value of a parameter of an actuator type."""
     node = kind["parameters"][known.name]
     if "fixed" in node:
@@ -142,7 +142,7 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> Control:
     if "neutral" in node:
         node["neutral"].hold(Number(lowest, highest, known.unit))
         neutral = node.number("neutral")
-    return Control(known.name, minimum, maximum, lowest, highest, neutral)
+    return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
 
 
 def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -> Actuator:

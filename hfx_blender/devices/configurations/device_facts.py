@@ -14,7 +14,7 @@ import numpy as np
 from ...engine.body.model import load_model
 from ...engine.body.parts import PARTS, REGIONS
 from ...engine.body.regions import region_at
-from ...engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
+from ...engine.rendering.device_config import Actuator, BodyPlace, DeviceConfig, VertexPlace
 from ...errors import InputError
 from ..configuration import find_file, load_device, named_in_blend
 

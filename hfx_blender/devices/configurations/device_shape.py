@@ -13,9 +13,7 @@ from typing import Final, get_args
 from ...engine.body.parts import PARTS, SIDES
 from ...engine.modality import MODALITIES, Modality, Parameter
 from ...engine.rendering.conditioning.waveform import WAVEFORMS
-from ...engine.rendering.device import SchemeName, Statistic
-from ...engine.rendering.device_output import Checksum
-from ...engine.rendering.panning.laws import LAWS
+from ...engine.rendering.device_config import LAWS, Checksum, SchemeName, Statistic
 from ...files.json_shapes import (
     PRINTABLE,
     SHA256,

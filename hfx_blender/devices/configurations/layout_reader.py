@@ -9,7 +9,7 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.body.parts import PARTS
-from ...engine.rendering.device import (
+from ...engine.rendering.device_config import (
     BodyPlace,
     Mount,
     Place,

@@ -7,8 +7,8 @@ import ipaddress
 from collections.abc import Callable
 from typing import Final
 
-from ...engine.rendering.device import Actuator
-from ...engine.rendering.device_output import (
+from ...engine.rendering.device_config import (
+    Actuator,
     BhapticsEncoder,
     ButtplugEncoder,
     BytesEncoder,

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...engine.rendering.conditioning.limits import limited
-from ...engine.rendering.device import ActuatorType, DeviceConfig
+from ...engine.rendering.conditioning.actuator_limits import limited
+from ...engine.rendering.device_config import ActuatorType, DeviceConfig
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
 from ...engine.texture.stroke_rendering import Signal, carrier
 from ...errors import InputError

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 
 MAX_OFFSET_S: Final = 1.0
 """Largest delay of a device's values, seconds."""

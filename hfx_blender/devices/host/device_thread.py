@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from .clock import SYSTEM, Clock
 from .delay_queue import DelayQueue
 from .guard import Guard

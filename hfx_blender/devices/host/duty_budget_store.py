@@ -25,10 +25,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import (
+from ...engine.rendering.device_config import (
     BhapticsEncoder,
     ButtplugEncoder,
+    DeviceConfig,
     Encoder,
     OscEncoder,
 )

@@ -15,10 +15,15 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
+from ...engine.rendering.conditioning.actuator_limits import limited
 from ...engine.rendering.conditioning.drive import drive_of
-from ...engine.rendering.conditioning.limits import limited
-from ...engine.rendering.device import ActuatorType, DeviceConfig
-from ...engine.rendering.device_output import BytesEncoder, OscEncoder, TextEncoder
+from ...engine.rendering.device_config import (
+    ActuatorType,
+    BytesEncoder,
+    DeviceConfig,
+    OscEncoder,
+    TextEncoder,
+)
 
 _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 

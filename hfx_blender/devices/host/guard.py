@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.conditioning.limits import DeviceLimits
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.conditioning.actuator_limits import DeviceLimits
+from ...engine.rendering.device_config import DeviceConfig
 from ..workers.message_bodies import as_row
 from .time_on import BudgetUse, TimeOn
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import (
+from ...engine.rendering.device_config import (
     BhapticsEncoder,
     ButtplugEncoder,
     BytesEncoder,
+    DeviceConfig,
     OscEncoder,
     SerialTransport,
     TextEncoder,

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 
 LONGEST_RAMP_S: Final = 0.05
 """Longest duration of a ramp, and so its longest delay, seconds."""

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ...engine.arrays import F64, I64, Bool
-from ...engine.rendering.device import ActuatorType
+from ...engine.rendering.device_config import ActuatorType
 
 UNSURE_S: Final = 0.05
 """Assumed length of a step of unknown length while an actuator is on, seconds: a clock may stand

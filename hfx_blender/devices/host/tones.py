@@ -16,7 +16,7 @@ import numpy as np
 
 from ...engine.arrays import F64, I64
 from ...engine.rendering.conditioning.frequency import Partial
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 
 MAX_TONES: Final = 16
 """Largest number of tones at once; of more, the strongest are played."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from ...engine.rendering.device_output import DEAD_MAN_MS
+from ...engine.rendering.device_config import DEAD_MAN_MS
 
 VERSION: Final = 1
 

@@ -12,8 +12,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import ButtplugEncoder, WebsocketTransport
+from ...engine.rendering.device_config import ButtplugEncoder, DeviceConfig, WebsocketTransport
 from ...errors import DeviceError, HfxError
 from ..configurations.output_reader import is_local
 from ..host.output import OutputLostError

@@ -20,8 +20,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import DEAD_MAN_MS
+from ...engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
 from ...errors import UsageError
 from .client import LiveClient
 

@@ -11,7 +11,7 @@ from ...files import resources
 from .live_settings import LiveSettings
 
 if TYPE_CHECKING:
-    from ...engine.rendering.device import DeviceConfig
+    from ...engine.rendering.device_config import DeviceConfig
     from .approval import DeviceScript
 
 

@@ -9,8 +9,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import BhapticsEncoder
+from ...engine.rendering.device_config import BhapticsEncoder, DeviceConfig
 from ..host.encoders import Channels
 from ..host.output import OutputLostError
 from .reservations import release, reserve, server_key

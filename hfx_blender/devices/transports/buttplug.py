@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import ButtplugEncoder
+from ...engine.rendering.device_config import ButtplugEncoder, DeviceConfig
 from ..host.encoders import Channels
 from ..host.output import OutputLostError
 from .reservations import Keys, are_free, release, reserve, server_key

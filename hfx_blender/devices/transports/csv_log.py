@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ..host.encoders import Channels
 from ..host.log_file import LogFile
 from ..host.output import OutputLostError

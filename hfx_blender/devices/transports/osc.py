@@ -10,8 +10,7 @@ from typing import Final
 from pythonosc.parsing import osc_types
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import OscEncoder
+from ...engine.rendering.device_config import DeviceConfig, OscEncoder
 from ..host.encoders import Channels, osc_addresses
 from ..host.output import OutputLostError
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...engine.rendering.conditioning.drive import driven
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ..host.oscillators import SumOfTones
 from ..host.output import OutputLostError
 from ..host.tones import LONE, Tones

@@ -11,8 +11,7 @@ from contextlib import suppress
 from typing import Final
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.device_output import DEAD_MAN_MS
+from ...engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
 from ..host import wire
 from ..host.encoders import Channels
 from ..host.output import OutputLostError

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
-from ...engine.rendering.device import Actuator, DeviceConfig
+from ...engine.rendering.device_config import Actuator, DeviceConfig
 from ...engine.samples import SampleRun
 from ...processes.messages import MessageError
 from .message_bodies import Array, as_row, decode_arrays, encode_arrays

@@ -15,7 +15,7 @@ from typing import Final
 
 from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...processes.messages import EVERY_DEVICE, Message, MessageError, MessageKind, message
 from ...processes.owner import Owner

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...processes.messages import Message, MessageKind, decode_json, message
 from ...processes.owner import Owner
 from ..configuration import load_device

@@ -13,8 +13,7 @@ from ..active_rows import followed, of_read, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
-from ..contact.contact_details import Contacts
-from ..contact.contact_query import ContactQuery
+from ..contact.contact_query import ContactQuery, Contacts
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
 from ..response.answering import Answering, depths_of, with_own_sets

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..active_rows import posed_rows
 from ..arrays import F32, F64, I32, I64
-from ..contact.contact_details import Contacts, Details
+from ..contact.contact_query import ContactDetails, Contacts
 from ..samples import Impact
 from ..scene import EffectBlock, PoseBlock, TimeBase
 from ..skin.posing import PosableModel
@@ -66,7 +66,9 @@ def motion(
     )
 
 
-def _by_row(animated: EffectBlock, hits: Contacts) -> Iterator[tuple[slice, Shape, F64, Details]]:
+def _by_row(
+    animated: EffectBlock, hits: Contacts
+) -> Iterator[tuple[slice, Shape, F64, ContactDetails]]:
     """Contacts of each row, with the volume's shape and matrix."""
     assert animated.matrices is not None and hits.details is not None
     for k, row in enumerate(hits.rows):

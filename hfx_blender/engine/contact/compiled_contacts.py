@@ -19,8 +19,7 @@ from ..skin.skinned_model import SkinnedModel
 from . import narrow_phase as native
 from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
-from .contact_details import Contacts, DetailArrays
-from .contact_query import ContactQuery
+from .contact_query import ContactQuery, Contacts, DetailArrays
 from .narrow_phase import drift_of
 
 

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Query of the contacts of one volume with one body."""
+"""Query of the contacts of one volume with one body, and its result."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..arrays import I64, Bool
+import numpy as np
+
+from ..arrays import F64, I32, I64, Bool, Weights
 from ..counters import Counters
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
-from ..volume.shape import Falloff
+from ..volume.shape import Falloff, Shape
 from .reachable_bounds import ReachableBounds
 
 if TYPE_CHECKING:
@@ -38,5 +41,77 @@ class ContactQuery:
 
     @property
     def asks_details(self) -> bool:
-        """Test for anything that needs :class:`.contact_details.Details`."""
+        """Test for anything that needs :class:`ContactDetails`."""
         return self.with_details or self.with_impact
+
+
+@dataclass(frozen=True, eq=False)
+class ContactDetails:
+    """Details of each contact, in shape space.
+
+    The *place* of a contact is the vertex where that is inside, else the deepest sample of its
+    skin; of a contact that is over when the sample is taken, the deepest halfway through.
+    """
+
+    places: F64  # (3, total)
+    since: F64  # (total,) when it began, a share of the time since the sample before; else NaN
+    entries: F64  # (3, total) where skin entered first
+    ways: F64  # (3, total) how it moved then, for a whole time between samples
+
+
+@dataclass(frozen=True, eq=False)
+class DetailArrays:
+    """Details of all contacts that may be, to be filled in row by row."""
+
+    places: F64  # (rows, columns, 3)
+    since: F64  # (rows, columns)
+    entries: F64  # (rows, columns, 3)
+    ways: F64  # (rows, columns, 3)
+
+    @classmethod
+    def empty(cls, *shape: int) -> DetailArrays:
+        vectors = np.zeros((3, *shape, 3))
+        return cls(vectors[0], np.full(shape, np.nan), vectors[1], vectors[2])
+
+    def of(self, rows: I64, columns: I64) -> ContactDetails:
+        """Details of some contacts, by their rows and columns."""
+        return ContactDetails(
+            self.places[rows, columns].T,
+            self.since[rows, columns],
+            self.entries[rows, columns].T,
+            self.ways[rows, columns].T,
+        )
+
+    def place_deepest(
+        self, samples: F64, contacts: I64, shapes: Sequence[Shape], matrices: F64
+    ) -> None:
+        """Place contacts whose vertex is outside at their deepest sample.
+
+        Parameters
+        ----------
+        samples : (n, 3) float64
+            That are inside, shape space.
+        contacts : (n,) int64
+            Row times the number of columns, plus column.
+        shapes, matrices : (rows,), (rows, 4, 4)
+            The volume at each row, and its place in the world.
+        """
+        rows, columns = np.divmod(contacts, max(self.since.shape[1], 1))
+        for row in np.unique(rows).tolist():
+            mine = np.flatnonzero(rows == row)
+            depths = shapes[row].depth_m(samples[mine].T, matrices[row])
+            order = np.lexsort((-depths, columns[mine]))
+            order = mine[order[np.flatnonzero(np.diff(columns[mine][order], prepend=-1))]]
+            self.places[row, columns[order]] = samples[order]
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts of a body with a volume over some times; equal successive sets are stored once."""
+
+    rows: I64  # (n,) rows of the block at which anything is inside, ascending
+    sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
+    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
+    vertices: I32  # (total,) ascending within a set
+    weights: Weights  # (total,) in (0, 1]
+    details: ContactDetails | None  # where asked for; each row has its own set then

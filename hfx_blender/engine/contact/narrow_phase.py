@@ -26,7 +26,7 @@ from ..native.skin_arrays import SkinTableArrays, table_structure
 from ..volume.placing_matrix import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
-from .contact_details import DetailArrays
+from .contact_query import DetailArrays
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rendering samples to the actuators of a device."""
 
-from .device import DeviceConfig
+from .device_config import DeviceConfig
 from .raster import Raster, Shortfall, Unrendered, unrendered
-from .render import Renderer
+from .renderer import Renderer
 
 __all__ = ["DeviceConfig", "Raster", "Renderer", "Shortfall", "Unrendered", "unrendered"]

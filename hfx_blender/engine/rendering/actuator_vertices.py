@@ -14,7 +14,7 @@ from ...errors import InputError
 from ..arrays import F64, I32, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS, SIDES
-from .device import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
+from .device_config import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
 
 MAX_MISS_M = 0.2
 """Largest distance of an actuator's nearest vertex outside of its radius, metres. Temperature

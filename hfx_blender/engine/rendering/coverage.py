@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import F32, F64, I32, I64
 from ..native.library import library
-from .device import Statistic
+from .device_config import Statistic
 
 DENSE_ENTRIES = 1 << 18
 """Weights that are laid out densely at a time: 1 MiB, which stays in the processor's cache."""

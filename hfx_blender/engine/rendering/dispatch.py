@@ -19,10 +19,9 @@ from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
 from .coverage import ActuatorCells
-from .device import DeviceConfig, RoomPlace
-from .focus import FocusPanning
+from .device_config import DeviceConfig, RoomPlace
 from .room import PlaySpace, has_place, room_gains
-from .schemes import cells_of, panned_layout, unpanned
+from .schemes import FocusPanning, cells_of, panned_layout, unpanned
 
 ModelLoader = Callable[[str], PerceptualModel]
 

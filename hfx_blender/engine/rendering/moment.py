@@ -20,9 +20,9 @@ from ..samples import SampleRun
 from ..scene import SceneDescription, TimeBase
 from ..track.header import TrackHeader
 from .conditioning.frequency import Partial
-from .device import DeviceConfig
+from .device_config import DeviceConfig
 from .dispatch import ModelLoader
-from .render import Renderer
+from .renderer import Renderer
 
 _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, frame_last=0)
 

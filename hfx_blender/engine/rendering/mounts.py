@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64
-from .device import Mount
+from .device_config import Mount
 
 _TURN: Final = 2.0 * np.pi
 

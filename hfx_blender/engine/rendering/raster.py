@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import F64, I64, Bool
 from ..samples import Stream
 from .conditioning.frequency import Partial
-from .device import DeviceConfig
+from .device_config import DeviceConfig
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
 """Reason why something is not rendered as it was felt. ``modality``: the device has no actuator for

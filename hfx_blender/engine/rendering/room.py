@@ -16,7 +16,7 @@ from ...errors import InputError
 from ..arrays import F64, I64, Bool
 from ..matmul import affine_inverse
 from ..samples import SampleRun
-from .device import Actuator, DeviceConfig, RoomPlace
+from .device_config import Actuator, DeviceConfig, RoomPlace
 
 SETTING: Final = "play_space"
 """Key of a track's settings: ``[[index, 12 numbers], ...]``, where the play space is from each

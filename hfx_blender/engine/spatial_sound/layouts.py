@@ -19,7 +19,7 @@ _SHOWN: Final = 60  # characters of a layout that a message repeats
 
 
 @dataclass(frozen=True)
-class Layout:
+class LoudspeakerLayout:
     """Loudspeakers round a listener, in the order of their channels."""
 
     name: str
@@ -42,8 +42,8 @@ class Layout:
         return np.ascontiguousarray(found[: 2 if self.is_flat else 3].T)
 
 
-def _flat(name: str, *azimuths: float) -> Layout:
-    return Layout(name, azimuths, (0.0,) * len(azimuths))
+def _flat(name: str, *azimuths: float) -> LoudspeakerLayout:
+    return LoudspeakerLayout(name, azimuths, (0.0,) * len(azimuths))
 
 
 _CORNER = float(np.degrees(np.arctan(np.sqrt(0.5))))
@@ -56,7 +56,7 @@ LAYOUTS: Final = {
         _flat("5.0", 30.0, -30.0, 0.0, 110.0, -110.0),
         _flat("7.0", 30.0, -30.0, 0.0, 90.0, -90.0, 150.0, -150.0),
         _flat("ring8", *(45.0 * k for k in range(8))),
-        Layout(
+        LoudspeakerLayout(
             "cube8",
             (45.0, -45.0, 135.0, -135.0) * 2,
             (-_CORNER,) * 4 + (_CORNER,) * 4,
@@ -66,7 +66,7 @@ LAYOUTS: Final = {
 """Channels in the usual order: left, right, centre, side or back pairs."""
 
 
-def parse(text: str) -> Layout:
+def parse(text: str) -> LoudspeakerLayout:
     """A layout from its name, or from azimuths in degrees, each with an elevation after a colon.
 
     Raises
@@ -95,7 +95,7 @@ def parse(text: str) -> Layout:
             )
         azimuths.append(turn)
         elevations.append(rise)
-    layout = Layout(text, tuple(azimuths), tuple(elevations))
+    layout = LoudspeakerLayout(text, tuple(azimuths), tuple(elevations))
     if len(layout) < 2:
         raise UsageError(f"loudspeakers '{shown}': expected 2 to {MAX_LOUDSPEAKERS} of them")
     if not np.ptp(layout.directions, axis=0).any():

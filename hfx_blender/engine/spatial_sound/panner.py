@@ -11,8 +11,8 @@ from ...errors import UsageError
 from ..arrays import F64
 from ..rendering.panning.ring import RingPanning
 from ..rendering.panning.vbap import VectorBasePanning
-from .layouts import Layout
-from .propagation import Hearing
+from .hearing import Hearing
+from .layouts import LoudspeakerLayout
 
 Scheme = Literal["vbap", "ring"]
 SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")
@@ -33,7 +33,9 @@ class Panner:
         The scheme does not fit the layout.
     """
 
-    def __init__(self, layout: Layout, hearing: Hearing, scheme: Scheme = "vbap") -> None:
+    def __init__(
+        self, layout: LoudspeakerLayout, hearing: Hearing, scheme: Scheme = "vbap"
+    ) -> None:
         self._layout = layout
         self.hearing = hearing
         self._is_flat = layout.is_flat

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64
+from .hearing import absorption_db_m, doppler_hz
 from .panner import Panner
-from .propagation import absorption_db_m, doppler_hz
 from .reverberation import Reverberators
 
 

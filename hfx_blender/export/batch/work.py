@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 from ...devices.configuration import load_device
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.tolerance import parse as parse_tolerance
 from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK

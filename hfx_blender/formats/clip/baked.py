@@ -11,8 +11,14 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import MODALITIES
-from ...engine.rendering.device import Actuator, BodyPlace, Control, DeviceConfig, RoomPlace
-from ...engine.rendering.device_output import DEAD_MAN_MS
+from ...engine.rendering.device_config import (
+    DEAD_MAN_MS,
+    Actuator,
+    ActuatorControl,
+    BodyPlace,
+    DeviceConfig,
+    RoomPlace,
+)
 from ...engine.rendering.raster import Raster
 from ...engine.rendering.schemes import cells_of
 from ...engine.track.excerpt import named_clips, sample_range
@@ -169,7 +175,7 @@ class _Baked:
         self._row_count += len(rows)
         self._number_count += numbers[rows].size
 
-    def _column(self, actuator: int, control: Control, unit: str) -> tuple[Any, ...]:
+    def _column(self, actuator: int, control: ActuatorControl, unit: str) -> tuple[Any, ...]:
         lowest, highest, neutral = control.lowest, control.highest, control.neutral
         number = int(numbers_of(np.array([neutral]), lowest, highest, neutral)[0])
         text = self._texts.add

@@ -11,7 +11,7 @@ from ...engine.arrays import F64, I64
 from ...engine.body.levels import level_count, level_of
 from ...engine.body.model import PerceptualModel, load_model, load_skeleton
 from ...engine.modality import MODALITIES, neutral_temperature_c
-from ...engine.rendering.device import Actuator, DeviceConfig, RoomPlace
+from ...engine.rendering.device_config import Actuator, DeviceConfig, RoomPlace
 from ...engine.rendering.schemes import cells_of
 from ...engine.response_filters.controls import About, FilterKind, Operation
 from ...engine.scene import (

@@ -10,7 +10,7 @@ import numpy as np
 from ...engine.arrays import U32
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import LEFT, PARTS, RIGHT
-from ...engine.rendering.device import BodyPlace, Place, RoomPlace
+from ...engine.rendering.device_config import BodyPlace, Place, RoomPlace
 
 BITS: Final = (
     "head front,head back,head right,head left,right upper chest,left upper chest,abdomen,waist,"

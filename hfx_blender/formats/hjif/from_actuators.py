@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...files.strict_json import clean, read_bytes
 from ...text import counted

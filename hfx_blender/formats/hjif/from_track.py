@@ -18,7 +18,7 @@ import numpy as np
 from ...engine.arrays import F32, F64, I64, U32
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
 from ...errors import InputError, NothingFeltError

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from ...engine.modality import MODALITIES
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...files.strict_json import clean
 from ..registry import FORMATS
 from ..signals.signals import MAX_HZ, Transient

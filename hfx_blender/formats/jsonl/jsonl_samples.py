@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F32, I32
 from ...engine.modality import MODALITIES
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.render import blocks
 from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader

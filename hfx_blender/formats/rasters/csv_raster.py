@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...errors import InputError
 from ...files import limits

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import NPZ_DAMAGE, write_npz
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, FeltStream, Raster, Shortfall
 from ...engine.samples import Stream
 from ...errors import InputError

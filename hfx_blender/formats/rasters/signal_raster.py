@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import Actuator, DeviceConfig
+from ...engine.rendering.device_config import Actuator, DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...errors import InputError
 from ...files import limits

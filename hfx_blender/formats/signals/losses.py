@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...text import counted
 from .curves import Curve

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
-from ...engine.rendering.conditioning.limits import limited
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.conditioning.actuator_limits import limited
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
-from ...engine.spatial_sound.layouts import Layout
+from ...engine.spatial_sound.layouts import LoudspeakerLayout
 from ...errors import InputError
 from ...files.atomic import atomic_file
 from .wav import SIDECAR_SUFFIX, encoded, head
@@ -32,7 +32,7 @@ def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
     return int(-(-rows * rate_hz // raster_hz))
 
 
-def refuse_large(layout: Layout, path: Path, *, count: int) -> int:
+def refuse_large(layout: LoudspeakerLayout, path: Path, *, count: int) -> int:
     """Reject sound that no WAV file holds; returns its bytes.
 
     Raises
@@ -51,7 +51,7 @@ def refuse_large(layout: Layout, path: Path, *, count: int) -> int:
 
 def write(
     blocks: Callable[[], Iterator[F64]],
-    layout: Layout,
+    layout: LoudspeakerLayout,
     path: Path,
     *,
     count: int,

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64, I64
+from ...engine.rendering.conditioning.actuator_limits import limited
 from ...engine.rendering.conditioning.drive import DriveCurve, driven
-from ...engine.rendering.conditioning.limits import limited
 from ...engine.rendering.conditioning.waveform import (
     cycles_on_the_way,
     cycles_since_the_beginning,
@@ -30,7 +30,7 @@ from ...engine.rendering.conditioning.waveform import (
     kinds_of,
     waves,
 )
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files.atomic import atomic_file

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits

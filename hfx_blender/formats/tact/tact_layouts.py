@@ -9,8 +9,13 @@ from typing import Final
 import numpy as np
 
 from ...engine.body.model import load_model
-from ...engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
-from ...engine.rendering.device_output import BhapticsEncoder
+from ...engine.rendering.device_config import (
+    Actuator,
+    BhapticsEncoder,
+    BodyPlace,
+    DeviceConfig,
+    VertexPlace,
+)
 
 MAX_DOTS: Final = 20
 

@@ -28,7 +28,7 @@ from .live_sources import Generation, SceneSource, Source, TrackSource
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient
-    from ...engine.rendering.device import DeviceConfig
+    from ...engine.rendering.device_config import DeviceConfig
     from ...engine.surface.surface_drive import SurfaceDrive
 
 HOLD_S = 2.0

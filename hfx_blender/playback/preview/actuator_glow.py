@@ -14,7 +14,7 @@ from mathutils import Matrix
 from ...avatars import avatar_meshes
 from ...engine.arrays import F32, F64
 from ...engine.colouring import COLD, Colour
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...engine.samples import SampleRun
 from ...errors import HfxError

@@ -14,7 +14,7 @@ from ...avatars import avatar_meshes, stored_fits
 from ...engine.arrays import F64, I64
 from ...engine.body.model import Avatar, load_avatar, load_model
 from ...engine.rendering.actuator_vertices import on_parts, vertices_of
-from ...engine.rendering.device import BodyPlace, DeviceConfig, Place, VertexPlace
+from ...engine.rendering.device_config import BodyPlace, DeviceConfig, Place, VertexPlace
 
 SMALLEST_M, LARGEST_M = 0.006, 0.02
 """Radii of the discs that stand for actuators."""

@@ -23,9 +23,9 @@ from ...engine.body.model import load_model
 from ...engine.evaluate import Engine
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.native import library
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
-from ...engine.rendering.render import Renderer
+from ...engine.rendering.renderer import Renderer
 from ...engine.samples import SampleRun, Stream
 from ...engine.scene import EffectDescription, SceneDescription, TimeBase
 from ...engine.track.header import TrackHeader

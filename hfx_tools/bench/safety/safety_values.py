@@ -15,7 +15,7 @@ import numpy as np
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.guard import Guard
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.errors import InputError
 from hfx_blender.processes import blender_session
 

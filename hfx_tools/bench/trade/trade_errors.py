@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.volume.shape import Shape

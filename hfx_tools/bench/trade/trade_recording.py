@@ -14,9 +14,9 @@ import bpy
 
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import AnimationBlock, SceneDescription
 from hfx_blender.engine.tolerance import Tolerance

@@ -15,7 +15,7 @@ import pytest
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.script_rendering import render_devices
-from hfx_blender.engine.rendering.device import DeviceConfig, RoomPlace
+from hfx_blender.engine.rendering.device_config import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene

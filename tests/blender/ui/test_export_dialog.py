@@ -127,7 +127,7 @@ def test_devices_that_are_not_ticked_write_nothing(small: Any, tmp_path: Path) -
 def test_the_schemes_of_a_scene_are_those_of_devices() -> None:
     from typing import get_args
 
-    from hfx_blender.engine.rendering.device import SchemeName
+    from hfx_blender.engine.rendering.device_config import SchemeName
     from hfx_blender.properties.scenes import SCHEMES
 
     assert [name for name, *_ in SCHEMES[1:]] == list(get_args(SchemeName))

@@ -16,7 +16,7 @@ from hfx_blender.devices.host import delay_queue
 from hfx_blender.devices.host.delay_queue import MAX_OFFSET_S
 from hfx_blender.devices.host.device_thread import FREEZE_S
 from hfx_blender.devices.host.pacing import Pace
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 
 RATES = (24, 25.25, 30, 50, 50.4, 60, 72, 90, 120, 144, 240)
 SILENT_WITHIN_S = 0.05

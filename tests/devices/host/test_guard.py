@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.guard import Guard
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 
 DEVICE = load_device("forearm_band_left")
 STEP = 0.01

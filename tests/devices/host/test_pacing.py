@@ -13,7 +13,7 @@ from live_process import BAND, playing
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.pacing import LONGEST_RAMP_S, Pace, Ramp, tick_s
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 
 DEVICE = load_device(BAND)
 TICK = 0.01

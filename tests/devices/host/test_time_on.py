@@ -30,9 +30,9 @@ from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.host.time_on import BudgetUse, DutyBudget
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.discovery import FoundPort
-from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
     ButtplugEncoder,
+    DeviceConfig,
     OutputConfig,
     WebsocketTransport,
 )

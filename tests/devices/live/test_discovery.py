@@ -20,8 +20,8 @@ from hfx_blender.devices.live.discovery import (
     same_port,
 )
 from hfx_blender.devices.transports import buttplug
-from hfx_blender.engine.rendering.device import Brand
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
+    Brand,
     ButtplugEncoder,
     OutputConfig,
     WebsocketTransport,

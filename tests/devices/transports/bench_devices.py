@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Devices to drive, made of plain data."""
 
-from hfx_blender.engine.rendering.device import (
+from hfx_blender.engine.rendering.device_config import (
     Actuator,
+    ActuatorControl,
     ActuatorType,
-    Control,
     DeviceConfig,
     RoomPlace,
     Scheme,
@@ -19,8 +19,8 @@ def vibration(maximum=10.0, highest=None, fixed=False, **limits):
         "motor",
         "vibration",
         (
-            Control("amplitude_m_s2", 0.0, maximum, 0.0, highest or maximum, 0.0),
-            Control("frequency_hz", low, top, low, top, 175.0 if fixed else 100.0),
+            ActuatorControl("amplitude_m_s2", 0.0, maximum, 0.0, highest or maximum, 0.0),
+            ActuatorControl("frequency_hz", low, top, low, top, 175.0 if fixed else 100.0),
         ),
         latency_ms=0.0,
         update_interval_ms=10.0,
@@ -30,7 +30,7 @@ def vibration(maximum=10.0, highest=None, fixed=False, **limits):
 
 def heat():
     """An element that is neutral in the middle of its range."""
-    control = Control("temperature_c", 14.0, 44.0, 15.0, 40.0, 29.0)
+    control = ActuatorControl("temperature_c", 14.0, 44.0, 15.0, 40.0, 29.0)
     return ActuatorType("element", "temperature", (control,), 0.0, 100.0)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hfx_blender.devices.host.encoders import Channels, FrameEncoder
-from hfx_blender.engine.rendering.device_output import BytesEncoder, TextEncoder
+from hfx_blender.engine.rendering.device_config import BytesEncoder, TextEncoder
 
 PAIR = device(vibration(fixed=True), heat())  # columns: amplitude, 175 Hz, temperature
 

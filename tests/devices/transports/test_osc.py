@@ -11,7 +11,7 @@ from bench_devices import device, heat, vibration
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports.osc import MAX_DATAGRAM, bundles, message
-from hfx_blender.engine.rendering.device_output import OscEncoder, OutputConfig, UdpTransport
+from hfx_blender.engine.rendering.device_config import OscEncoder, OutputConfig, UdpTransport
 
 
 def read(content):

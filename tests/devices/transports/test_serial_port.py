@@ -11,7 +11,7 @@ from bench_devices import device, vibration
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports.serial_port import SerialPort, is_port_name
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
     BytesEncoder,
     OutputConfig,
     SerialTransport,

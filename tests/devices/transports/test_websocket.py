@@ -20,7 +20,7 @@ from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import buttplug, websocket
 from hfx_blender.devices.transports.websocket import WebSocket
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
     BhapticsEncoder,
     ButtplugEncoder,
     OutputConfig,

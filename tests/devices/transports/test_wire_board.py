@@ -13,7 +13,7 @@ from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import wire_board
-from hfx_blender.engine.rendering.device_output import (
+from hfx_blender.engine.rendering.device_config import (
     DEAD_MAN_MS,
     OutputConfig,
     SerialTransport,

@@ -13,7 +13,7 @@ import pytest
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.workers.haptics import Effect, Haptics, as_values
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "device-scripts.md"
 

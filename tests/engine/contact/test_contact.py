@@ -10,8 +10,7 @@ import pytest
 from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.contact import contacts
-from hfx_blender.engine.contact.contact_details import Contacts
-from hfx_blender.engine.contact.contact_query import ContactQuery
+from hfx_blender.engine.contact.contact_query import ContactQuery, Contacts
 from hfx_blender.engine.contact.reachable_bounds import bounds_of
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.reference.cells import Skin

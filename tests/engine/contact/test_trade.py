@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,

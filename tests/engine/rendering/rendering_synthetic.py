@@ -8,10 +8,10 @@ import numpy as np
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.rendering.device import (
+from hfx_blender.engine.rendering.device_config import (
     Actuator,
+    ActuatorControl,
     ActuatorType,
-    Control,
     DeviceConfig,
     Place,
     RoomPlace,
@@ -120,7 +120,9 @@ CONTROLS = {
 
 
 def make_type(modality: str, interval_ms: float = 10.0) -> ActuatorType:
-    controls = tuple(Control(n, lo, hi, lo, hi, mid) for n, lo, hi, mid in CONTROLS[modality])
+    controls = tuple(
+        ActuatorControl(n, lo, hi, lo, hi, mid) for n, lo, hi, mid in CONTROLS[modality]
+    )
     return ActuatorType(modality, modality, controls, 0.0, interval_ms)
 
 

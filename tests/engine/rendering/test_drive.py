@@ -14,9 +14,9 @@ from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
 from hfx_blender.devices.host.encoders import Channels
 from hfx_blender.engine.rendering.conditioning.drive import DriveCurve, drive_of, driven
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.formats.sound import wav
 
 # Half drive yields a third of the output at 80 Hz, and two fifths of a larger one at 160 Hz.

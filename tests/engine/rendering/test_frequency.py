@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
 from hfx_blender.engine.rendering.conditioning.frequency import MARGIN, StrongestContributor
-from hfx_blender.engine.rendering.device import DeviceConfig, Substitution
+from hfx_blender.engine.rendering.device_config import DeviceConfig, Substitution
 from hfx_blender.engine.rendering.raster import Raster
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.formats.sound import wav
 
 LOW, HIGH = 80.0, 250.0

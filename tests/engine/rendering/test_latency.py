@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
-from hfx_blender.engine.rendering.conditioning.timing import advanced, rows_of
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.conditioning.actuator_limits import advanced, rows_of
+from hfx_blender.engine.rendering.renderer import Renderer
 
 RATE = Fraction(100)
 

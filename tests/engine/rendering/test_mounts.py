@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
-from hfx_blender.engine.rendering.device import BodyPlace, DeviceConfig, Mount, Scheme
+from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Mount, Scheme
 from hfx_blender.engine.rendering.mounts import Pad, on_mount, place_on
 from hfx_blender.engine.rendering.panning.planar import PlanarPanning
 from hfx_blender.engine.rendering.schemes import cells_of, panned_layout

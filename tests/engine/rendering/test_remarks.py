@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from rendering_synthetic import EVERYWHERE, MODELS, at, make_device, make_header, make_run
 
-from hfx_blender.engine.rendering import devices
-from hfx_blender.engine.rendering.device import BodyPlace, Scheme, VertexPlace
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering import render as rendering
+from hfx_blender.engine.rendering.device_config import BodyPlace, Scheme, VertexPlace
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import Drive
 from hfx_blender.engine.scene import (
     BodyDescription,
@@ -88,9 +88,9 @@ def test_a_device_that_does_not_fit_is_named_and_costs_no_other(monkeypatch):
         (EffectDescription("tap", "tap", "vibration", "dots-vibration", area),),
     )
     bad = make_device({"a": ("vibration", far)})
-    monkeypatch.setattr(devices, "load_model", MODELS.__getitem__)
-    found = devices.misfits(scene, [good, bad])
+    monkeypatch.setattr(rendering, "load_model", MODELS.__getitem__)
+    found = rendering.misfits(scene, [good, bad])
     assert list(found) == ["device"]
     assert "plays nothing" in found["device"] and "9.0, 0.0, 0.0" in found["device"]
     of_others = make_device({"a": ("pressure", far)})
-    assert devices.misfits(scene, [of_others]) == {}
+    assert rendering.misfits(scene, [of_others]) == {}

@@ -10,7 +10,7 @@ from rendering_synthetic import MODELS, at, make_device
 import hfx_blender.engine.rendering.coverage as coverage
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.engine.rendering.coverage import ActuatorCells
-from hfx_blender.engine.rendering.device import BodyPlace, RoomPlace, VertexPlace, VertexSet
+from hfx_blender.engine.rendering.device_config import BodyPlace, RoomPlace, VertexPlace, VertexSet
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.errors import InputError
 

@@ -10,7 +10,7 @@ import pytest
 from rendering_synthetic import MODELS, at, make_device, make_header
 
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,

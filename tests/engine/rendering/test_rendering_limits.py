@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hfx_blender.engine.rendering.conditioning.limits import limited
-from hfx_blender.engine.rendering.conditioning.timing import held
+from hfx_blender.engine.rendering.conditioning.actuator_limits import held, limited
 
 NAN, INF = float("nan"), float("inf")
 

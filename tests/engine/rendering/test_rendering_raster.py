@@ -15,7 +15,7 @@ from rendering_synthetic import (
 )
 
 from hfx_blender.engine.rendering import Renderer, unrendered
-from hfx_blender.engine.rendering.device import Substitution
+from hfx_blender.engine.rendering.device_config import Substitution
 from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rendering_synthetic import MODELS, make_device, make_header, make_run
 
-from hfx_blender.engine.rendering.device import RoomPlace
+from hfx_blender.engine.rendering.device_config import RoomPlace
 from hfx_blender.engine.rendering.moment import MomentRenderer
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.rendering.room import SETTING, PlaySpace, needs_positions, reaches
 from hfx_blender.errors import InputError
 

@@ -12,7 +12,7 @@ import pytest
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.rendering.device import DeviceConfig, Scheme
+from hfx_blender.engine.rendering.device_config import DeviceConfig, Scheme
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.errors import InputError
 

@@ -13,7 +13,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.mounts import on_mount
 from hfx_blender.engine.rendering.raster import Raster
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,

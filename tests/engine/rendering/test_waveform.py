@@ -19,7 +19,7 @@ from hfx_blender.devices.host.tones import Tones
 from hfx_blender.engine.rendering.conditioning import waveform
 from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.engine.rendering.conditioning.waveform import WAVEFORMS, Waveform, kinds_of, waves
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.formats.sound import wav
 

@@ -15,7 +15,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import surface_calibration
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.rendering.moment import MomentRenderer, moment_header
-from hfx_blender.engine.rendering.render import Renderer as DeviceRenderer
+from hfx_blender.engine.rendering.renderer import Renderer as DeviceRenderer
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import (
     BodyDescription,

@@ -27,7 +27,7 @@ from test_track_formats import COMPACT_LINES  # noqa: E402
 from hfx_blender.authoring.paths import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_model  # noqa: E402
-from hfx_blender.engine.rendering.devices import renderers_of_track  # noqa: E402
+from hfx_blender.engine.rendering.render import renderers_of_track  # noqa: E402
 from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402

@@ -26,8 +26,8 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.levels import at_level, level_count
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.rendering.device import DeviceConfig
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.tolerance import PAPER, STANDARD
 from hfx_blender.engine.track import TrackHeader

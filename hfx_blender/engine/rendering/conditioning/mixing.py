@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import F64
 from ...modality import MODALITIES
-from ..device import Substitution
+from ..device_config import Substitution
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...arrays import F64, I64
 from ...body.surface_locator import barycentric
+from ..device_config import LAWS, Law
 
 _PAIRS_AT_ONCE: Final = 1 << 17
 
@@ -125,3 +126,18 @@ def merged_places(positions: F64) -> tuple[F64, I64]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return positions[first[order]], rank[place_of.ravel()].astype(np.int64)
+
+
+def gain(shares: F64, law: Law) -> F64:
+    """Gains for shares that sum to 1 at each place, (n, A) -> (n, A).
+
+    ``linear`` keeps the sum of gains, ``power`` the sum of their squares.
+    """
+    if law == "linear":
+        return shares
+    if law == "log":
+        above_one = 1.0 + shares
+        return np.log2(above_one, out=above_one)
+    if law == "power":
+        return np.sqrt(shares)
+    raise ValueError(f"law: expected one of {', '.join(LAWS)}, got '{law}'")

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 
 from ...arrays import F64, I64
-from .complex import ActuatorComplex, merged_places
-from .laws import Law, gain
+from ..device_config import Law
+from .complex import ActuatorComplex, gain, merged_places
 
 _FLATTEST: Final = 1e-6
 """Width over length of a layout that counts as a line."""

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from ...arrays import F64, I32, I64
 from ...body.mesh_edges import edge_graph
 from ...body.model import PerceptualModel
-from .complex import ActuatorComplex, merged_places
-from .laws import Law, gain
+from ..device_config import Law
+from .complex import ActuatorComplex, gain, merged_places
 from .neighbours import MAX_SPAN_M, along_edges_m, limbs_of, parted
 
 _ROUND_ABOUT: Final = 1.7

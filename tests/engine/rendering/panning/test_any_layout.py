@@ -21,9 +21,8 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.rendering import coverage
-from hfx_blender.engine.rendering.device import Actuator, BodyPlace, Scheme, SchemeName
+from hfx_blender.engine.rendering.device_config import LAWS, Actuator, BodyPlace, Scheme, SchemeName
 from hfx_blender.engine.rendering.panning import planar, ring, splat, surface_panning, vbap
-from hfx_blender.engine.rendering.panning.laws import LAWS
 from hfx_blender.engine.rendering.schemes import PannedLayout, panned_layout
 
 PANNING = tuple(name for name in get_args(SchemeName) if name != "coverage")

@@ -17,7 +17,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.skin_distance import SkinDistances
-from hfx_blender.engine.rendering.device import Actuator, BodyPlace, Scheme, SchemeName
+from hfx_blender.engine.rendering.device_config import Actuator, BodyPlace, Scheme, SchemeName
 from hfx_blender.engine.rendering.panning import complex as panning_complex
 from hfx_blender.engine.rendering.schemes import cells_of
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.rendering.device import DeviceConfig, Scheme
+from hfx_blender.engine.rendering.device_config import DeviceConfig, Scheme
 from hfx_blender.engine.rendering.panning.neighbours import (
     MAX_SPAN_M,
     SkinNeighbours,

@@ -19,9 +19,9 @@ from scipy.spatial import Delaunay
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.encoders import Channels
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.mounts import on_mount
-from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     BodyDescription,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Literal, cast
+from typing import Final, Literal, cast
 
 import numpy as np
 
@@ -22,17 +22,22 @@ from ..arrays import F64, I64
 from ..modality import MODALITIES
 from .conditioning.drive import DriveCurve
 from .conditioning.waveform import Waveform
-from .device_output import OutputConfig
-from .panning.laws import Law
 
 Statistic = Literal["strongest", "mean"]
 SchemeName = Literal[
     "coverage", "nearest", "barycentric", "surface", "ring", "line", "vbap", "splat"
 ]
+Law = Literal["linear", "log", "power"]
+LAWS: Final[tuple[Law, ...]] = ("linear", "log", "power")
+NumberFormat = Literal["u8", "u16le", "u16be"]
+Checksum = Literal["none", "xor", "sum"]
+
+DEAD_MAN_MS: Final = 250
+"""Time without valid values after which a board is silent until it is configured anew, ms."""
 
 
 @dataclass(frozen=True)
-class Control:
+class ActuatorControl:
     """Control parameter of an actuator, in the modality's own unit."""
 
     name: str  # of a parameter of the modality
@@ -54,7 +59,7 @@ class ActuatorType:
 
     name: str
     modality: str  # key of modality.MODALITIES
-    controls: tuple[Control, ...]
+    controls: tuple[ActuatorControl, ...]
     latency_ms: float
     update_interval_ms: float
     slew_per_s: float = math.inf  # fastest rise of the strength, live
@@ -67,11 +72,11 @@ class ActuatorType:
     thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
 
     @property
-    def strength(self) -> Control:
+    def strength(self) -> ActuatorControl:
         """Control that makes the actuator feel stronger or weaker."""
         return self.controls[0]
 
-    def unit(self, control: Control) -> str:
+    def unit(self, control: ActuatorControl) -> str:
         """Unit of one of the controls."""
         parameters = MODALITIES[self.modality].parameters
         return next(each.unit for each in parameters if each.name == control.name)
@@ -188,6 +193,107 @@ class ScriptFiles:
     device: Path  # as the device is loaded anew: with the side that it is worn on
 
 
+@dataclass(frozen=True)
+class SerialTransport:
+    """A serial port, chosen when the device is connected."""
+
+    baud: int
+
+
+@dataclass(frozen=True)
+class UdpTransport:
+    """Datagrams to a host of this computer or its own network."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True)
+class WebsocketTransport:
+    """A program on this computer or its own network that answers over a websocket."""
+
+    host: str
+    port: int
+
+
+Transport = SerialTransport | UdpTransport | WebsocketTransport
+
+
+@dataclass(frozen=True)
+class WireEncoder:
+    """The protocol of our own firmware (``docs/wire-protocol.md``)."""
+
+
+@dataclass(frozen=True)
+class BytesEncoder:
+    """Binary frames: header, one number for each channel, checksum of the numbers, footer."""
+
+    header: bytes
+    number: NumberFormat
+    full_scale: int  # encoded value of the end of a control's range; its beginning becomes 0
+    checksum: Checksum
+    footer: bytes
+    stop: bytes | None  # None: the frame of all neutral values
+
+
+@dataclass(frozen=True)
+class TextEncoder:
+    """Lines of decimal numbers, as simple sketches read them."""
+
+    start: str
+    separator: str
+    full_scale: int
+    stop: str | None
+
+
+@dataclass(frozen=True)
+class OscEncoder:
+    """OSC 1.0 messages, one float for each channel."""
+
+    addresses: tuple[str, ...]  # one template for all channels, or one for each
+    is_fraction: bool  # 0..1 of the control's range; else the control's own unit
+    is_bundle: bool  # all in one datagram
+
+
+@dataclass(frozen=True)
+class ButtplugEncoder:
+    """Commands for one device of a Buttplug v4 server such as Intiface."""
+
+    device_name: str  # how the server's name of the device begins; empty: the first that fits
+    outputs: tuple[tuple[int, str], ...]  # for each actuator: feature, output type
+
+
+_OTHER_SIDE: Final = {
+    f"{part}{side}": f"{part}{other}"
+    for part in ("Forearm", "Hand", "Glove", "Foot")
+    for side, other in ("LR", "RL")
+}
+
+
+@dataclass(frozen=True)
+class BhapticsEncoder:
+    """Frames for the bHaptics Player (SDK1 messages)."""
+
+    dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
+
+    def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
+        """Dots of a device on the side that it is worn on."""
+        if not is_mirrored:
+            return self.dots
+        return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
+
+
+Encoder = WireEncoder | BytesEncoder | TextEncoder | OscEncoder | ButtplugEncoder | BhapticsEncoder
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """Encoder and transport of a device."""
+
+    encoder: Encoder
+    transport: Transport
+
+
 @dataclass(frozen=True, eq=False)
 class DeviceConfig:
     """Configuration of one haptic device."""
@@ -217,7 +323,7 @@ class DeviceConfig:
         return replace(self, scheme=Scheme(cast(SchemeName, scheme)))
 
     @cached_property
-    def controls(self) -> tuple[Control, ...]:
+    def controls(self) -> tuple[ActuatorControl, ...]:
         """Controls of all actuators, one after the other: one for each of its columns."""
         return tuple(c for actuator in self.actuators for c in actuator.type.controls)
 

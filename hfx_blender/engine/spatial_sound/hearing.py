@@ -8,7 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64
+from ..arrays import F64, I64
+from ..body.model import PerceptualModel
+from ..body.parts import PARTS
+from ..scene import PoseBlock, SkinBinding
 
 SPEED_OF_SOUND_M_S: Final = 343.2  # in air of 20 degC
 
@@ -18,6 +21,9 @@ _THICKEST: Final = 1e6  # as a multiple of air: silences all but the lowest at o
 
 _HUMIDITY: Final = 50.0  # per cent
 _FASTEST: Final = 0.5  # of the speed of sound; what is faster jumps, and is no movement
+
+# Rest space faces -Y, left is +X, up is +Z; the listener's front is X, left Y, up Z.
+_FROM_REST: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -76,3 +82,41 @@ def doppler_hz(frequencies_hz: F64, distances_m: F64, rate_hz: float) -> F64:
     away = np.gradient(distances_m) * rate_hz / SPEED_OF_SOUND_M_S
     away = np.where(np.abs(away) <= _FASTEST, away, 0.0)
     return np.asarray(frequencies_hz / (1.0 + away))
+
+
+class ListenerFrame:
+    """Listener on one body.
+
+    Parameters
+    ----------
+    model : PerceptualModel
+        Whose torso is the listener; the bone that moves most of it counts.
+    """
+
+    def __init__(self, binding: SkinBinding, model: PerceptualModel) -> None:
+        fitted = binding.fitted.get(model.id)
+        placed = model if fitted is None else fitted.of(model)
+        torso = np.flatnonzero(placed.part == PARTS.index("torso"))
+        weights = placed.weights
+        shares = np.zeros(len(placed.bone_names))
+        for vertex in torso.tolist():
+            mine = slice(int(weights.offsets[vertex]), int(weights.offsets[vertex + 1]))
+            np.add.at(shares, weights.bones[mine], weights.values[mine])
+        self._bone = binding.bone_names.index(placed.bone_names[int(np.argmax(shares))])
+        self._middle = placed.vertices[torso].astype(np.float64).mean(axis=0)
+
+    def frames(self, pose: PoseBlock, rows: I64) -> F64:
+        """World to listener space, (n, 4, 4), metres; only turned, never scaled."""
+        assert pose.bones is not None
+        posed = np.zeros((len(rows), 4, 4))
+        posed[:, :3] = pose.bones[rows, self._bone]
+        posed[:, 3, 3] = 1.0
+        world = pose.to_world[rows] @ posed
+        places = world[:, :3, :3] @ self._middle + world[:, :3, 3]
+        u, _, vt = np.linalg.svd(world[:, :3, :3])
+        turns = u @ vt
+        frames = np.zeros((len(rows), 4, 4))
+        frames[:, :3, :3] = _FROM_REST @ turns.transpose(0, 2, 1)
+        frames[:, :3, 3] = -np.einsum("nij,nj->ni", frames[:, :3, :3], places)
+        frames[:, 3, 3] = 1.0
+        return frames
