@@ -12,10 +12,10 @@ import numpy as np
 
 from ..engine.body.model import load_avatar, load_model
 from ..engine.body.rigs.mapping import BoneMapping
-from ..engine.retargeting import by_bones, props, retarget, skin_parts
+from ..engine.retargeting import props, retarget, skin_parts
 from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.layers import Layer
-from ..engine.retargeting.quality import PartQuality, Quality, joint_faults
+from ..engine.retargeting.quality import FitQuality, PartQuality, joint_faults, lost_part
 from ..engine.retargeting.target import TargetAvatar
 from ..engine.stepwise import within
 from ..errors import InputError
@@ -94,7 +94,7 @@ def _fitting_models(
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     no_surface = retarget_target.check(target, name) or _rigid_reason(targets, rigid)
     models = [load_model(model_id) for model_id in model_ids()]
-    qualities: list[Quality] = []
+    qualities: list[FitQuality] = []
     if no_surface is None:
         warping = retarget.warping(avatar, target, mapping, layer)
         warped_avatar = yield from within(warping, 0.0, 0.8)
@@ -105,15 +105,15 @@ def _fitting_models(
         qualities = [quality for _, quality in fits]
         # A fit can converge on the wrong limb (a mesh without arms, a cloak). A part that lies
         # mostly elsewhere makes the whole surface unusable.
-        if (lost_part := by_bones.lost_part(qualities)) is not None:
+        if (lost := lost_part(qualities)) is not None:
             no_surface = (
-                f"only {100 * lost_part.in_place:.0f} % of its "
-                f"{lost_part.part.replace('_', ' ')} is found on that part of '{name}'"
+                f"only {100 * lost.in_place:.0f} % of its "
+                f"{lost.part.replace('_', ' ')} is found on that part of '{name}'"
             )
     if no_surface is None:
         fitted = tuple(model for model, _ in fits)
         return Fit((), fitted, tuple(qualities), tuple(_fault_lines(qualities)))
-    placed = by_bones.fit_by_bones(models, avatar, target, mapping)
+    placed = retarget.fit_by_bones(models, avatar, target, mapping)
     return Fit((), tuple(placed), (), (_ONLY_BONES.format(reason=no_surface),), by_bones=True)
 
 
@@ -134,10 +134,10 @@ def _read_cached(key: str) -> Fit | None:
     return Fit((), models, qualities, tuple(values["warnings"]), by_bones=values["by_bones"])
 
 
-def _quality_of(values: Mapping[str, Any]) -> Quality:
+def _quality_of(values: Mapping[str, Any]) -> FitQuality:
     """Fit quality from the JSON values of a cache entry."""
     parts = tuple(PartQuality(**part) for part in values["parts"])
-    return Quality(**{**values, "parts": parts})
+    return FitQuality(**{**values, "parts": parts})
 
 
 def _write_cached(key: str, fit: Fit) -> None:
@@ -199,7 +199,7 @@ def _rigid_reason(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str
     return f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
 
 
-def _fault_lines(qualities: Sequence[Quality]) -> list[str]:
+def _fault_lines(qualities: Sequence[FitQuality]) -> list[str]:
     """Faults of a fit: of the whole body, of body parts (worst first), of joints, then advice."""
     lines = [
         f"{part.part.replace('_', ' ')} {', '.join(part.faults)}"

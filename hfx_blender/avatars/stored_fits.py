@@ -25,8 +25,8 @@ from ..engine.retargeting.quality import (
     AREA_RATIOS,
     FARTHEST_MM,
     IN_PLACE,
+    FitQuality,
     PartQuality,
-    Quality,
 )
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
@@ -54,7 +54,7 @@ class Fit:
 
     meshes: tuple[bpy.types.Object, ...]  # in the order in which their vertices are numbered
     models: tuple[FittedModel, ...]
-    quality: tuple[Quality, ...] = ()  # of each model
+    quality: tuple[FitQuality, ...] = ()  # of each model
     warnings: tuple[str, ...] = ()  # parts that fit badly, by name
     notes: tuple[str, ...] = ()  # bones that are missing or doubtful
     by_bones: bool = False  # the surface could not be followed
@@ -91,7 +91,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
     }
 
 
-def _stored_quality(quality: Quality) -> dict[str, object]:
+def _stored_quality(quality: FitQuality) -> dict[str, object]:
     """Dictionary of a fit quality for an ID property: one float64 array per measure."""
     table = {
         name: np.array([getattr(part, name) for part in quality.parts], np.float64)
@@ -105,7 +105,7 @@ def _stored_quality(quality: Quality) -> dict[str, object]:
     }
 
 
-def quality_of(armature: bpy.types.Object) -> list[Quality]:
+def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
     """Quality of each model's fit, as measured at fitting; empty without a fit."""
     fit = _stored_fit(armature)
     if fit is None:
@@ -117,11 +117,13 @@ def quality_of(armature: bpy.types.Object) -> list[Quality]:
             PartQuality(name, *values)
             for name, *values in zip(stored["parts"].split("\n"), *columns, strict=True)
         ]
-        qualities.append(Quality(model_id, tuple(parts), stored["sides"], stored["feet_forward"]))
+        qualities.append(
+            FitQuality(model_id, tuple(parts), stored["sides"], stored["feet_forward"])
+        )
     return qualities
 
 
-def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
+def worst_first(qualities: Sequence[FitQuality]) -> list[PartQuality]:
     """Body parts by falling badness, each with its quality on the model that fits it worst."""
     worst: dict[str, PartQuality] = {}
     for part in (part for quality in qualities for part in quality.parts):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fitting of the canonical models to any avatar: posed onto its joints, pulled to its surface."""
+"""Retargeting: fits of the canonical perceptual models to any avatar."""

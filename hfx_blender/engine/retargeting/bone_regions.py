@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions and segments of the canonical skeleton: bones that move as one, and their skin.
+"""Regions and segments of the canonical skeleton.
 
-A *segment* is moved by one affine transform when the canonical body is posed onto a target. A
-*region* is a stretch of skin within which a place of the target may be looked for: a finger
-never takes its neighbour's skin.
+A *segment* has one affine transform in the pose of the canonical body. A *region* limits the search
+for nearest skin: a finger cannot take a neighbour's skin.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ JOINT_OF: Final = {
         )
     },
 }
-"""Joint at the head of a canonical bone; only joints that mean the same place on any rig."""
+"""Canonical bone to the joint at its head, for joints at the same place on all rigs."""
 
 
 def region_of(bone: str) -> str:
-    """Region of the skin that a canonical bone moves."""
+    """Region of the skin of a canonical bone; "head" for bones of the head."""
     stem, _, side = bone.rpartition(".") if bone[-2:] in (".L", ".R") else (bone, "", "")
     if stem in _LIMB:
         return f"{_LIMB[stem]}.{side}"
@@ -77,18 +76,22 @@ _PLURALS: Final = {"foot": "feet", "finger": "fingers"}
 
 
 def words_of(regions: Sequence[str]) -> str:
-    """Regions in words, both sides and all fingers folded: "head, left hand, feet"."""
+    """Regions as text, with sides and fingers merged: "head, left hand, feet"."""
     sides: dict[str, dict[str, None]] = {}
     for region in regions:
         stem, _, side = region.partition(".")
         sides.setdefault(stem.rstrip("12345"), {})[side] = None
-    found = []
-    for stem, of in sides.items():
+    phrases = []
+    for stem, region_sides in sides.items():
         word = _WORDS.get(stem, stem)
-        many = stem == "finger" or len(of) > 1
-        side = {"L": "left ", "R": "right "}.get(next(iter(of)), "") if len(of) == 1 else ""
-        found.append(side + (_PLURALS.get(stem, f"{word}s") if many else word))
-    return ", ".join(found)
+        many = stem == "finger" or len(region_sides) > 1
+        side = (
+            {"L": "left ", "R": "right "}.get(next(iter(region_sides)), "")
+            if len(region_sides) == 1
+            else ""
+        )
+        phrases.append(side + (_PLURALS.get(stem, f"{word}s") if many else word))
+    return ", ".join(phrases)
 
 
 _ABOVE: Final = {
@@ -104,22 +107,22 @@ _ABOVE: Final = {
 
 
 def above(region: str) -> str:
-    """Parent of a limb's region in the hierarchy of regions; the torso is its own parent."""
+    """Parent region; "torso" for the torso."""
     stem, _, side = region.partition(".")
     upper = _ABOVE.get(stem.rstrip("12345"), "torso")
     return upper if upper == "torso" else f"{upper}.{side}"
 
 
 def known_regions(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Region that stands for each region on a rig: itself, or the nearest parent that the rig has.
+    """Region used for each region on a rig: itself, or the nearest parent with a bone.
 
-    A rig without finger bones has hands that hold their fingers.
+    On a rig without finger bones, the hand represents the fingers.
     """
-    have = {region_of(bone) for bone in mapped}
-    found: dict[str, str] = {}
+    present = {region_of(bone) for bone in mapped}
+    substitutes: dict[str, str] = {}
     for region in REGIONS:
-        at = region
-        while at not in have and at != "torso":
-            at = above(at)
-        found[region] = at
-    return found
+        region_above = region
+        while region_above not in present and region_above != "torso":
+            region_above = above(region_above)
+        substitutes[region] = region_above
+    return substitutes

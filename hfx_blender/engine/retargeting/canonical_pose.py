@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The canonical avatar, posed and proportioned like a target's rest pose.
+"""Canonical avatar in the pose and proportions of a target's rest pose.
 
-Each segment of the canonical skeleton gets one affine transform: turned from its parent's
-turn by the least that points it at the target's next joint (turns that do not build on the parent's
-twist the limbs), stretched along to the target's length and across to the target's girth.
+Each segment of the canonical skeleton has one affine transform: the parent's rotation followed by
+the smallest rotation towards the target's next joint (independent rotations would twist the
+limbs), scaled along to the target's length and across to the target's girth.
 """
 
 from __future__ import annotations
@@ -21,35 +21,37 @@ from .joints import Skeletons, dominant
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
 
 _GIRTHS: Final = (0.4, 2.5)
-"""Smallest and largest change of a girth that is believed."""
+"""Range of plausible changes of girth."""
 
 _SKULL_M: Final = 0.13
-"""Height of the part of the canonical head that is skull, from its top to the ears."""
+"""Height of the canonical skull from crown to ears, metres."""
 
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 def posed(avatar: Avatar, matrices: F64) -> F64:
-    """Vertices moved by a matrix each, (V, 3)."""
-    found: F64 = (
+    """Avatar vertices (V, 3) transformed by one matrix (3, 4) each."""
+    moved: F64 = (
         np.einsum("vij,vj->vi", matrices[..., :3], avatar.vertices.astype(np.float64))
         + matrices[..., 3]
     )
-    return found
+    return moved
 
 
 def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F64:
-    """Matrices (V, 3, 4) from the canonical avatar's vertices into the target's rest pose.
+    """Matrices (V, 3, 4) from canonical rest space to the target's rest pose in normalised space.
+
+    Segment transforms are blended by the canonical skin weights.
 
     Parameters
     ----------
     largest_head : float
-        Largest scale of a head that is believed; what looks larger may be a hat or hair.
+        Largest plausible scale of a head; larger extents may be hats or hair.
 
     Raises
     ------
     InputError
-        Joints that need a direction between them lie at one place.
+        Two joints of a limb coincide.
     """
     segments = _Segments(avatar, bodies, largest_head)
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])
@@ -66,7 +68,10 @@ def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F6
 
 
 class _Segments:
-    """Transforms of the segments, each computed on first use."""
+    """Transforms of segments, computed on first use: (rotation (3, 3), matrix (4, 4)) per name.
+
+    ``_c`` and ``_t`` are the canonical and target joints.
+    """
 
     def __init__(self, avatar: Avatar, bodies: Skeletons, largest_head: float) -> None:
         self._largest_head = largest_head
@@ -87,6 +92,7 @@ class _Segments:
         }
 
     def matrix_of_bone(self, bone: str) -> F64:
+        """Matrix (4, 4) of the segment of a canonical bone."""
         region = region_of(bone)
         stem, _, side = region.partition(".")
         if bone.startswith("neck"):
@@ -100,6 +106,7 @@ class _Segments:
         return self._matrix(region)
 
     def _matrix(self, name: str) -> F64:
+        """Matrix of a segment, cached with its rotation."""
         if name not in self._made:
             stem, _, side = name.partition(".")
             turn, matrix = self._makers.get(stem, self._limb)(name if stem in _ENDS else side)
@@ -107,17 +114,20 @@ class _Segments:
         return self._made[name]
 
     def _turn(self, name: str) -> F64:
+        """Rotation of a segment."""
         self._matrix(name)
         return self._turns[name]
 
     def _skins(self, region: str) -> tuple[F64, F64]:
-        """Vertices of both bodies in one region; none of either where the target has a stump."""
+        """Canonical and target vertices of a region; both empty without canonical vertices."""
         number = REGIONS.index(region)
-        mine = self._vertices[self._avatar_region == number]
-        theirs = self._points[(self._target_region == number) & (len(mine) > 0)]
-        return mine, theirs
+        own = self._vertices[self._avatar_region == number]
+        target = self._points[(self._target_region == number) & (len(own) > 0)]
+        return own, target
 
     def _torso(self, _side: str) -> tuple[F64, F64]:
+        """Transform of the torso: hips to shoulders, scaled by the spread of the skin."""
+
         def frame(at: Mapping[str, F64]) -> tuple[F64, F64, float]:
             hips = (at["hip.L"] + at["hip.R"]) / 2
             up = (at["shoulder.L"] + at["shoulder.R"]) / 2 - hips
@@ -128,15 +138,16 @@ class _Segments:
             return np.column_stack((x, np.cross(z, x), z)), hips, float(np.linalg.norm(up))
 
         (old, old_hips, old_up), (new, new_hips, new_up) = frame(self._c), frame(self._t)
-        mine, theirs = self._skins("torso")
-        old_size = np.std((mine - old_hips) @ old, axis=0)
-        new_size = np.std((theirs - new_hips) @ new, axis=0) if len(theirs) > 10 else old_size
+        own, target = self._skins("torso")
+        old_size = np.std((own - old_hips) @ old, axis=0)
+        new_size = np.std((target - new_hips) @ new, axis=0) if len(target) > 10 else old_size
         scale = np.clip(new_size / old_size, 0.7, 1.6)
         scale[2] = new_up / old_up
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, old_hips, new_hips)
 
     def _neck(self, _side: str) -> tuple[F64, F64]:
-        # Rigs disagree on where a neck begins and ends; the skin on either side of it does not.
+        """Transform of the neck between the transformed torso and head."""
+        # Neck joints differ among rigs; the adjacent skin of torso and head is reliable.
         start, end = self._c["neck"], self._c["head"]
         new_start = apply(self._matrix("torso"), start)
         new_end = apply(self._matrix("head"), end)
@@ -144,17 +155,18 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Upright transform of the head, its size and place from the skull above the ears."""
-        mine, theirs = self._skins("head")
-        if len(theirs) <= 10:
-            known = "head" in self._t
-            above = self._turn("torso"), self._matrix("torso")
-            return self._rigid("torso", "head") if known else above
-        top, new_top = mine[:, 2].max(), theirs[:, 2].max()
-        skull = mine[mine[:, 2] > top - _SKULL_M]
+        """Upright transform of the head; size and position from the skull above the ears."""
+        own, target = self._skins("head")
+        if len(target) <= 10:
+            has_joint = "head" in self._t
+            torso_transform = self._turn("torso"), self._matrix("torso")
+            return self._rigid("torso", "head") if has_joint else torso_transform
+        top, new_top = own[:, 2].max(), target[:, 2].max()
+        skull = own[own[:, 2] > top - _SKULL_M]
         scale = np.ones(2)
-        for _ in range(8):  # the larger the head, the more of it is skull
-            new_skull = theirs[theirs[:, 2] > new_top - _SKULL_M * scale.mean()]
+        # Fixed point: the skull's height, and so its width, grows with the scale of the head.
+        for _ in range(8):
+            new_skull = target[target[:, 2] > new_top - _SKULL_M * scale.mean()]
             widths = np.ptp(new_skull[:, :2], axis=0) / np.ptp(skull[:, :2], axis=0)
             scale = np.clip(widths, 0.6, self._largest_head)
         low, high = extent_of(skull)
@@ -164,6 +176,7 @@ class _Segments:
         return affine(np.eye(3), np.diag([*scale, scale.mean()]), old, new)
 
     def _girdle(self, side: str) -> tuple[F64, F64]:
+        """Transform of a shoulder girdle from the torso to the shoulder joint."""
         start = self._c[f"clavicle.{side}"]
         end = self._t[f"shoulder.{side}"]
         return self._stretched(
@@ -176,20 +189,26 @@ class _Segments:
         )
 
     def _limb(self, name: str) -> tuple[F64, F64]:
+        """Transform of a limb bone between two joints; the parent's without a first joint."""
         stem, _, side = name.partition(".")
         parent, start, end = _ENDS[stem]
-        above = parent if parent == "torso" else f"{parent}.{side}"
+        parent_name = parent if parent == "torso" else f"{parent}.{side}"
         start, end = f"{start}.{side}", f"{end}.{side}"
         if start not in self._t:
-            return self._turn(above), self._matrix(above)
+            return self._turn(parent_name), self._matrix(parent_name)
         if end not in self._t:
-            self._matrix(above)
-            # The hand's skin tells where a forearm ends; a foot's tip is beside the shank's line.
+            self._matrix(parent_name)
+            # Without a wrist, the tip of the skin ends the forearm; a foot's tip is off the shank.
             is_arm = stem == "forearm"
-            return self._by_extent(above, start, name) if is_arm else self._rigid(above, start)
-        return self._between(above, start, end, self._girth(name, start, end))
+            return (
+                self._by_extent(parent_name, start, name)
+                if is_arm
+                else self._rigid(parent_name, start)
+            )
+        return self._between(parent_name, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:
+        """Transform of a hand from wrist and knuckles; of a mitten without two knuckles."""
         forearm, wrist = f"forearm.{side}", f"wrist.{side}"
         if wrist not in self._t:
             return self._turn(forearm), self._matrix(forearm)
@@ -209,7 +228,7 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """Matrix of a phalanx; one that the rig does not have moves with the one before it."""
+        """Matrix of a phalanx; the previous phalanx's if the rig has none."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])
@@ -223,34 +242,34 @@ class _Segments:
             else:
                 self._matrix(parent)
             if bone not in self._t:
-                made = self._turns[parent], self._made[parent]
+                transform = self._turns[parent], self._made[parent]
             elif bone == chain[-1]:
-                made = self._by_extent(parent, bone, f"{finger}.{side}")
+                transform = self._by_extent(parent, bone, f"{finger}.{side}")
             else:
                 after = chain[chain.index(bone) + 1]
-                made = self._between(parent, bone, after, self._girth(f"{finger}.{side}"))
-            self._turns[bone], self._made[bone] = made
+                transform = self._between(parent, bone, after, self._girth(f"{finger}.{side}"))
+            self._turns[bone], self._made[bone] = transform
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Transform of a flat foot: turned about the vertical only, and sized by its sole."""
+        """Transform of a flat foot: rotated about the vertical only, scaled by the sole."""
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:
             return self._turn(leg), self._matrix(leg)
-        mine, theirs = self._skins(region)
-        if len(theirs) <= 10:
+        own, target = self._skins(region)
+        if len(target) <= 10:
             return self._rigid(leg, ankle)
         if ball in self._t:
             old_way, new_way = self._c[ball] - self._c[ankle], self._t[ball] - self._t[ankle]
         else:
             old_way, new_way = (
-                mine.mean(axis=0) - self._c[ankle],
-                theirs.mean(axis=0) - self._t[ankle],
+                own.mean(axis=0) - self._c[ankle],
+                target.mean(axis=0) - self._t[ankle],
             )
         old, new = axes_of(_UP, old_way), axes_of(_UP, new_way)  # up, forward, sideways
-        low, high = extent_of((mine - self._c[ankle]) @ old)
-        low_t, high_t = extent_of((theirs - self._t[ankle]) @ new)
+        low, high = extent_of((own - self._c[ankle]) @ old)
+        low_t, high_t = extent_of((target - self._t[ankle]) @ new)
         scale = np.ones(3)
         scale[0] = low_t[0] / low[0]  # from the ankle to the sole
         scale[1:] = (high_t - low_t)[1:] / (high - low)[1:]
@@ -261,7 +280,7 @@ class _Segments:
         return affine(new @ old.T, linear, self._c[ankle], self._t[ankle] + new @ shift)
 
     def _twisted(self, side: str) -> F64:
-        """The lower forearm: half of the hand's twist, as the bones of a forearm cross."""
+        """Matrix of the lower forearm: forearm with half of the hand's twist."""
         forearm = self._matrix(f"forearm.{side}")
         if f"wrist.{side}" not in self._t or f"elbow.{side}" not in self._t:
             return forearm
@@ -278,11 +297,13 @@ class _Segments:
     # Shapes of transforms
 
     def _rigid(self, parent: str, joint: str) -> tuple[F64, F64]:
+        """Parent's rotation, joint to joint, without scale."""
         turn = self._turns.get(parent)
         turn = self._turn(parent) if turn is None else turn
         return affine(turn, turn, self._c[joint], self._t[joint])
 
     def _between(self, parent: str, start: str, end: str, girth: float) -> tuple[F64, F64]:
+        """Transform between two joints of canonical and target skeleton."""
         turn = self._turns[parent] if parent in self._turns else self._turn(parent)
         return self._stretched(
             turn, self._c[start], self._c[end], self._t[start], self._t[end], girth
@@ -291,43 +312,44 @@ class _Segments:
     def _stretched(
         self, turn: F64, start: F64, end: F64, new_start: F64, new_end: F64, girth: float
     ) -> tuple[F64, F64]:
+        """Smallest rotation to a new direction, scaled along the segment and across (``girth``)."""
         way, new_way = end - start, new_end - new_start
         length, new_length = np.linalg.norm(way), np.linalg.norm(new_way)
         if new_length < 1e-6:
             return affine(turn, turn, start, new_start)
         axis = way / length
         turned = least_turn(turn @ axis, new_way / new_length) @ turn
-        along = np.outer(axis, axis)
+        along = np.outer(axis, axis)  # projection on the axis; the complement is across
         linear = turned @ (girth * (np.eye(3) - along) + new_length / length * along)
         return affine(turned, linear, start, new_start)
 
     def _by_extent(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """The last bone of a limb: as long as the skin beyond its joint reaches."""
+        """Transform of the last bone of a limb, up to the tip of the skin."""
         turn = self._turns[parent]
-        mine, theirs = self._skins(region)
+        own, target = self._skins(region)
         start, new_start = self._c[joint], self._t[joint]
-        if len(theirs) <= 3:
+        if len(target) <= 3:
             return self._rigid(parent, joint)
-        # The tip: the mean of the skin farthest from the joint, seen from the parent.
-        tip = tip_of(mine, start)
-        new_tip = tip_of(theirs, new_start)
+        tip = tip_of(own, start)
+        new_tip = tip_of(target, new_start)
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))
 
     def _mitten(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """Transform of a hand without knuckles, its rotation from its broad side."""
+        """Transform of a hand without knuckles; rotation from its broad side."""
         turn, _ = self._by_extent(parent, joint, region)
-        mine, theirs = self._skins(region)
-        if len(theirs) <= 10:
+        own, target = self._skins(region)
+        if len(target) <= 10:
             return self._rigid(parent, joint)
         frames: list[F64] = []
         sizes: list[list[float]] = []
         for points, start, guess in (
-            (mine, self._c[joint], None),
-            (theirs, self._t[joint], turn),
+            (own, self._c[joint], None),
+            (target, self._t[joint], turn),
         ):
             main = tip_of(points, start) - start
             axis = main / np.linalg.norm(main)
             flat = points - start - np.outer((points - start) @ axis, axis)
+            # First principal axis across the hand; the sign follows the guess from the parent.
             broad = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2][0]
             if guess is not None and broad @ (guess @ frames[0][:, 1]) < 0.0:
                 broad = -broad
@@ -340,9 +362,12 @@ class _Segments:
         return affine(new @ old.T, linear, self._c[joint], self._t[joint])
 
     def _girth(self, region: str, start: str = "", end: str = "") -> float:
-        """Ratio of how thick a region is about the line between two joints."""
-        mine, theirs = self._skins(region)
-        if len(theirs) <= 10:
+        """Ratio of target to canonical girth of a region, clipped; 1 with 10 or fewer vertices.
+
+        Around the line between two joints, or (without joints) across the region's principal axis.
+        """
+        own, target = self._skins(region)
+        if len(target) <= 10:
             return 1.0
         if not start:
             spread, new_spread = (
@@ -351,17 +376,17 @@ class _Segments:
                         np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(p))
                     )
                 )
-                for p in (mine, theirs)
+                for p in (own, target)
             )
             return float(np.clip(new_spread / spread, *_GIRTHS))
         radii = []
-        for points, at in ((mine, self._c), (theirs, self._t)):
+        for points, at in ((own, self._c), (target, self._t)):
             way = at[end] - at[start]
             share = (points - at[start]) @ way / (way @ way)
-            inner = (share > 0.2) & (share < 0.9)
-            if np.count_nonzero(inner) <= 10:
+            is_inner = (share > 0.2) & (share < 0.9)
+            if np.count_nonzero(is_inner) <= 10:
                 return 1.0
-            across = points[inner] - at[start] - share[inner, None] * way
+            across = points[is_inner] - at[start] - share[is_inner, None] * way
             radii.append(float(np.median(np.linalg.norm(across, axis=1))))
         return float(np.clip(radii[1] / radii[0], *_GIRTHS))
 
@@ -372,4 +397,4 @@ _ENDS: Final = {
     "upperleg": ("torso", "hip", "knee"),
     "lowerleg": ("upperleg", "knee", "ankle"),
 }
-"""Parent, first and last joint of the long segments."""
+"""Parent, first and last joint of long segments."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The joints and regions of the canonical body and of a target, brought to one size and heading."""
+"""Joints and skin regions of the canonical body and a target, in a common normalised space."""
 
 from __future__ import annotations
 
@@ -21,55 +21,55 @@ _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "bal
 _TRUNK_JOINTS: Final = ("neck", "head", "hip", "shoulder")
 _LEG: Final = ("hip", "knee", "ankle", "ball")
 _BENT: Final = 0.75
-"""Cosine between a thigh or shank and where it stands below the trunk, below which it is bent."""
+"""Smallest cosine between a straight leg's bone and its direction when standing."""
 
 _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
 _LARGEST_MISFIT: Final = 0.12
-"""RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
+"""Largest RMS distance from canonical joints of torso, legs and head, fraction of the height."""
 
 _UPRIGHT: Final = -0.3
-"""Largest cosine between legs and trunk of a person; -1 stands straight, 0 is a quadruped."""
+"""Largest cosine between legs and trunk of a human; -1 is straight, 0 a quadruped."""
 
 _WIDTHS: Final = (0.05, 3.0)
-"""Range of the distance between both hips or shoulders, in lengths of the trunk."""
+"""Range of the distance between hips or shoulders, in lengths of the trunk."""
 
 _LEAST_SKIN: Final = 0.25
-"""Share of a region's area on the canonical body below which an avatar has none of it: a stump."""
+"""Smallest fraction of a region's canonical area; below, the region is absent (a stump)."""
 
 _LEAST_SKULL_M: Final = 0.03
-"""Height over a head's joint below which there is a neck only."""
+"""Smallest height of the skin above the head joint, metres; below, the head is absent."""
 
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
-"""Fingers that a rig may have as a single one."""
+"""Fingers joined in a mitten."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skeletons:
-    """Joints of both bodies, and the target brought to the canonical one's size and heading."""
+    """Joints of the canonical body and a target, in normalised space (canonical size and axes)."""
 
-    to_target: F64  # (4, 4) normalised space (canonical size, canonical axes) to target space
+    to_target: F64  # (4, 4) normalised space to target space
     points: F64  # (A, 3) target vertices, normalised space
-    canonical: dict[str, F64]  # joint -> place
-    joints: dict[str, F64]  # joint -> place, normalised space
-    avatar_shares: F64  # (V, R) regions of the canonical avatar's vertices
-    target_shares: F64  # (A, R) regions of the target's vertices
-    feet_forward: float  # share of the target's feet that point where its body faces
-    absent: tuple[str, ...] = ()  # regions that the target has no skin of
+    canonical: dict[str, F64]  # joint -> (3,) on the canonical body, rest space
+    joints: dict[str, F64]  # joint -> (3,) on the target, normalised space
+    avatar_shares: F64  # (V, R) skin weights of the canonical avatar by region
+    target_shares: F64  # (A, R) skin weights of the target by region
+    feet_forward: float  # fraction of the target's feet pointing forward
+    absent: tuple[str, ...] = ()  # regions without skin on the target
 
 
 def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Skeletons:
-    """Find the joints of both, and the turn, scale and shift between them.
+    """Joints and regions of both bodies, and the similarity transform between them.
 
     Raises
     ------
     InputError
-        Needed joints are missing, or stand to each other as no person's do; there is no torso.
+        Required joints are missing, proportions or posture are not human, or there is no torso.
     """
     mapped = _without_mittens(_known_bones(target, mapping))
     canonical, in_target = _joints(avatar, target, mapped)
     to_target = _normalisation(canonical, in_target)
     from_target = np.linalg.inv(to_target)
-    joints = {joint: apply(from_target, place) for joint, place in in_target.items()}
+    joints = {joint: apply(from_target, point) for joint, point in in_target.items()}
     _check_posture(joints)
     _check_proportions(canonical, joints, float(np.ptp(avatar.vertices[:, 2])))
     points = apply(from_target, target.vertices)
@@ -84,7 +84,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         raise InputError(
             "The selected meshes show no torso, so they are no body: select those that do as well."
         )
-    avatar_shares[:, is_absent] = 0.0  # nothing is looked for there
+    avatar_shares[:, is_absent] = 0.0  # excluded from all searches
     avatar_shares[avatar_shares.sum(axis=1) < 0.5] = 0.0
     return Skeletons(
         to_target,
@@ -94,12 +94,18 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         avatar_shares,
         target_shares,
         _feet_forward(points, region, joints),
-        tuple(region for region, gone in zip(REGIONS, is_absent, strict=True) if gone),
+        tuple(region for region, absent in zip(REGIONS, is_absent, strict=True) if absent),
     )
 
 
 def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]:
-    """Canonical bone -> the target's; refused if the target has no such bone."""
+    """Mapped bones: canonical bone to target bone.
+
+    Raises
+    ------
+    InputError
+        The armature lacks a mapped bone.
+    """
     known = {bone.name for bone in target.bones}
     unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
     if unknown:
@@ -108,7 +114,13 @@ def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]
 
 
 def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F64:
-    """Turn, scale and shift (4, 4) of the canonical joints to a target's, bent legs stretched."""
+    """Similarity transform (4, 4) from canonical joints to a target's, with bent legs straightened.
+
+    Raises
+    ------
+    InputError
+        Hips or shoulders are missing, or all joints coincide.
+    """
     missing = [joint for joint in _NEEDED if joint not in joints]
     if missing:
         raise InputError(
@@ -122,7 +134,7 @@ def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F
 
 
 def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tuple[F64, F64]:
-    """Places (J, 3) of the joints of torso, legs and head, on the canonical body and a target."""
+    """Points (J, 3) of the common joints of torso, legs and head on both bodies."""
     used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
     return np.array([canonical[j] for j in used]), np.array([joints[j] for j in used])
 
@@ -130,9 +142,15 @@ def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tu
 def _check_proportions(
     canonical: Mapping[str, F64], joints: Mapping[str, F64], height_m: float
 ) -> None:
-    """Refuse joints that are farther from a person's than people differ, as they stand or sit."""
-    ours, theirs = _frame_joints(canonical, joints)
-    misfit = apply(np.linalg.inv(similarity(ours, theirs)), theirs) - ours
+    """Reject joints too far from canonical proportions after alignment.
+
+    Raises
+    ------
+    InputError
+        RMS distance above 12 % of the height.
+    """
+    own, aligned_target = _frame_joints(canonical, joints)
+    misfit = apply(np.linalg.inv(similarity(own, aligned_target)), aligned_target) - own
     if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * height_m:
         raise InputError(
             "The armature's joints do not stand to each other as a person's do: only a human "
@@ -143,47 +161,55 @@ def _check_proportions(
 def _regions(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str], points: F64
 ) -> tuple[F64, F64]:
-    """Regions of the canonical avatar's vertices (V, R), and of a target's that are shown (A, R).
+    """Skin weights by region of the canonical avatar (V, R) and a target (A, R).
 
-    ``points`` are those of the target in normalised space.
+    ``points`` (A, 3) are target vertices in normalised space. Target vertices without triangle get
+    0.
     """
     stands_for = known_regions(mapped)
     number = {region: k for k, region in enumerate(REGIONS)}
-    of_canonical = np.array(
+    avatar_regions = np.array(
         [number[stands_for[region_of(bone)]] for bone in avatar.skeleton.bone_names]
     )
-    owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
-    of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
-    target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
+    owner_bones = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
+    target_regions = np.array(
+        [-1 if o is None else number[region_of(o)] for o in owner_bones], np.int64
+    )
+    target_shares = _filled(group_shares(target.weights, target_regions, len(REGIONS)), points)
     is_shown = np.zeros(len(points), np.bool_)
     is_shown[target.triangles] = True
     target_shares *= is_shown[:, None]
-    return group_shares(avatar.weights, of_canonical, len(REGIONS)), target_shares
+    return group_shares(avatar.weights, avatar_regions, len(REGIONS)), target_shares
 
 
 def _absent_regions(
     avatar: Avatar, avatar_shares: F64, points: F64, triangles: I64, target_shares: F64
 ) -> Bool:
-    """Regions (R,) of which a target has too little skin."""
-    own = _region_areas(points, triangles, target_shares)
+    """Mask (R,) of regions with less than a quarter of the canonical area on the target."""
+    target_areas = _region_areas(points, triangles, target_shares)
     halves = avatar.faces[:, :3].astype(np.int64)  # of quads
-    ours = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
-    is_absent: Bool = own < _LEAST_SKIN * ours
+    canonical_areas = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
+    is_absent: Bool = target_areas < _LEAST_SKIN * canonical_areas
     return is_absent
 
 
 def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
-    """Area (R,) of each region on a surface."""
-    found: F64 = areas_of(points, triangles) @ shares[triangles].mean(axis=1)
-    return found
+    """Area (R,) of each region of a surface."""
+    areas: F64 = areas_of(points, triangles) @ shares[triangles].mean(axis=1)
+    return areas
 
 
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
-    """Joints with bent legs stretched below the trunk: a person who sits is not tilted back."""
+    """Copy of the joints with bent legs stretched below the trunk, lengths unchanged.
+
+    Otherwise the legs of a sitting avatar would tilt the alignment.
+    """
     straight = dict(joints)
     trunk = [joint for joint in joints if joint.partition(".")[0] in _TRUNK_JOINTS]
-    ours, theirs = (np.array([of[joint] for joint in trunk]) for of in (canonical, joints))
-    turn = similarity(ours, theirs)[:3, :3]
+    canonical_trunk, target_trunk = (
+        np.array([body[joint] for joint in trunk]) for body in (canonical, joints)
+    )
+    turn = similarity(canonical_trunk, target_trunk)[:3, :3]
     if not np.linalg.det(turn) > 0.0:
         return straight
     turn /= np.cbrt(np.linalg.det(turn))
@@ -194,17 +220,23 @@ def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> di
         ways = [way / np.linalg.norm(way) for way in ways]
         own = [joints[end] - joints[start] for start, end in bones]
         cosines = [
-            float(way @ each) / max(float(np.linalg.norm(each)), 1e-12)
-            for way, each in zip(ways, own, strict=True)
+            float(way @ bone) / max(float(np.linalg.norm(bone)), 1e-12)
+            for way, bone in zip(ways, own, strict=True)
         ]
         if min(cosines[:2], default=1.0) < _BENT:  # of thigh and shank
-            for (start, end), way, each in zip(bones, ways, own, strict=True):
-                straight[end] = straight[start] + np.linalg.norm(each) * way
+            for (start, end), way, bone in zip(bones, ways, own, strict=True):
+                straight[end] = straight[start] + np.linalg.norm(bone) * way
     return straight
 
 
 def _check_posture(joints: Mapping[str, F64]) -> None:
-    """Refuse joints that no upright person has, whatever they are called."""
+    """Reject joints impossible for an upright human.
+
+    Raises
+    ------
+    InputError
+        Names all faults: legs across the trunk, low head, narrow or wide hips or shoulders.
+    """
     hips, chest = (
         (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder")
     )
@@ -239,19 +271,19 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
 
 
 def _filled(shares: F64, points: F64) -> F64:
-    """Assign skin that follows no bone to the region of the nearest skin that does."""
+    """Copy of shares (A, R); rows without a region take the shares of the nearest vertex."""
     from scipy.spatial import cKDTree
 
-    bare = shares.sum(axis=1) == 0.0
-    if not bare.any() or bare.all():
+    is_bare = shares.sum(axis=1) == 0.0
+    if not is_bare.any() or is_bare.all():
         return shares
     filled = shares.copy()
-    filled[bare] = shares[~bare][cKDTree(points[~bare]).query(points[bare])[1]]
+    filled[is_bare] = shares[~is_bare][cKDTree(points[~is_bare]).query(points[is_bare])[1]]
     return filled
 
 
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
-    """Share of the feet that reach farther forward than back from the ankle; 1 without feet."""
+    """Fraction of feet longer in front of the ankle than behind; 1 without feet."""
     forward = []
     for side in "LR":
         foot = points[region == REGIONS.index(f"foot.{side}")]
@@ -262,41 +294,42 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
 
 
 def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Leave out a finger that represents all of them: it tells no single finger's place."""
-    found = dict(mapped)
+    """Copy of mapped bones without the fingers of a mitten."""
+    bones = dict(mapped)
     for side in "LR":
         fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]
         if len({bone[6] for bone in fingers}) == 1:
             for bone in fingers:
-                del found[bone]
-    return found
+                del bones[bone]
+    return bones
 
 
 def _joints(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str]
 ) -> tuple[dict[str, F64], dict[str, F64]]:
+    """Points (3,) of the joints on the canonical body and the target, rest and target space."""
     heads = dict(
         zip(avatar.skeleton.bone_names, avatar.skeleton.rest[:, :3, 3].astype(float), strict=True)
     )
-    rig = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
+    rig_heads = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
     canonical = {joint: heads[bone] for bone, joint in JOINT_OF.items()}
-    joints = {joint: rig[mapped[bone]] for bone, joint in JOINT_OF.items() if bone in mapped}
+    joints = {joint: rig_heads[mapped[bone]] for bone, joint in JOINT_OF.items() if bone in mapped}
     for side in "LR":
         toes = [f"toe{number}-1.{side}" for number in range(1, 6)]
-        found = sorted({mapped[bone] for bone in toes if bone in mapped})
+        toe_bones = sorted({mapped[bone] for bone in toes if bone in mapped})
         canonical[f"ball.{side}"] = np.mean([heads[bone] for bone in toes], axis=0)
-        if found:
-            joints[f"ball.{side}"] = np.mean([rig[bone] for bone in found], axis=0)
+        if toe_bones:
+            joints[f"ball.{side}"] = np.mean([rig_heads[bone] for bone in toe_bones], axis=0)
         for finger in range(1, 6):
             for phalanx in range(1, 4):
                 bone = f"finger{finger}-{phalanx}.{side}"
                 canonical[bone] = heads[bone]
                 if bone in mapped:
-                    joints[bone] = rig[mapped[bone]]
+                    joints[bone] = rig_heads[mapped[bone]]
     return canonical, joints
 
 
 def dominant(shares: F64) -> I64:
-    """Region of each vertex: the one with the largest share, -1 without any."""
-    found: I64 = np.where(shares.max(axis=1) > 0.0, shares.argmax(axis=1), -1)
-    return found
+    """Region (N,) of largest share per row; -1 for rows of 0."""
+    regions: I64 = np.where(shares.max(axis=1) > 0.0, shares.argmax(axis=1), -1)
+    return regions

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layers of an avatar's surface: skin, and clothes over it.
+"""Layers of an avatar's surface: skin, and clothes above the skin.
 
-A layer is a connected piece of the surface, in whatever mesh it is. Where one lies over another,
-the outer one is seen and felt, or the inner one if the skin is asked for. Hair and hats are never
-felt where there is a head under them.
+A layer is a connected piece of surface, regardless of meshes. Where layers overlap, the outer layer
+is used ("visible") or the inner layer ("skin"). Hair and hats above a head are never used.
 """
 
 from __future__ import annotations
@@ -23,37 +22,37 @@ from .target import areas_of, connected_pieces, weld
 Layer = Literal["visible", "skin"]
 
 _DEPTHS_M: Final = (0.003, 0.01, 0.02, 0.032)
-"""Heights over a place at which another layer is looked for (of a body 1.8 m tall)."""
+"""Heights of the search for another layer, metres at canonical size (1.8 m)."""
 
 _DEEPEST_M: Final = 0.04
-"""Farthest that clothes lie over the skin that they hide; a cape or a wide skirt hides none."""
+"""Largest distance from clothes to covered skin; capes and wide skirts cover no skin."""
 
 _ASIDE_M: Final = 0.014
-"""Distance beside the way outwards at which another layer is found: half a cut triangle."""
+"""Largest lateral distance to another layer: half the size of a cut triangle."""
 
 _CELL_M: Final = 0.045
-"""Edge of the cells in which other layers are looked for first: no smaller than their distance."""
+"""Edge of grid cells of the coarse search; at least the distance of layers."""
 
 _ALIKE: Final = 0.3
-"""Least cosine between the normals of two layers of the same skin."""
+"""Smallest cosine between the normals of two layers."""
 
 _NEAR_M: Final = 0.16
-"""Farthest from the body that layers are looked for: no fit reaches farther (big heads, capes)."""
+"""Largest distance of layers from the posed body (big heads, capes)."""
 
 _LARGE: Final = 0.004
-"""Share of the surface from which a piece hides what lies under it: no button, no eyelash."""
+"""Smallest fraction of the surface of a covering piece; smaller are buttons, eyelashes."""
 
 _EYES_M: Final = np.array([0.0, -0.01, 0.07])
-"""Way from the canonical head's joint to between its eyes and ears."""
+"""Offset from the canonical head joint to the point between eyes and ears."""
 
 _AHEAD: Final = 0.5
-"""Least share of a direction of sight that points ahead: 60 degrees aside, up and down."""
+"""Smallest forward component of a viewing direction (60 degrees to all sides)."""
 
 _STEP: Final = 0.15
-"""Step between directions from within the head, as a difference of unit vectors."""
+"""Cell size of viewing directions, as a difference of unit vectors."""
 
 _CHIN: Final = -0.35
-"""Least height of a direction from within the head in which hats and hair are looked for."""
+"""Smallest upward component of directions to hats and hair."""
 
 _HEAD: Final = REGIONS.index("head")
 
@@ -61,84 +60,90 @@ _HEAD: Final = REGIONS.index("head")
 def leaving_out(
     surface: TargetSurface, layer: Layer, body: F64, bodies: Skeletons
 ) -> Generator[float, None, npt.NDArray[np.bool_]]:
-    """Find the cut triangles of a surface that are not felt, (N,), in steps.
+    """Generator: mask (N,) of the cut triangles of unused layers; yields progress 0..1.
 
     Parameters
     ----------
     body : (V, 3) float64
-        The canonical avatar in the target's pose.
+        Canonical avatar in the target's pose, normalised space.
     """
     from scipy.spatial import cKDTree
 
     pieces = connected_pieces(weld(surface.points)[surface.triangles])
     areas = np.bincount(pieces, areas_of(surface.points, surface.triangles))
-    out = np.zeros(len(surface.parent), bool)
+    is_left_out = np.zeros(len(surface.parent), bool)
     if np.count_nonzero(areas >= _LARGE * areas.sum()) < 2:
-        return out
+        return is_left_out
     piece, region = pieces[surface.parent], surface.region[surface.parent]
     is_large = areas[piece] >= _LARGE * areas.sum()
     far, _ = cKDTree(body).query(surface.centres, distance_upper_bound=_NEAR_M, workers=-1)
-    asked = np.flatnonzero((is_large | (region == _HEAD)) & (far < np.inf))
-    inner, outer = yield from _pairs(surface, asked, piece, region, layer)
+    candidates = np.flatnonzero((is_large | (region == _HEAD)) & (far < np.inf))
+    inner, outer = yield from _pairs(surface, candidates, piece, region, layer)
     on_head = region[inner] == _HEAD
-    out[(inner if layer == "visible" else outer)[~on_head]] = True
-    face, beside = _head_pieces(surface, piece, np.flatnonzero(region == _HEAD), bodies)
-    out[beside] = True
-    inside = on_head & (piece[outer] == face)  # teeth, eyeballs
-    out[inner[inside]] = True
-    out[outer[on_head & ~inside]] = True
-    return out
+    is_left_out[(inner if layer == "visible" else outer)[~on_head]] = True
+    face, covering = _head_pieces(surface, piece, np.flatnonzero(region == _HEAD), bodies)
+    is_left_out[covering] = True
+    is_inside_face = on_head & (piece[outer] == face)  # teeth, eyeballs
+    is_left_out[inner[is_inside_face]] = True
+    is_left_out[outer[on_head & ~is_inside_face]] = True
+    return is_left_out
 
 
 def _pairs(
-    surface: TargetSurface, asked: I64, piece: I64, region: I64, layer: Layer
+    surface: TargetSurface, candidates: I64, piece: I64, region: I64, layer: Layer
 ) -> Generator[float, None, tuple[I64, I64]]:
-    """Find cut triangles of which the second lies over the first, in steps.
+    """Generator: pairs (inner, outer) of overlapping cut triangles; yields progress 0..1.
 
-    Of a triangle that is known to be left out no further pairs are looked for.
+    Triangles already known to be left out are not searched again.
     """
     from scipy.spatial import cKDTree
 
-    centres, normals = surface.centres[asked], surface.flat_normals[surface.parent[asked]]
-    own = piece[asked]
+    centres, normals = surface.centres[candidates], surface.flat_normals[surface.parent[candidates]]
+    own = piece[candidates]
     tree = cKDTree(centres)
     inner, outer = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    settled = np.zeros(len(asked), bool)
+    is_settled = np.zeros(len(candidates), bool)
     depths = [depth_m for sign in (1.0, -1.0) for depth_m in sign * np.array(_DEPTHS_M)]
-    if layer == "skin":  # first from the layers that are left out
+    if layer == "skin":  # starting at the layers to leave out settles most triangles early
         depths.reverse()
     for number, depth_m in enumerate(depths):
         yield number / len(depths)
+        # Grid test once per direction: most triangles have no other piece nearby.
         if number % len(_DEPTHS_M) == 0:
-            is_asked = _beside_others(centres, own, ~settled)
+            is_near_other = _near_other_piece(centres, own, ~is_settled)
         looks_from_left_out = number < len(_DEPTHS_M)
-        some = np.flatnonzero(is_asked & ~settled if looks_from_left_out else is_asked)
-        places, reach_m = centres[some] + depth_m * normals[some], _ASIDE_M + 0.3 * abs(depth_m)
+        queried = np.flatnonzero(
+            is_near_other & ~is_settled if looks_from_left_out else is_near_other
+        )
+        places, reach_m = (
+            centres[queried] + depth_m * normals[queried],
+            _ASIDE_M + 0.3 * abs(depth_m),
+        )
         _, near = tree.query(places, k=6, distance_upper_bound=reach_m, workers=-1)
-        row, column = np.nonzero(near < len(asked))
-        row, other = some[row], near[row, column]
-        is_over = own[row] != own[other]
-        row, other = row[is_over], other[is_over]
-        way = centres[other] - centres[row]
+        row, column = np.nonzero(near < len(candidates))
+        row, hit = queried[row], near[row, column]
+        is_over = own[row] != own[hit]
+        row, hit = row[is_over], hit[is_over]
+        way = centres[hit] - centres[row]
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
         height = np.sign(depth_m) * height
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
-        is_over &= np.einsum("ni,ni->n", normals[row], normals[other]) > _ALIKE
-        is_over &= _NEIGHBOURS[region[asked[row]], region[asked[other]]]
-        row, other = row[is_over], other[is_over]
-        below, above_it = (row, other) if depth_m > 0.0 else (other, row)
-        inner.append(asked[below])
-        outer.append(asked[above_it])
-        left_out = below if layer == "visible" else above_it
-        settled[left_out[region[asked[below]] != _HEAD]] = True
+        is_over &= np.einsum("ni,ni->n", normals[row], normals[hit]) > _ALIKE
+        is_over &= _NEIGHBOURS[region[candidates[row]], region[candidates[hit]]]
+        row, hit = row[is_over], hit[is_over]
+        below, above_it = (row, hit) if depth_m > 0.0 else (hit, row)
+        inner.append(candidates[below])
+        outer.append(candidates[above_it])
+        dropped = below if layer == "visible" else above_it
+        is_settled[dropped[region[candidates[below]] != _HEAD]] = True
     return np.concatenate(inner), np.concatenate(outer)
 
 
-def _beside_others(
-    places: F64, piece: I64, counted: npt.NDArray[np.bool_]
+def _near_other_piece(
+    places: F64, piece: I64, is_counted: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
-    """Test places (N, 3) for another piece near them that is counted, by cells of a grid."""
+    """Mask (N,) of points with a counted point of another piece in an adjacent grid cell."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     cell = np.floor((places - places.min(axis=0, initial=0.0)) / _CELL_M).astype(np.int64)
@@ -146,58 +151,59 @@ def _beside_others(
     cell = np.ravel_multi_index(tuple(cell.T), tuple(size))
     lowest, highest = np.full(size.prod(), len(places)), np.full(size.prod(), -1)
     _, number = np.unique(piece, return_inverse=True)
-    np.minimum.at(lowest, cell[counted], number[counted])
-    np.maximum.at(highest, cell[counted], number[counted])
+    np.minimum.at(lowest, cell[is_counted], number[is_counted])
+    np.maximum.at(highest, cell[is_counted], number[is_counted])
+    # A cell neighbourhood has another piece if its lowest or highest piece number differs.
     lowest = minimum_filter(lowest.reshape(size), 3, mode="nearest").ravel()
     highest = maximum_filter(highest.reshape(size), 3, mode="nearest").ravel()
     return (lowest[cell] < number) | (highest[cell] > number)
 
 
 def _head_pieces(
-    surface: TargetSurface, piece: I64, asked: I64, bodies: Skeletons
+    surface: TargetSurface, piece: I64, head_triangles: I64, bodies: Skeletons
 ) -> tuple[int, I64]:
-    """Find the face and what lies over or in the head.
+    """Face of a head, and the pieces above or inside the head.
 
-    The face is the connected piece that is met first in most directions of sight from between the
-    eyes. Pieces in a direction in which there is skin of the face are hats, hair, teeth, eyeballs.
+    The face is the piece hit first in most viewing directions from between the eyes. Pieces in the
+    direction of face skin are hats, hair, teeth or eyeballs.
 
     Parameters
     ----------
     piece : (N,) int64
         Connected piece of each cut triangle.
-    asked : (n,) int64
+    head_triangles : (n,) int64
         Cut triangles of the head.
 
     Returns
     -------
     face : int
-        The piece; -1 without a head.
-    beside : (m,) int64
-        Cut triangles that are over or in the head.
+        Number of the piece; -1 without a head.
+    covering : (m,) int64
+        Cut triangles above or inside the head.
     """
     from scipy.spatial import cKDTree
 
     joint = next((name for name in ("head", "neck") if name in bodies.joints), None)
-    if joint is None or not len(asked):
-        return -1, asked[:0]
+    if joint is None or not len(head_triangles):
+        return -1, head_triangles[:0]
     eyes = bodies.joints[joint] - bodies.canonical[joint] + bodies.canonical["head"] + _EYES_M
-    way = surface.centres[asked] - eyes
+    way = surface.centres[head_triangles] - eyes
     off_m = np.linalg.norm(way, axis=1)
     way /= np.maximum(off_m, 1e-9)[:, None]
-    face = _face(piece[asked], way, off_m)
-    is_face = piece[asked] == face
+    face = _face(piece[head_triangles], way, off_m)
+    is_face = piece[head_triangles] == face
     above = np.flatnonzero(~is_face & (way[:, 2] > _CHIN))
     if not (is_face.any() and len(above)):
-        return face, asked[:0]
+        return face, head_triangles[:0]
     aside, _ = cKDTree(way[is_face]).query(way[above], workers=-1)
-    return face, asked[above[aside < _STEP]]
+    return face, head_triangles[above[aside < _STEP]]
 
 
 def _face(piece: I64, way: F64, off_m: F64) -> int:
-    """Piece of a head's triangles that is met first in most directions ahead; -1 without one.
+    """Piece hit first in most forward directions; -1 if no triangle lies ahead.
 
-    A solid that fills the head and reaches out of it behind (a sphere for hair) is met before the
-    face too: the face is what lies beyond it ahead, and below it elsewhere.
+    A solid inside the head that comes out behind (a sphere as hair) is also hit before the face.
+    Then the face is the piece behind the solid ahead, and below it elsewhere.
     """
     pieces, row = np.unique(piece, return_inverse=True)
     steps = np.round(way / _STEP).astype(int)
@@ -208,24 +214,24 @@ def _face(piece: I64, way: F64, off_m: F64) -> int:
     if not ahead.any():
         return -1
     first = np.bincount(nearest[:, ahead].argmin(axis=0), minlength=len(pieces))
-    found = int(first.argmax())
-    both = np.isfinite(nearest) & np.isfinite(nearest[found])
-    beyond = both & (nearest > nearest[found])
-    below = both & (nearest < nearest[found])
-    holds = (beyond & ahead).sum(axis=1) > first[found] / 2
+    face = int(first.argmax())
+    both = np.isfinite(nearest) & np.isfinite(nearest[face])
+    beyond = both & (nearest > nearest[face])
+    below = both & (nearest < nearest[face])
+    holds = (beyond & ahead).sum(axis=1) > first[face] / 2
     holds &= (below & ~ahead).sum(axis=1) > (both & ~ahead).sum(axis=1) / 2
     if holds.any():
-        found = int(np.where(holds, (beyond & ahead).sum(axis=1), -1).argmax())
-    return int(pieces[found])
+        face = int(np.where(holds, (beyond & ahead).sum(axis=1), -1).argmax())
+    return int(pieces[face])
 
 
 def _neighbours() -> npt.NDArray[np.bool_]:
-    """Table (R + 1, R + 1) of the regions that are the same or follow on each other."""
-    found = np.zeros((len(REGIONS) + 1, len(REGIONS) + 1), bool)  # the last row: no region
+    """Table (R + 1, R + 1) of equal or adjacent regions; the last row is "no region"."""
+    table = np.zeros((len(REGIONS) + 1, len(REGIONS) + 1), bool)
     for number, region in enumerate(REGIONS):
         upper = REGIONS.index(above(region))
-        found[number, number] = found[number, upper] = found[upper, number] = True
-    return found
+        table[number, number] = table[number, upper] = table[upper, number] = True
+    return table
 
 
 _NEIGHBOURS: Final = _neighbours()

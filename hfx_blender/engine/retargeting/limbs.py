@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joints of a rig hold the skin along limbs and torso.
+"""Positions of the skin along limbs and torso, constrained by the joints of the rig.
 
-Distances to a surface tell how thick a limb is, not where along it a place lies: loose cloth lets
-a model slide along the limb. A rig's joints tell that. :class:`Limbs` measures how far the skin
-around a joint has slid along the limb from where posing put it, and takes the slide back.
+Distances to a surface determine the girth of a limb, not the position along the limb: loose cloth
+lets a model slide. :class:`Limbs` measures the slide of the skin around each joint relative to the
+posed position, and undoes the slide.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CHAINS: Final = (
     (("shoulder", "upperarm"), ("elbow", "forearm"), ("wrist", "hand")),
     (("hip", "upperleg"), ("knee", "lowerleg"), ("ankle", "foot")),
 )
-"""Joints of a limb from the torso outwards, each with the region that begins there."""
+"""Joints of a limb from the torso outwards, each with the region after the joint."""
 
 SLACK_M: Final = {
     "shoulder": 0.012,
@@ -37,27 +37,28 @@ SLACK_M: Final = {
     "knee": 0.008,
     "ankle": 0.005,
 }
-"""Distance along limb or torso by which rigs place a joint differently on the same body (of a body
-1.8 m tall): the spread of MakeHuman's rigs and SOMA's on meshes with known answers."""
+"""Spread of joint positions among rigs along limb or torso, metres at canonical size (1.8 m).
+
+Measured with the rigs of MakeHuman and SOMA on meshes with known joints."""
 
 _WAIST: Final = 0.3
-"""Height of the navel between the hips (0) and the shoulders (1)."""
+"""Height of the navel between hips (0) and shoulders (1)."""
 
 _RING_M: Final = 0.02
-"""Half the length of the ring of skin around a joint."""
+"""Half the length of a ring of skin, metres."""
 
 HINGES: Final = ("elbow", "wrist", "knee", "ankle")
-"""Joints that any rig has at the same place of the body."""
+"""Joints at the same anatomical place on all rigs."""
 
 _FEWEST_IN_RING: Final = 6
 _BENT: Final = 0.6
-"""Cosine between the bones of a joint below which it is bent: 53 degrees; ours hangs with 43."""
+"""Largest cosine between the bones of a bent joint: 53 degrees; the canonical arm has 43."""
 
 _SECTORS: Final = 8
-"""Directions in which outlines around a joint are compared."""
+"""Number of directions of outlines around a joint."""
 
 _RING_RADIUS_M: Final = 0.14
-"""Farthest that the skin of a ring is from its joint: not the other leg."""
+"""Largest distance of ring skin from the joint; excludes the other leg."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +66,20 @@ class Ring:
     """Skin of the canonical avatar around a joint."""
 
     vertices: npt.NDArray[np.int64]  # (n,)
-    joint: F64  # (3,) where the rig has the joint
+    joint: F64  # (3,) joint of the rig, normalised space
     axis: F64  # (3,) unit vector along the target's limb, away from the torso
-    regions: tuple[int, ...]  # whose skin meets there
-    carried: F64  # (V,) 0..1, share of a slide at this joint that each vertex takes part in
-    is_bent: bool = False  # the limb turns here, so that across its axis lies the next bone's skin
+    regions: tuple[int, ...]  # adjacent regions
+    carried: F64  # (V,) 0..1, fraction of the joint's slide applied to each vertex
+    is_bent: bool = False  # a bent limb: skin of the next bone lies across the axis
 
     def slide(self, moves: F64) -> F64:
-        """Mean displacement along the limb, of displacements (..., V, 3)."""
+        """Mean displacement along the limb (...,), of displacements (..., V, 3)."""
         mean: F64 = moves[..., self.vertices, :].mean(axis=-2) @ self.axis
         return mean
 
 
 class Limbs:
-    """Axes of a target's limbs, and the rings of skin around its joints."""
+    """Axes of a target's limbs, and rings of skin around the joints."""
 
     def __init__(self, avatar: Avatar, bodies: Skeletons) -> None:
         self._points = avatar.vertices.astype(np.float64)
@@ -86,7 +87,7 @@ class Limbs:
         self._region = dominant(bodies.avatar_shares)
         self._absent = {REGIONS.index(region) for region in bodies.absent}
         self.axes = np.zeros_like(self._points)
-        """(V, 3) direction of the limb at each vertex; shorter where a limb ends, 0 outside."""
+        """(V, 3) direction of the limb, weighted by skin weight; 0 outside of limbs."""
         self.rings: dict[str, Ring] = {}
         for chain in _CHAINS:
             for side in "LR":
@@ -100,6 +101,7 @@ class Limbs:
         canonical: Mapping[str, F64],
         joints: Mapping[str, F64],
     ) -> None:
+        """Add axes and rings of a limb; nothing if the rig lacks a joint."""
         names = [f"{joint}.{side}" for joint, _ in chain]
         shares = [self._shares[:, REGIONS.index(f"{region}.{side}")] for _, region in chain]
         along, axes = [], []
@@ -111,7 +113,8 @@ class Limbs:
             axes.append(_unit(joints[end] - joints[start]))
             self.axes += share[:, None] * axes[-1]
         beyond = shares[2].copy()
-        if chain[2][0] == "wrist":  # the hand hangs on the wrist, the sole stands on the ground
+        # The whole hand follows the wrist; the foot less and less down to the sole on the ground.
+        if chain[2][0] == "wrist":
             fingers = [REGIONS.index(f"finger{number}.{side}") for number in range(1, 6)]
             beyond += self._shares[:, fingers].sum(axis=1)
         else:
@@ -136,6 +139,7 @@ class Limbs:
                 )
 
     def _add_torso(self, canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> None:
+        """Add rings at waist and chest."""
         (hips, up), (low, axis) = (
             (low, (at["shoulder.L"] + at["shoulder.R"]) / 2 - low)
             for at in (canonical, joints)
@@ -156,60 +160,64 @@ class Limbs:
                 self.rings[name] = Ring(ring, middle, _unit(axis), (torso,), carried)
 
     def _ring(self, joint: F64, axis: F64, regions: list[str]) -> npt.NDArray[np.int64]:
+        """Vertices (n,) of regions within a short cylinder around a joint."""
         offset = self._points - joint
         along = offset @ axis
-        off = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        near = (np.abs(along) < _RING_M) & (off < _RING_RADIUS_M)
-        near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
-        return np.flatnonzero(near)
+        radius = np.linalg.norm(offset - along[:, None] * axis, axis=1)
+        is_near = (np.abs(along) < _RING_M) & (radius < _RING_RADIUS_M)
+        is_near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
+        return np.flatnonzero(is_near)
 
     def with_joints_joined(self, points: F64, posed: F64) -> F64:
-        """Points (V, 3) moved along the limbs until no joint has slid farther than rigs differ.
+        """Copy of points (V, 3), moved along limbs so that slides stay within the spread of rigs.
 
         Parameters
         ----------
         posed : (V, 3) float64
-            Where posing put them: the canonical joints lie at the rig's.
+            Points after posing alone: canonical joints at the rig's joints.
         """
         moved = points.copy()
         for name, ring in self.rings.items():
             slack = SLACK_M[name.partition(".")[0]]
             slide = float(ring.slide(points - posed))
-            back = slack * np.tanh(slide / slack) - slide
-            moved += back * ring.carried[:, None] * ring.axis
+            # tanh: small slides remain, large slides saturate at the slack.
+            correction = slack * np.tanh(slide / slack) - slide
+            moved += correction * ring.carried[:, None] * ring.axis
         return moved
 
     def offsets_m(
         self, nearest: npt.NDArray[np.int64], posed: F64, placed: F64, surface: TargetSurface
     ) -> dict[str, float]:
-        """Distance of a model's skin at each hinge from where the rig has the joint.
+        """Distance (metres) of a model's skin at each hinge from the joint of the rig.
 
-        Along the limb that is the slide from the posed place, across it the difference from the
-        outermost surface; of both, what nine of ten places of the ring keep.
+        Combines the slide along the limb (90th percentile) and the difference of the outlines
+        across. Absent regions and rings of fewer than 6 vertices are left out.
 
         Parameters
         ----------
         nearest : (N,) int64
-            Canonical vertex beside each vertex of the model.
+            Nearest canonical vertex of each model vertex.
         posed, placed : (N, 3) float64
-            Where posing put the model's vertices, and where they are at last.
+            Model vertices after posing, and after the fit.
         """
-        found = {}
+        offsets = {}
         for name, ring in self.rings.items():
-            mine = np.flatnonzero(np.isin(nearest, ring.vertices))
+            ring_vertices = np.flatnonzero(np.isin(nearest, ring.vertices))
             is_hinge = name.partition(".")[0] in HINGES and self._absent.isdisjoint(ring.regions)
-            if not is_hinge or len(mine) < _FEWEST_IN_RING:
+            if not is_hinge or len(ring_vertices) < _FEWEST_IN_RING:
                 continue
-            slide = np.percentile(np.abs((placed[mine] - posed[mine]) @ ring.axis), 90)
-            # Around an ankle the foot and the heel are no outline of the limb.
+            slide = np.percentile(
+                np.abs((placed[ring_vertices] - posed[ring_vertices]) @ ring.axis), 90
+            )
+            # Foot and heel distort the outline at an ankle.
             has_outline = not (name.startswith("ankle") or ring.is_bent)
-            girth = _girth_difference(ring, placed[mine], surface) if has_outline else 0.0
-            found[name] = float(np.hypot(slide, girth))
-        return found
+            girth = _girth_difference(ring, placed[ring_vertices], surface) if has_outline else 0.0
+            offsets[name] = float(np.hypot(slide, girth))
+        return offsets
 
 
 def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
-    """Difference of a model's outline around a joint from the surface's, in most directions."""
+    """Difference of outlines around a joint (80th percentile of directions), metres; 0 if none."""
     around = surface.around(ring.joint, ring.axis, _RING_M, _RING_RADIUS_M, ring.regions)
     side = _unit(np.cross(ring.axis, np.eye(3)[np.argmin(np.abs(ring.axis))]))
     outlines = []
@@ -226,5 +234,6 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
 
 
 def _unit(way: F64) -> F64:
-    found: F64 = way / max(float(np.linalg.norm(way)), 1e-12)
-    return found
+    """Unit vector; 0 for length 0."""
+    unit: F64 = way / max(float(np.linalg.norm(way)), 1e-12)
+    return unit

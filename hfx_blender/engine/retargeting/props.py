@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Props of an avatar, which its rig moves and which are no skin: weapons, backpacks, wings.
+"""Props moved by an avatar's rig that are not skin: weapons, backpacks, wings.
 
-A prop is a connected piece of the surface, or a whole mesh on one bone, that sticks out of the
-body and follows only bones that are no part of it, or one hand, finger or forearm alone. Clothes
-and hair are none, nor is the only skin of a region: a hand that is a mesh of its own.
+A prop is a connected piece, or a whole mesh on one bone, protruding from the body and weighted only
+to bones outside of the body, or to one hand, finger or forearm. Clothes, hair, and the only skin
+of a region (a hand as separate mesh) are not props.
 """
 
 from __future__ import annotations
@@ -26,38 +26,40 @@ from .skin_parts import joined
 from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, owners_of, weld
 
 _REACH_M: Final = 0.12
-"""Distance from the body beyond which something sticks out of it (of a body 1.8 m tall)."""
+"""Smallest distance of a protruding vertex from the body, metres at canonical size."""
 
 _BESIDE_M: Final = 0.06
-"""Distance from the body beyond which a surface lies beside it."""
+"""Smallest distance of a surface outside of the body."""
 
 _MOSTLY: Final = 0.5
-"""Share of the surface beside the body from which a piece sticks out of it."""
+"""Smallest fraction of a protruding surface outside of the body."""
 
 _ALONE: Final = 0.99
-"""Skin weight from which a vertex follows a bone alone."""
+"""Smallest skin weight of a vertex on a single bone."""
 
 _WORN: Final = re.compile(
     "hair|bang|braid|tail_?hair|pony|cloth|skirt|cape|cloak|mantle|coat|dress|sleeve|scarf|robe|"
     "ribbon|hood|collar|jacket|shirt|pants|belt|tassel|\u9aea|\u30b9\u30ab\u30fc\u30c8|\u30de\u30f3\u30c8|\u8896",
     re.IGNORECASE,
 )
-"""Words of bones that move hair and clothes, which layers decide about."""
+"""Words of bones of hair and clothes (see :mod:`.layers`)."""
 
 _HOLDING: Final = ("hand", "finger", "forearm")
 
 
 @dataclass(frozen=True)
 class Prop:
-    """Prop that was left out of an avatar's skin."""
+    """Prop excluded from an avatar's skin."""
 
-    mesh: int  # which of the avatar's meshes it is of
-    bone: str
-    share: float  # of the mesh's surface, 0..1
+    mesh: int  # index of the avatar's mesh
+    bone: str  # bone with the largest weight
+    share: float  # fraction of the mesh's surface, 0..1
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
+    """Possible prop."""
+
     triangles: I64  # (n,) of the union
     bone: str
     region: str
@@ -66,31 +68,35 @@ class _Candidate:
 def without_props(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping
 ) -> tuple[list[TargetAvatar], list[Prop]]:
-    """Leave out the triangles of props from the meshes of an avatar, and tell which they are."""
+    """Copies of an avatar's meshes without the triangles of props, and the props.
+
+    Unchanged, without props, where joints are missing or not human.
+    """
     union = joined(targets)
     candidates = _candidates(targets, union, mapping) if len(union.triangles) else []
     if not candidates:
         return list(targets), []
     try:
         whole = skeletons_of(avatar, union, mapping)
-        rest = _left(union, candidates)
+        rest = _without_candidates(union, candidates)
         bodies = skeletons_of(avatar, rest, mapping) if len(rest.triangles) else whole
         body = posed(avatar, matrices(avatar, bodies))
-    except InputError:  # without them it is no body
+    except InputError:  # no body without the candidates
         return list(targets), []
     from scipy.spatial import cKDTree
 
     off_m, _ = cKDTree(body).query(bodies.points)
     areas = areas_of(bodies.points, union.triangles)
-    held = [each for each in candidates if _sticks_out(each, union, off_m, areas)]
-    held.sort(key=lambda each: float(off_m[union.triangles[each.triangles]].max()))
+    held = [prop for prop in candidates if _sticks_out(prop, union, off_m, areas)]
+    held.sort(key=lambda prop: float(off_m[union.triangles[prop.triangles]].max()))
+    # Without all props a region may lack skin: give back, nearest first, props of lost regions.
     while held:
         try:
-            lost = set(skeletons_of(avatar, _left(union, held), mapping).absent)
+            lost = set(skeletons_of(avatar, _without_candidates(union, held), mapping).absent)
         except InputError:
             return list(targets), []
         lost -= set(whole.absent)
-        needed = next((each for each in held if each.region in lost), None)
+        needed = next((prop for prop in held if prop.region in lost), None)
         if needed is None:
             break
         held.remove(needed)
@@ -100,14 +106,14 @@ def without_props(
 def _candidates(
     targets: Sequence[TargetAvatar], union: TargetAvatar, mapping: RigMapping
 ) -> list[_Candidate]:
-    """Find what follows no bone of the body, or one bone of an arm's end alone.
+    """Pieces weighted to no bone of the body, or to one bone at the end of an arm.
 
-    Pieces that follow the same bone beside the body belong together, and so does a mesh that
-    follows one bone alone.
+    Pieces of a mesh on the same bone outside of the body form one candidate, as does a whole mesh
+    on one bone.
     """
     canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
     owners = owners_of(union, canonical)
-    carrying = _bones_of_body(union, canonical)
+    carrying = _mapped_and_ancestors(union, canonical)
     is_body = np.array([name in carrying for name in union.bone_names])
     regions = [region_of(owner) if owner else "torso" for owner in owners]
     weights = union.weights
@@ -147,32 +153,34 @@ def _candidates(
     ]
 
 
-def _bones_of_body(union: TargetAvatar, mapped: Iterable[str]) -> set[str]:
-    """Bones that are mapped, and all above them."""
+def _mapped_and_ancestors(union: TargetAvatar, mapped: Iterable[str]) -> set[str]:
+    """Mapped bones and all their ancestors."""
     parents = {bone.name: bone.parent for bone in union.bones}
-    found: set[str] = set()
+    names: set[str] = set()
     for name in mapped:
         at: str | None = name
-        while at is not None and at not in found:
-            found.add(at)
+        while at is not None and at not in names:
+            names.add(at)
             at = parents.get(at)
-    return found
+    return names
 
 
 def _rows_of(piece: I64) -> list[I64]:
-    """Triangles of each piece."""
+    """Triangle indices of each piece."""
     order = np.argsort(piece, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
 
 
-def _left(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:
-    kept = np.ones(len(union.triangles), np.bool_)
-    for each in out:
-        kept[each.triangles] = False
-    return replace(union, triangles=union.triangles[kept])
+def _without_candidates(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:
+    """Copy of the union without the triangles of some candidates."""
+    is_left = np.ones(len(union.triangles), np.bool_)
+    for candidate in out:
+        is_left[candidate.triangles] = False
+    return replace(union, triangles=union.triangles[is_left])
 
 
 def _sticks_out(candidate: _Candidate, union: TargetAvatar, off_m: F64, areas: F64) -> bool:
+    """True if a candidate reaches 12 cm from the body, or lies mostly 6 cm outside."""
     own = off_m[union.triangles[candidate.triangles]]
     area = areas[candidate.triangles]
     beside = float(area[own.mean(axis=1) > _BESIDE_M].sum())
@@ -182,19 +190,19 @@ def _sticks_out(candidate: _Candidate, union: TargetAvatar, off_m: F64, areas: F
 def _split(
     targets: Sequence[TargetAvatar], held: Sequence[_Candidate], areas: F64
 ) -> tuple[list[TargetAvatar], list[Prop]]:
-    """Leave triangles of the union out of the meshes that they are of."""
+    """Remove triangles of the union from the meshes; return copies of the meshes, and the props."""
     counts = [len(target.triangles) for target in targets]
     mesh = np.repeat(np.arange(len(targets)), counts)
     starts = np.cumsum(counts) - counts
-    kept: npt.NDArray[np.bool_] = np.ones(len(mesh), np.bool_)
+    is_left: npt.NDArray[np.bool_] = np.ones(len(mesh), np.bool_)
     props = []
-    for each in held:
-        kept[each.triangles] = False
-        number = int(mesh[each.triangles[0]])
-        share = areas[each.triangles].sum() / max(float(areas[mesh == number].sum()), 1e-30)
-        props.append(Prop(number, each.bone, float(share)))
-    left = [
-        replace(target, triangles=target.triangles[kept[start : start + count]])
+    for candidate in held:
+        is_left[candidate.triangles] = False
+        number = int(mesh[candidate.triangles[0]])
+        share = areas[candidate.triangles].sum() / max(float(areas[mesh == number].sum()), 1e-30)
+        props.append(Prop(number, candidate.bone, float(share)))
+    remaining = [
+        replace(target, triangles=target.triangles[is_left[start : start + count]])
         for target, start, count in zip(targets, starts, counts, strict=True)
     ]
-    return left, props
+    return remaining, props

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Judges the fit of a perceptual model to an avatar, part by part."""
+"""Quality of the fit of a perceptual model to an avatar, by body part."""
 
 from __future__ import annotations
 
@@ -15,27 +15,35 @@ from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
 from . import uncertainty
 from .bone_regions import REGIONS, words_of
-from .surface import Places
+from .surface import SurfacePlaces
 from .target import areas_of
 
 FARTHEST_MM: Final = 15.0
-"""A part's vertices may be this far from the skin before they land on it (95 of 100)."""
+"""Largest 95th percentile of distances from the skin before projection."""
 
 IN_PLACE: Final = 0.8
-"""Share of a part's vertices that must lie on skin of that part of the avatar."""
+"""Smallest fraction of vertices on the same part of the avatar."""
 
 AREA_RATIOS: Final = (0.4, 2.5)
-"""Allowed range of a part's area relative to the canonical body of the same size."""
+"""Allowed range of a part's area relative to the canonical body at equal size."""
 
 JOINT_MM: Final = 12.0
-"""Allowed distance of the model's skin at a joint from where the rig has the joint: under loose
-trousers a kneecap was twice as far off as this distance, and at 25 mm a touch is felt beside it."""
+"""Largest distance between a joint of the rig and the model's skin around the joint.
+
+Loose trousers shifted a kneecap by twice this distance; a touch at 25 mm misses the knee.
+"""
 
 RIGHT_WAY: Final = 0.9
-"""Share of the limbs' vertices that must not lie on a limb of the other side."""
+"""Smallest fraction of limb vertices on a limb of the correct side."""
 
 _SHOWN: Final = 0.4
-"""Share of a part that the avatar must have for a judgement: one hand of two, no stump."""
+"""Smallest fraction of a part present on the avatar (one hand of two, no stump)."""
+
+_LOST: Final = 0.5
+"""Smallest ``in_place`` of a carrying part for a fit to the surface."""
+
+_CARRYING: Final = ("head", "torso", "upper_arm", "forearm", "upper_leg", "lower_leg")
+"""Parts required for a fit to the surface; hands and feet may be missing."""
 
 _REGIONS_OF: Final = {
     "head": ("head", "torso"),
@@ -54,44 +62,42 @@ _REGIONS_OF: Final = {
 
 @dataclass(frozen=True)
 class PartQuality:
-    """Fit of one body part of one model on one avatar; lengths as if it were 1.8 m tall."""
+    """Fit of a body part of a model to an avatar; lengths at canonical size (1.8 m)."""
 
     part: str
-    distance_mean_mm: float  # to the avatar's skin, before landing on it
-    distance_p95_mm: float
-    in_place: float  # 0..1, share of its vertices that lie on that part of the avatar
-    area_ratio: float  # area against the canonical body's at the same size
+    distance_mean_mm: float  # from the avatar's skin before projection
+    distance_p95_mm: float  # 95th percentile
+    in_place: float  # 0..1, fraction of vertices on the same part of the avatar
+    area_ratio: float  # area relative to the canonical body at equal size
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Faults of the fit, as text."""
-        found = []
+        """Faults as predicates of the part ("is up to ..."); empty for a good fit."""
+        texts = []
         if self.distance_p95_mm > FARTHEST_MM:
-            found.append(f"is up to {self.distance_p95_mm:.0f} mm from the avatar's surface")
+            texts.append(f"is up to {self.distance_p95_mm:.0f} mm from the avatar's surface")
         if self.in_place < IN_PLACE:
-            found.append(f"lies on that part of the avatar only for {100 * self.in_place:.0f} %")
+            texts.append(f"lies on that part of the avatar only for {100 * self.in_place:.0f} %")
         if not AREA_RATIOS[0] <= self.area_ratio <= AREA_RATIOS[1]:
-            found.append(f"has {self.area_ratio:.2g} times the expected area")
-        return tuple(found)
+            texts.append(f"has {self.area_ratio:.2g} times the expected area")
+        return tuple(texts)
 
 
 @dataclass(frozen=True)
-class Quality:
+class FitQuality:
     """Fit of a perceptual model to an avatar."""
 
     model_id: str
     parts: tuple[PartQuality, ...]
-    sides: float  # 0..1, share of the limbs' vertices that lie on no limb of the other side
-    feet_forward: float  # 0..1, share of the feet that point where the body faces
-    joints_mm: Mapping[str, float] = field(default_factory=dict)  # joint -> skin's distance from it
-    absent: Sequence[str] = ()  # regions that the avatar has no skin of
-    uncertain_mm: Mapping[str, float] = field(
-        default_factory=dict
-    )  # place -> how far it may be off
+    sides: float  # 0..1, fraction of limb vertices not on a limb of the other side
+    feet_forward: float  # 0..1, fraction of feet pointing forward
+    joints_mm: Mapping[str, float] = field(default_factory=dict)  # joint -> distance of the skin
+    absent: Sequence[str] = ()  # regions without skin on the avatar
+    uncertain_mm: Mapping[str, float] = field(default_factory=dict)  # place -> possible error
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings: a sentence for each part that fits badly, and for sides that are swapped."""
+        """Sentences about bad parts, joints and the whole fit; empty for a good fit."""
         parts = [
             f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
         ]
@@ -99,38 +105,38 @@ class Quality:
 
     @property
     def whole_faults(self) -> tuple[str, ...]:
-        """Faults that are no single part's."""
-        found = []
+        """Faults of the whole fit (sides, feet, absent regions, uncertain places)."""
+        texts = []
         if self.sides < RIGHT_WAY:
-            found.append("left and right are swapped")
+            texts.append("left and right are swapped")
         if self.feet_forward < 1.0:
-            found.append("front and back are swapped, or a foot is turned backwards")
+            texts.append("front and back are swapped, or a foot is turned backwards")
         if self.absent:
-            found.append(
+            texts.append(
                 f"the avatar has no skin of {words_of(self.absent)}: there the haptic body has the "
                 "standard shape, on the bones of the rig"
             )
-        found += uncertainty.sentence(self.uncertain_mm)
-        return tuple(found)
+        texts += uncertainty.sentence(self.uncertain_mm)
+        return tuple(texts)
 
 
-def joint_faults(qualities: Sequence[Quality]) -> list[str]:
-    """Joints whose skin lies beside them, as one sentence, each by the model that fits it worst."""
+def joint_faults(qualities: Sequence[FitQuality]) -> list[str]:
+    """List of one sentence about joints off the skin, by the worst model; empty without any."""
     worst: dict[str, float] = {}
     for quality in qualities:
         for joint, off_mm in quality.joints_mm.items():
             worst[joint] = max(off_mm, worst.get(joint, 0.0))
-    found = [
+    texts = [
         f"{'left' if joint.endswith('.L') else 'right'} {joint.partition('.')[0]} {off_mm:.0f} mm"
         for joint, off_mm in sorted(worst.items(), key=lambda item: -item[1])
         if off_mm > JOINT_MM
     ]
-    return [f"the skin lies beside joints of the rig: {', '.join(found)}"] if found else []
+    return [f"the skin lies beside joints of the rig: {', '.join(texts)}"] if texts else []
 
 
 def judge(
     model: PerceptualModel,
-    places: Places,
+    places: SurfacePlaces,
     target_shares: F64,
     distance_m: F64,
     feet_forward: float,
@@ -138,64 +144,73 @@ def judge(
     is_there: npt.NDArray[np.bool_],
     absent: Sequence[str],
     uncertain_m: Mapping[str, float],
-) -> Quality:
-    """Judge the fit of a model's placed vertices.
+) -> FitQuality:
+    """Measure the fit of a model's projected vertices.
 
     Parameters
     ----------
-    places : Places
-        Normalised space: the canonical body's size, facing and upright.
+    places : SurfacePlaces
+        Projected vertices in normalised space.
     target_shares : (V, R) float64
-        The avatar's own regions at the places.
+        Skin weights by region of the avatar at the places.
     distance_m : (V,) float64
-        How far each vertex was from the skin.
+        Distances of the projection.
     feet_forward : float
-        Share of the feet that point forwards.
+        Fraction of feet pointing forward.
     joints_m : mapping of joint to float
-        Distance of the model's skin around it from where the rig has it.
+        Distance of the model's skin from each joint.
     is_there : (V,) bool
-        The avatar has skin of the vertex's region; others are not judged.
+        True if the avatar has skin of the vertex's region; other vertices are ignored.
     absent : sequence of str
-        Regions that the avatar has no skin of.
+        Regions without skin on the avatar.
     uncertain_m : mapping of place to float
         See :func:`.uncertainty.uncertain_m`.
     """
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
-    known = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
+    present = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
     dominant = np.array(stems)[target_shares.argmax(axis=1)]
-    old, new = (_areas(p.astype(np.float64), model) for p in (model.vertices, places.points))
+    own_areas, areas = (
+        _areas(p.astype(np.float64), model) for p in (model.vertices, places.points)
+    )
     parts = []
     for number, name in enumerate(PARTS):
-        mine = model.part == number
-        if is_there[mine].mean() < _SHOWN:
+        in_part = model.part == number
+        if is_there[in_part].mean() < _SHOWN:
             continue
-        mine &= is_there
+        in_part &= is_there
         regions = _REGIONS_OF[name]
-        at_home = np.isin(dominant[mine], regions) | (regions[0] not in known)
+        at_home = np.isin(dominant[in_part], regions) | (regions[0] not in present)
         parts.append(
             PartQuality(
                 name,
-                1000.0 * float(distance_m[mine].mean()),
-                1000.0 * float(np.percentile(distance_m[mine], 95)),
-                float((places.found[mine] & at_home).mean()),
-                float(new[mine].sum() / old[mine].sum()),
+                1000.0 * float(distance_m[in_part].mean()),
+                1000.0 * float(np.percentile(distance_m[in_part], 95)),
+                float((places.found[in_part] & at_home).mean()),
+                float(areas[in_part].sum() / own_areas[in_part].sum()),
             )
         )
-    limb = ~np.isin(model.part, [PARTS.index("head"), PARTS.index("torso")])
-    limb &= np.isin(model.side, (LEFT, RIGHT)) & is_there
-    other = np.where(model.side == LEFT, "R", "L")
+    is_limb = ~np.isin(model.part, [PARTS.index("head"), PARTS.index("torso")])
+    is_limb &= np.isin(model.side, (LEFT, RIGHT)) & is_there
+    opposite = np.where(model.side == LEFT, "R", "L")
     ends = np.array([region.rpartition(".")[2] for region in REGIONS])
-    is_right_side = (ends[target_shares.argmax(axis=1)] != other)[limb]
-    sides = float(is_right_side.mean()) if limb.any() else 1.0
-    joints_mm = {joint: 1000.0 * off for joint, off in joints_m.items()}
-    uncertain_mm = {place: 1000.0 * off for place, off in uncertain_m.items()}
-    return Quality(
+    is_right_side = (ends[target_shares.argmax(axis=1)] != opposite)[is_limb]
+    sides = float(is_right_side.mean()) if is_limb.any() else 1.0
+    joints_mm = {joint: 1000.0 * distance for joint, distance in joints_m.items()}
+    uncertain_mm = {place: 1000.0 * distance for place, distance in uncertain_m.items()}
+    return FitQuality(
         model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent), uncertain_mm
     )
 
 
 def _areas(points: F64, model: PerceptualModel) -> F64:
-    """Area of each vertex: a third of its triangles, (V,)."""
+    """Area (V,) of each vertex: a third of its triangles."""
     triangles = model.triangles.astype(np.int64)
     thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
     return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)
+
+
+def lost_part(qualities: Sequence[FitQuality]) -> PartQuality | None:
+    """Worst carrying part with most vertices on other parts of the avatar, or None."""
+    parts = [part for quality in qualities for part in quality.parts if part.part in _CARRYING]
+    worst = min(parts, key=lambda part: part.in_place, default=None)
+    return worst if worst is not None and worst.in_place < _LOST else None

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models on a user's own avatar: same vertex ids, the avatar's places and bones.
+"""Fit of perceptual models to a user's avatar, with canonical vertex ids.
 
-The canonical avatar is posed onto the target's rest pose and pulled onto its skin once
-(:func:`warping`); the vertices of any model ride along and land on the target's triangles
-(:func:`fit`).
+The canonical avatar is posed to the target's rest pose and pulled onto the target's skin once
+(:func:`warping`). The vertices of each model follow the canonical avatar and are projected onto
+the target's triangles (:func:`fit`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -24,30 +24,30 @@ from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of
 from .layers import Layer, leaving_out
 from .limbs import Limbs
-from .quality import Quality, judge
+from .quality import FitQuality, judge
 from .shape_fields import fields_for, shape
-from .surface import Places, TargetSurface, pull, vertex_normals
+from .surface import SurfacePlaces, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 
 _LANDING_M: Final = 0.05
-"""Farthest that a vertex may be from the skin on which it lands (of a body 1.8 m tall)."""
+"""Largest distance of projection onto the skin, metres at canonical size (1.8 m)."""
 
 _LEAST_WEIGHT: Final = 0.004
-"""Skin weights below this are dropped: at most 2 mm at half a metre from a joint."""
+"""Skin weights below are dropped: an error of at most 2 mm, half a metre from a joint."""
 
 _SAME_TOPOLOGY: Final = 0.95
-"""Share of the canonical avatar's edges that a mesh must have to be the same mesh, reshaped."""
+"""Fraction of the canonical avatar's edges shared by a reshaped copy of the mesh."""
 
 _LARGEST_HEAD: Final = 4.0
-"""Largest scale of a head without hats and hair: a chibi character's."""
+"""Largest scale of a head after removal of hats and hair (chibi characters)."""
 
 _UNDER_CLOTHES: Final = 0.02
-"""Share of that mesh's skin that may lie under other layers and still be felt."""
+"""Largest fraction of such a mesh under clothes without a fit to the clothes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """Deformation of the canonical avatar into a target's shape, shared by all models."""
+    """Canonical avatar deformed to a target's shape; shared by all models."""
 
     target: TargetAvatar
     mapping: RigMapping
@@ -56,33 +56,34 @@ class Warp:
     vertices: F64  # (V, 3) of the canonical avatar, normalised space
     normals: F64  # (V, 3)
     limbs: Limbs
-    posed: F64  # (V, 3) where the rig's joints alone put the vertices
-    same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
-    uncertain_m: Mapping[str, float]  # place -> how far it may be off, of a body 1.8 m tall
+    posed: F64  # (V, 3) vertices after posing alone, normalised space
+    same: I64 | None  # (V,) target vertex of each avatar vertex if the meshes are the same
+    uncertain_m: Mapping[str, float]  # place -> possible error at canonical size
 
 
 def warping(
     avatar: Avatar, target: TargetAvatar, mapping: RigMapping, layer: Layer
 ) -> Generator[float, None, Warp]:
-    """Bring the canonical avatar into the shape of a target, in steps (:mod:`...stepwise`).
+    """Generator: deform the canonical avatar to a target's shape; yields progress, returns a Warp.
 
-    Where the target is the same mesh (MakeHuman's base mesh, the shipped avatar) and its skin is
-    felt, each vertex goes exactly to its own place.
+    Meshes with the canonical topology (MakeHuman's base mesh, the shipped avatar) and uncovered
+    skin are matched vertex by vertex, without a fit. Progress is 0..1.
 
     Parameters
     ----------
     layer : {"visible", "skin"}
-        What is felt where clothes lie over skin.
+        Layer with the haptic vertices where clothes cover skin.
 
     Raises
     ------
     InputError
-        The target's joints are missing or are not a person's.
+        The target's joints are missing or not human.
     """
     bodies = skeletons_of(avatar, target, mapping)
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
     points = avatar.vertices.astype(np.float64)
+    # Rigs place knees and elbows differently: their joints move to the most likely place.
     bodies, estimates = hinges.placed(bodies, points, triangles, target.triangles)
     if bodies.absent:
         target = with_mapped_bones(target, mapping)
@@ -91,15 +92,16 @@ def warping(
     limbs, shares, fields = Limbs(avatar, bodies), bodies.avatar_shares, fields_for(avatar)
     start = posed(avatar, matrices(avatar, bodies))
     layers = leaving_out(surface, layer, start, bodies)
-    out = yield from within(layers, 0.1, 0.3)
-    moved = matrices(avatar, _without(bodies, surface, out), _LARGEST_HEAD)
+    left_out = yield from within(layers, 0.1, 0.3)
+    # The head is measured again without hats and hair, so larger scales are plausible.
+    moved = matrices(avatar, _without(bodies, surface, left_out), _LARGEST_HEAD)
     start = posed(avatar, moved)
     same, uncertain_m = _same_mesh(avatar, target), {}
-    if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[out])):
+    if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[left_out])):
         vertices = start = bodies.points[same]
     else:
         same = None
-        surface.leave_out(out)
+        surface.leave_out(left_out)
         vertices = start
         if fields is not None:
             shaping = shape(fields, moved, start, triangles, bodies, surface, limbs)
@@ -115,31 +117,33 @@ def warping(
     )
 
 
-def _without(bodies: Skeletons, surface: TargetSurface, out: npt.NDArray[np.bool_]) -> Skeletons:
-    """Bodies of which the target has no vertices of layers that are left out: hats, hair."""
-    is_kept = np.zeros(len(surface.points), bool)
-    is_kept[surface.triangles[surface.parent[~out]]] = True
-    return replace(bodies, target_shares=bodies.target_shares * is_kept[:, None])
+def _without(
+    bodies: Skeletons, surface: TargetSurface, left_out: npt.NDArray[np.bool_]
+) -> Skeletons:
+    """Copy with zero target shares at vertices of left-out layers (hats, hair) only."""
+    is_used = np.zeros(len(surface.points), bool)
+    is_used[surface.triangles[surface.parent[~left_out]]] = True
+    return replace(bodies, target_shares=bodies.target_shares * is_used[:, None])
 
 
 def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
-    """Test if the mesh that is the canonical one lies under clothes in more than a few places."""
+    """True if more than 2 % of the area of the matched mesh is in left-out triangles."""
     areas = areas_of(surface.points, surface.triangles)
-    mine = np.isin(surface.triangles, same).all(axis=1)
-    return float(areas[triangles][mine[triangles]].sum()) > _UNDER_CLOTHES * areas[mine].sum()
+    is_body = np.isin(surface.triangles, same).all(axis=1)
+    return float(areas[triangles][is_body[triangles]].sum()) > _UNDER_CLOTHES * areas[is_body].sum()
 
 
-def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
-    """Put a perceptual model onto a target.
+def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
+    """Fit a perceptual model to a target.
 
     Returns
     -------
     fitted : FittedModel
         In the target's own space and unit.
-    quality : Quality
-        How well it fits, part by part.
+    quality : FitQuality
+        Quality of the fit by body part.
     """
-    places, before, is_there = _project(model, warped)
+    places, unprojected, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
     scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
     corners, weights = warped.target.triangles[places.triangle], places.weights
@@ -159,8 +163,8 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
         anchors=anchors,
     )
     shares = warped.bodies.target_shares[warped.target.triangles[places.triangle]].mean(axis=1)
-    # At the canonical size: an avatar in another unit, or of a giant, is judged alike.
-    distance = np.linalg.norm(places.points - before, axis=1)
+    # Distances at canonical size do not depend on the avatar's unit and height.
+    distance = np.linalg.norm(places.points - unprojected, axis=1)
     nearest = model.avatar_vertices[np.arange(len(model)), model.avatar_weights.argmax(axis=1)]
     rest, _ = carried(model, warped.posed, warped.normals)
     joints = warped.limbs.offsets_m(nearest, rest, places.points, warped.surface)
@@ -172,8 +176,60 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     return fitted, quality
 
 
+def fit_by_bones(
+    models: Sequence[PerceptualModel], avatar: Avatar, target: TargetAvatar, mapping: RigMapping
+) -> list[FittedModel]:
+    """Fit perceptual models to a target's joints alone; the canonical skin is kept.
+
+    For avatars of rigid pieces or voxels, and meshes without a body part.
+
+    Returns
+    -------
+    list of FittedModel
+        In the target's own space and unit. Weights are mapped canonical weights; anchors are the
+        nearest triangles, only for pictures.
+
+    Raises
+    ------
+    InputError
+        The target's joints are missing or not human.
+    """
+    from scipy.spatial import cKDTree
+
+    bodies = skeletons_of(avatar, target, mapping)
+    vertices = posed(avatar, matrices(avatar, bodies))
+    faces = avatar.faces.astype(np.int64)
+    normals = vertex_normals(vertices, np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]])))
+    nearest = cKDTree(bodies.points[target.triangles].mean(axis=1))
+    boned = with_mapped_bones(target, mapping)
+    fitted = []
+    for model in models:
+        points, _ = carried(model, vertices, normals)
+        triangle = nearest.query(points)[1]
+        fitted.append(
+            FittedModel(
+                model_id=model.id,
+                model_hash=model.content_hash,
+                vertices=(points @ bodies.to_target[:3, :3].T + bodies.to_target[:3, 3]).astype(
+                    np.float32
+                ),
+                bone_names=boned.bone_names,
+                weights=_skin_weights_of(_mapped(model, boned, mapping).tocsr()),
+                anchors=SurfaceAnchors(
+                    target.triangles[triangle].astype(np.int32),
+                    np.full((len(points), 3), 1.0 / 3.0),
+                    np.zeros(len(points)),
+                ),
+            )
+        )
+    return fitted
+
+
 def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F64]:
-    """Points and unit normals (V, 3) of a model on the canonical avatar's moved vertices."""
+    """Points and unit normals (V, 3 each) of a model on moved vertices of the canonical avatar.
+
+    ``vertices`` and ``normals`` are of the canonical avatar, (A, 3).
+    """
     corners = vertices[model.avatar_vertices]
     weights = model.avatar_weights.astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -183,49 +239,68 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
     return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
 
 
-def _project(model: PerceptualModel, warped: Warp) -> tuple[Places, F64, npt.NDArray[np.bool_]]:
-    """Project the vertices onto the target; returns their places, those before, and which of them
-    the target has skin for.
+def _project(
+    model: PerceptualModel, warped: Warp
+) -> tuple[SurfacePlaces, F64, npt.NDArray[np.bool_]]:
+    """Project a model's vertices onto the target.
+
+    Returns
+    -------
+    places : SurfacePlaces
+        ``found`` is False for vertices without skin of their region in reach.
+    points : (V, 3) float64
+        Vertices before the projection.
+    has_skin : (V,) bool
+        True if the target has skin of the vertex's region.
     """
     points, normals = carried(model, warped.vertices, warped.normals)
     weights = model.avatar_weights.astype(np.float64)
     shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
     places = warped.surface.nearest(points, normals, shares, _LANDING_M)
-    lost = np.flatnonzero(~places.found)
+    unreached = np.flatnonzero(~places.found)
     landed = places.points.copy()
-    if len(lost):  # they stay where they are, hung on the nearest skin of any region
+    if len(unreached):  # bound to the nearest skin of any region
         anywhere = warped.surface.nearest(
-            points[lost], normals[lost], np.ones((len(lost), shares.shape[1])), np.inf, facing=-1.0
+            points[unreached],
+            normals[unreached],
+            np.ones((len(unreached), shares.shape[1])),
+            np.inf,
+            facing=-1.0,
         )
-        places.triangle[lost], places.weights[lost] = anywhere.triangle, anywhere.weights
-        places.normals[lost] = anywhere.normals
-        landed[lost] = anywhere.points
+        places.triangle[unreached], places.weights[unreached] = anywhere.triangle, anywhere.weights
+        places.normals[unreached] = anywhere.normals
+        landed[unreached] = anywhere.points
     if warped.same is not None:
         landed = points
-    is_there: npt.NDArray[np.bool_] = shares.sum(axis=1) > 0.0
-    landed_at = Places(places.found, places.triangle, places.weights, landed, places.normals)
-    return landed_at, points, is_there
+    has_skin: npt.NDArray[np.bool_] = shares.sum(axis=1) > 0.0
+    projected_places = SurfacePlaces(
+        places.found, places.triangle, places.weights, landed, places.normals
+    )
+    return projected_places, points, has_skin
 
 
 def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
-    """The target's vertex of each avatar vertex, if the target is the same mesh."""
+    """Target vertex (V,) of each avatar vertex if the meshes have the same topology, else None.
+
+    Tests the ids of the shipped avatar and of MakeHuman's base mesh by their edges.
+    """
     runs = avatar.provenance.get("source_vertices", [])
     base = np.concatenate(
         [np.arange(first, last + 1) for first, last in runs] or [np.zeros(0, int)]
     )
     count = len(target.vertices)
-    sides = np.concatenate(
+    target_sides = np.concatenate(
         [target.triangles[:, [0, 1]], target.triangles[:, [1, 2]], target.triangles[:, [2, 0]]]
     )
-    have = np.unique(np.sort(sides, axis=1) @ np.array([count, 1]))
+    target_edges = np.unique(np.sort(target_sides, axis=1) @ np.array([count, 1]))
     quads = avatar.faces.astype(np.int64)
     edges = np.sort(
         np.concatenate([np.column_stack((quads[:, k], quads[:, (k + 1) % 4])) for k in range(4)])
     )
     for ids in (np.arange(len(avatar.vertices)), base):
         if len(ids) == len(avatar.vertices) and ids.max() < count:
-            wanted = np.sort(ids[edges], axis=1) @ np.array([count, 1])
-            if np.isin(wanted, have).mean() >= _SAME_TOPOLOGY:
+            own_edges = np.sort(ids[edges], axis=1) @ np.array([count, 1])
+            if np.isin(own_edges, target_edges).mean() >= _SAME_TOPOLOGY:
                 return ids.astype(np.int64)
     return None
 
@@ -234,40 +309,34 @@ def _skin_weights(
     model: PerceptualModel,
     warped: Warp,
     anchors: SurfaceAnchors,
-    is_there: npt.NDArray[np.bool_],
+    has_skin: npt.NDArray[np.bool_],
 ) -> SkinWeights:
-    """Skin weights of the target at each vertex; the canonical ones, mapped, where it has none."""
+    """Target's skin weights at the vertices; mapped canonical weights without skin or weights."""
     from scipy.sparse import coo_array, diags_array
 
     target, count = warped.target, len(model)
-    own = _matrix(target.weights, len(target.bone_names))
+    target_weights = _matrix(target.weights, len(target.bone_names))
     rows = np.repeat(np.arange(count), 3)
-    at = coo_array(
+    interpolation = coo_array(
         (anchors.weights.ravel(), (rows, anchors.corners.ravel())),
         shape=(count, len(target.vertices)),
     ).tocsr()
-    found = at @ own
-    bare = (np.asarray(found.sum(axis=1)).ravel() < 1e-6) | ~is_there
-    if bare.any():
+    blended = interpolation @ target_weights
+    is_bare = (np.asarray(blended.sum(axis=1)).ravel() < 1e-6) | ~has_skin
+    if is_bare.any():
         canonical = _mapped(model, target, warped.mapping)
-        found = diags_array(1.0 - bare) @ found + diags_array(1.0 * bare) @ canonical
-    return _skin_weights_of(found.tocsr())
+        blended = diags_array(1.0 - is_bare) @ blended + diags_array(1.0 * is_bare) @ canonical
+    return _skin_weights_of(blended.tocsr())
 
 
 def with_mapped_bones(target: TargetAvatar, mapping: RigMapping) -> TargetAvatar:
-    """Target of which any bone that the canonical ones follow may move skin."""
+    """Copy of a target with all mapped and fallback bones in ``bone_names``."""
     moving = (*mapping.bones.values(), *mapping.fallbacks.values())
     return replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
 
 
-def mapped_weights(
-    model: PerceptualModel, target: TargetAvatar, mapping: RigMapping
-) -> SkinWeights:
-    """The canonical skin weights of a model, on the target's bones that stand for the canonical."""
-    return _skin_weights_of(_mapped(model, target, mapping).tocsr())
-
-
 def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -> Any:
+    """Sparse matrix (V, target bones) of canonical skin weights on mapped bones."""
     from scipy.sparse import coo_array
 
     index = {name: number for number, name in enumerate(target.bone_names)}
@@ -277,24 +346,28 @@ def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -
         for number, name in enumerate(model.bone_names)
         if (rig_bone := follows.get(name)) in index
     ]
-    of, onto = np.array(pairs).reshape(-1, 2).T
+    canonical_ids, target_ids = np.array(pairs).reshape(-1, 2).T
     shape = (len(model.bone_names), len(target.bone_names))
-    chosen = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
-    return _matrix(model.weights, len(model.bone_names)) @ chosen
+    bone_matrix = coo_array(
+        (np.ones(len(canonical_ids)), (canonical_ids, target_ids)), shape=shape
+    ).tocsr()
+    return _matrix(model.weights, len(model.bone_names)) @ bone_matrix
 
 
-def _skin_weights_of(found: Any) -> SkinWeights:
-    found.data[found.data < _LEAST_WEIGHT] = 0.0
-    found.eliminate_zeros()
-    found.sort_indices()
-    sums = np.asarray(found.sum(axis=1)).ravel()
-    values = found.data / np.repeat(sums, np.diff(found.indptr))
+def _skin_weights_of(matrix: Any) -> SkinWeights:
+    """Skin weights of a sparse matrix, modified in place: small entries dropped, rows sum to 1."""
+    matrix.data[matrix.data < _LEAST_WEIGHT] = 0.0
+    matrix.eliminate_zeros()
+    matrix.sort_indices()
+    sums = np.asarray(matrix.sum(axis=1)).ravel()
+    values = matrix.data / np.repeat(sums, np.diff(matrix.indptr))
     return SkinWeights(
-        found.indptr.astype(np.int32), found.indices.astype(np.int32), values.astype(np.float32)
+        matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), values.astype(np.float32)
     )
 
 
 def _matrix(weights: SkinWeights, bones: int) -> Any:
+    """Skin weights as a sparse matrix (V, bones)."""
     from scipy.sparse import csr_array
 
     shape = (len(weights.offsets) - 1, bones)

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape fields: variation among people, and the shape of a target found from distances to its skin.
+"""Shape fields: variation of human shape, fitted to a target by distances to its skin.
 
-A posed body has the target's joints, lengths and girths; what is still missing is smooth and
-much alike from person to person: where the flesh of a thigh lies along it, how breasts and belly
-hang, how far a rig's joints are from where ours are. It is given as a few *fields*, displacements
-of the canonical avatar's vertices (principal components over many people, see
-``hfx_tools/body_building/shape_variation.py``). The distances to the target's skin tell how much
-of each field there is; the fields then also move vertices *along* the skin, which no distance to
-it can tell.
+A posed body has the target's joints, lengths and girths. The remaining difference is smooth and
+common to people: flesh along thighs, breasts and belly, offsets of a rig's joints. *Fields* are
+displacements of the canonical avatar's vertices (principal components over many people, see
+``hfx_tools/body_building/shape_variation.py``). Their amounts follow from distances to the target's
+skin, and determine the displacements *along* the skin as well.
 """
 
 from __future__ import annotations
@@ -37,26 +35,28 @@ VERSION: Final = 1
 
 _ROUNDS: Final = 6
 _REACH_M: Final = 0.12
-"""Farthest that the surface may be in the first round; half of it in the last."""
+"""Largest distance to the surface in the first round; half in the last."""
 
 _OUTLIER_M: Final = 0.02
-"""Distance at which the surface counts half: hair and clothes are no flesh."""
+"""Distance with half weight; hair and clothes are outliers."""
 
 _DISTRUST: Final = 0.01
-"""Square metres of vertices' misfit that one standard deviation of a field weighs as much as.
+"""Squared misfit (m², summed over vertices) equivalent to one standard deviation of a field.
 
-Far larger than the noise of a scan: the distances of neighbours are not independent, and a target
-is of another modeller. Chosen on a body that no target of the fields' source made.
+Far above the noise of a scan, because distances of neighbours are correlated. Chosen on a body of
+another source than the fields.
 """
 
 _HOLD: Final = 0.3
-"""Weight of a joint that has slid along its limb by what rigs differ, against one field's standard
-deviation: the distances of loose cloth from a limb are many and all wrong in the same way."""
+"""Weight of a joint's slide (in spreads of rigs) against a standard deviation of a field.
+
+Loose cloth has many distances with a common error.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeFields:
-    """Displacements of the canonical avatar's vertices, in metres of its rest space."""
+    """Displacements of the canonical avatar's vertices, metres in rest space."""
 
     fields: F64  # (K, V, 3) one standard deviation each, the largest first
 
@@ -73,18 +73,17 @@ def shape(
     surface: TargetSurface,
     limbs: Limbs,
 ) -> Generator[float, None, F64]:
-    """Give a posed body the shape that brings it nearest to a target's skin, in steps.
+    """Generator: fit shape fields to a target's skin; yields progress, returns vertices.
 
-    A regularised least-squares fit (Gauss-Newton on the distances to tangent planes, each field's
-    share normally distributed), with the nearest places looked for anew in each round. The joints
-    of the rig hold the skin along the limbs.
+    Regularised Gauss-Newton on distances to tangent planes, with normally distributed amounts and
+    new nearest places in each round. Joints of the rig restrain slides along limbs.
 
     Parameters
     ----------
     matrices : (V, 3, 4) float64
-        What posed each vertex.
+        Pose matrix of each vertex.
     posed : (V, 3) float64
-        Normalised space.
+        Posed vertices, normalised space.
 
     Returns
     -------
@@ -107,7 +106,7 @@ def shape(
         gap = np.einsum("vi,vi->v", places.points - at, places.normals)
         weight = areas * places.found / (1.0 + (gap / _OUTLIER_M) ** 2)
         along = np.einsum("kvi,vi->kv", moves, places.normals)
-        # Not as matrix products: large ones wake BLAS's threads, which cost more than they save.
+        # einsum instead of matrix products: threads of BLAS cost more here than they save.
         weighted = along * weight
         normal = np.einsum("kv,lv->kl", weighted, along)
         slope = np.einsum("kv,v->k", weighted, gap) - prior @ shares
@@ -118,29 +117,29 @@ def shape(
 
 @lru_cache(maxsize=1)
 def load_shapes() -> ShapeFields:
-    """The shipped fields, of the shipped avatar.
+    """Shape fields of the shipped avatar; cached.
 
     Raises
     ------
     InputError
-        The file is missing or is none.
+        The file is missing or unreadable.
     """
     return read(resources.body_models() / SHAPES_FILE)
 
 
 def fields_for(avatar: Avatar) -> ShapeFields | None:
-    """Shipped fields, if they belong to an avatar."""
+    """Shipped fields, or None for an avatar with another number of vertices."""
     fields = load_shapes()
     return fields if fields.fields.shape[1] == len(avatar.vertices) else None
 
 
 def read(path: Path) -> ShapeFields:
-    """Read fields from a file.
+    """Read shape fields from a file.
 
     Raises
     ------
     InputError
-        The file is missing, is not such a file, or is of a newer version.
+        The file is missing, damaged, or of a newer version.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
@@ -149,10 +148,11 @@ def read(path: Path) -> ShapeFields:
                 raise ValueError(f"format {meta['format']!r}, version {meta['version']}")
             steps, scale = stored["steps"].astype(np.float64), stored["scale_m"].astype(np.float64)
             half, mirror = stored["half"], stored["mirror"]
-            own = (steps * scale[:, None, None]).transpose(0, 2, 1)
-            fields = np.zeros((len(own), len(mirror), 3))
-            fields[:, mirror[half]] = own * (-1.0, 1.0, 1.0)
-            fields[:, half] = own
+            left_fields = (steps * scale[:, None, None]).transpose(0, 2, 1)
+            fields = np.zeros((len(left_fields), len(mirror), 3))
+            # Stored for one half of the body; the other half is the mirror image.
+            fields[:, mirror[half]] = left_fields * (-1.0, 1.0, 1.0)
+            fields[:, half] = left_fields
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, EOFError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars of several meshes: choice of those that show the body, and their union.
+"""Choice and union of the meshes of an avatar that show the body.
 
-The canonical avatar is posed onto the rig's joints; for each place of it the nearest layer that
-is felt tells the mesh. A mesh that shows no region of the body (eyes, teeth, what clothes hide,
-hair over a head, a sword) is left out.
+The canonical avatar is posed to the rig's joints; each vertex votes for the mesh with the nearest
+used layer. Meshes without a region of the body (eyes, teeth, covered skin, hair above a head,
+swords) are left out.
 """
 
 from __future__ import annotations
@@ -24,46 +24,46 @@ from .surface import TargetSurface, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 
 _SHOWS: Final = 0.1
-"""Share of a region's surface from which a mesh is needed: eyes, lashes and teeth are not."""
+"""Smallest fraction of a region's surface shown by a chosen mesh; excludes eyes and teeth."""
 
 _REACH_M: Final = 0.12
-"""Farthest that a mesh may be from the posed canonical body."""
+"""Largest distance of a mesh from the posed canonical body, metres at canonical size."""
 
 
 def skin_of(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
 ) -> Generator[float, None, list[int]]:
-    """Find the meshes that show the body's surface, in steps; their indices, the one that shows
-    most of it first.
+    """Generator: indices of the meshes of the body, largest first; yields progress 0..1.
 
     Parameters
     ----------
     targets : sequence of TargetAvatar
         Meshes of one armature.
     layer : {"visible", "skin"}
-        What is felt where clothes lie over skin.
+        Layer with the haptic vertices where clothes cover skin.
 
     Raises
     ------
     InputError
-        The joints are missing, or are not a person's.
+        Joints are missing or not human.
     """
     shown = yield from _shown(avatar, targets, mapping, layer)
     whole = np.maximum(shown.sum(axis=0), 1e-30)
-    needed = (shown / whole >= _SHOWS).any(axis=1)
-    return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if needed[k]]
+    is_needed = (shown / whole >= _SHOWS).any(axis=1)
+    return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if is_needed[k]]
 
 
 def _shown(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer
 ) -> Generator[float, None, F64]:
-    """Find the area of each region of the posed canonical body that is nearest to each mesh,
-    (M, R), in steps.
+    """Generator: area (M, R) of the posed canonical body nearest to each mesh, by region.
+
+    Yields progress 0..1.
     """
-    found = np.zeros((len(targets), len(REGIONS)))
+    shown_areas = np.zeros((len(targets), len(REGIONS)))
     used = [k for k, t in enumerate(targets) if len(t.triangles) and len(t.weights.bones)]
     if not used:
-        return found
+        return shown_areas
     union = joined([targets[k] for k in used])
     bodies = skeletons_of(avatar, union, mapping)
     faces = avatar.faces.astype(np.int64)
@@ -76,15 +76,15 @@ def _shown(
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
     areas = np.repeat(areas_of(body, triangles) / 3.0, 3)
     area = np.bincount(triangles.ravel(), areas, minlength=len(body))
-    np.add.at(found, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
-    return found
+    np.add.at(shown_areas, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
+    return shown_areas
 
 
 def joined(targets: Sequence[TargetAvatar]) -> TargetAvatar:
-    """The union of meshes of one armature: their vertices one after the other.
+    """Union of the meshes of one armature, with concatenated vertices (nothing is welded).
 
-    Nothing is welded, so that vertex ``k`` of mesh ``m`` has the number ``k`` plus the number of
-    vertices of all meshes before ``m``.
+    Vertex ``k`` of mesh ``m`` has the number ``k`` plus the vertex counts of all meshes before
+    ``m``.
     """
     if len(targets) == 1:
         return targets[0]

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest places on a target's skin that belong to the same region of the body, and the pull
-of a posed body onto them.
-"""
+"""Nearest places on a target's skin in the same body region; smooth pull of a body to the skin."""
 
 from __future__ import annotations
 
@@ -16,29 +14,36 @@ from ..arrays import F64, I64
 from ..body.surface_locator import barycentric
 
 _LONGEST_EDGE_M: Final = 0.02
-"""Larger triangles are cut up for the search, whose candidates are found by their centres."""
+"""Longest edge of cut triangles; the search compares triangle centres."""
 
 _CANDIDATES: Final = 8
 _SHARE: Final = 0.1
-"""Skin weight from which a vertex or a triangle takes part in a region."""
+"""Smallest skin weight of a vertex or triangle in a region."""
 
 _FACING: Final = 0.3
-"""Least cosine between the normals of two places that may be the same."""
+"""Smallest cosine between the normals of matched places."""
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Places on a target's surface, one for each query point."""
+class SurfacePlaces:
+    """Nearest places on a target's surface, one row per query point."""
 
-    found: npt.NDArray[np.bool_]  # (P,) whether there is one
-    triangle: I64  # (P,) of the target
-    weights: F64  # (P, 3) barycentric, none negative, sum 1
+    found: npt.NDArray[np.bool_]  # (P,) False without a place; other fields then are 0
+    triangle: I64  # (P,) triangle of the target
+    weights: F64  # (P, 3) barycentric, 0..1, sum 1
     points: F64  # (P, 3)
-    normals: F64  # (P, 3) smooth
+    normals: F64  # (P, 3) smooth, unit length
 
 
 class TargetSurface:
-    """A target's skin, normalised space, searched region by region."""
+    """Target's skin in normalised space, with a search tree for each region.
+
+    Parameters
+    ----------
+    points, triangles : (A, 3) float64, (F, 3) int64
+    shares : (A, R) float64
+        Skin weights by region.
+    """
 
     def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
         from trimesh.triangles import normals
@@ -57,13 +62,13 @@ class TargetSurface:
         self._trees: list[Any] = [None] * len(self._members)
 
     def leave_out(self, pieces: npt.NDArray[np.bool_]) -> None:
-        """Find no place on some of the cut triangles, (N,), from now on."""
+        """Exclude cut triangles (mask (N,)) from all later searches."""
         if pieces.any():
             self._members = [members[~pieces[members]] for members in self._members]
             self._trees = [None] * len(self._members)
 
     def _tree(self, region: int) -> Any:
-        """Search tree of a region's cut triangles; None without any."""
+        """Search tree of a region's cut triangles, cached; None for an empty region."""
         from scipy.spatial import cKDTree
 
         if self._trees[region] is None and len(self._members[region]):
@@ -77,55 +82,56 @@ class TargetSurface:
         shares: F64,
         reach_m: float,
         facing: float = _FACING,
-    ) -> Places:
-        """Find the nearest place for each point, in a shared region, facing alike.
+    ) -> SurfacePlaces:
+        """Nearest place for each point in a common region, with a similar normal.
 
         Parameters
         ----------
         points, normals : (P, 3) float64
         shares : (P, R) float64
-            Skin weights of the regions.
+            Skin weights by region.
         reach_m : float
-            Farthest that a place may be.
+            Largest distance.
         facing : float
-            Least cosine between the normals of a point and of its place.
+            Smallest cosine between the normals of point and place.
         """
         count = len(points)
-        best = np.full(count, np.inf)
+        smallest = np.full(count, np.inf)
         triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
         place, out = np.zeros((count, 3)), np.zeros((count, 3))
         for region, members in enumerate(self._members):
-            asked = np.flatnonzero(shares[:, region] >= _SHARE)
-            tree = self._tree(region) if len(asked) else None
+            queries = np.flatnonzero(shares[:, region] >= _SHARE)
+            tree = self._tree(region) if len(queries) else None
             if tree is None:
                 continue
+            # Nearest centres are candidates; exact distances choose among them.
             tries = min(_CANDIDATES, len(members))
-            _, near = tree.query(points[asked], k=tries, workers=-1)
-            piece = members[np.reshape(near, (len(asked), tries))].ravel()
-            point = np.repeat(asked, tries)
+            _, near = tree.query(points[queries], k=tries, workers=-1)
+            piece = members[np.reshape(near, (len(queries), tries))].ravel()
+            point = np.repeat(queries, tries)
             bary = barycentric(points[point], self._pieces[piece])
             at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
             inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
             corner = self.triangles[self.parent[piece]]
             normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
             distance = np.linalg.norm(at - points[point], axis=1)
-            alike = np.einsum("ni,ni->n", normal, normals[point])
-            distance[(alike < facing) | (distance > reach_m)] = np.inf
-            table = distance.reshape(len(asked), tries)
+            cosine = np.einsum("ni,ni->n", normal, normals[point])
+            distance[(cosine < facing) | (distance > reach_m)] = np.inf
+            table = distance.reshape(len(queries), tries)
             choice = table.argmin(axis=1)
-            row = np.arange(len(asked)) * tries + choice
-            better = table[np.arange(len(asked)), choice] < best[asked]
-            won, row = asked[better], row[better]
-            best[won] = distance[row]
+            row = np.arange(len(queries)) * tries + choice
+            is_better = table[np.arange(len(queries)), choice] < smallest[queries]
+            won, row = queries[is_better], row[is_better]
+            smallest[won] = distance[row]
             triangle[won], weights[won] = self.parent[piece[row]], inside[row]
             place[won], out[won] = at[row], normal[row]
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
-        return Places(np.isfinite(best), triangle, weights, place, out)
+        return SurfacePlaces(np.isfinite(smallest), triangle, weights, place, out)
 
     def around(
         self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]
     ) -> F64:
-        """Places (N, 3) of a slab of the skin about a point, across an axis."""
+        """SurfacePlaces (N, 3) of a slab of the skin about a point, across an axis."""
         members = np.unique(np.concatenate([self._members[region] for region in regions]))
         centres = self.centres[members]
         offset = centres - point
@@ -136,15 +142,20 @@ class TargetSurface:
 
 
 def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
-    """Halve triangles at their longest edge until none is too long.
+    """Halve triangles at the longest edge until all edges are short (or above 300,000 pieces).
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float64
 
     Returns
     -------
     pieces : (N, 3, 3)
+        Corners of the cut triangles.
     parent : (N,)
-        Triangle that a piece is of.
+        Original triangle of each piece.
     places : (N, 3, 3)
-        Barycentric weights of each piece's corners in that triangle.
+        Barycentric weights of each piece's corners in the original triangle.
     """
     parent = np.arange(len(corners))
     places = np.broadcast_to(np.eye(3), (len(corners), 3, 3)).copy()
@@ -159,48 +170,47 @@ def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
             order = (edges[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
             a, b, c = (rows[np.arange(len(rows)), order[:, k]] for k in range(3))
             middle = (a + b) / 2
-            one, two = np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)
-            halves.append(np.concatenate((values[~long], one, two)))
+            first, second = np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)
+            halves.append(np.concatenate((values[~long], first, second)))
         corners, places = halves
         parent = np.concatenate((parent[~long], parent[long], parent[long]))
 
 
 def vertex_normals(points: F64, triangles: I64) -> F64:
-    """Unit normals, weighted by area, (V, 3)."""
+    """Area-weighted unit normals (V, 3) of vertices."""
     from trimesh import geometry
     from trimesh.triangles import cross
 
-    found: F64 = geometry.mean_vertex_normals(len(points), triangles, cross(points[triangles]))
-    return found
+    normals: F64 = geometry.mean_vertex_normals(len(points), triangles, cross(points[triangles]))
+    return normals
 
 
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
-"""Weight of a vertex's neighbours against the surface, round by round."""
+"""Weight of the smoothness term relative to the surface, by round."""
 
 _REACH_M: Final = 0.12
-"""Farthest that the surface may pull from in the first round; half of it in the last."""
+"""Largest distance to the surface in the first round; half in the last."""
 
 _STEEPEST: Final = 0.5
-"""Least squared cosine between a surface's normal and a way across the limb that is believed."""
+"""Smallest squared cosine between surface normal and the direction across a limb."""
 
 
 def pull(
     points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSurface
 ) -> Generator[float, None, F64]:
-    """Pull a posed body onto the surface smoothly, in steps: neighbours move alike.
+    """Generator: pull a posed body smoothly onto a surface; yields progress 0..1.
 
-    Each round looks for the nearest places and moves towards their tangent planes, so that the
-    skin can slide; the displacement's differences along the edges are held small (a membrane),
-    less from round to round.
+    Each round moves vertices towards the tangent planes of the nearest places, so the skin can
+    slide. Displacements differ little between neighbours (membrane), with decreasing stiffness.
 
     Parameters
     ----------
     points : (V, 3) float64
     triangles : (F, 3) int64
     shares : (V, R) float64
-        Regions of the vertices.
+        Skin weights by region.
     axes : (V, 3) float64
-        Directions of limbs, along which nothing is pulled; 0 outside of limbs.
+        Directions without displacement (along limbs); 0 outside of limbs.
 
     Returns
     -------
@@ -216,6 +226,7 @@ def pull(
         normals = vertex_normals(moved, triangles)
         places = surface.nearest(moved, normals, shares, reach)
         gap = np.einsum("vi,vi->v", places.points - moved, places.normals)
+        # A plane slanted to the limb is reached across the limb, by at most 1 / _STEEPEST.
         across = places.normals - np.einsum("vi,vi->v", places.normals, axes)[:, None] * axes
         steep = np.maximum(np.einsum("vi,vi->v", across, places.normals), _STEEPEST)
         slid = np.einsum("vi,vi->v", moved - points, axes)
@@ -229,7 +240,7 @@ def pull(
 
 
 def _laplacian(triangles: I64, count: int) -> Any:
-    """Graph Laplacian of a mesh, (V, V), each edge of weight 1."""
+    """Graph Laplacian (V, V) of a mesh with unit edge weights."""
     from scipy.sparse import coo_array, diags_array
 
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatar of a user, for retargeting: its mesh, its bones, and checks."""
+"""A user's avatar for retargeting: mesh, weights, bones, and checks of the mesh."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from ..arrays import F64, I64
 from ..body.model import SkinWeights
 
 _LARGE_PIECE: Final = 0.01
-"""Share of the skin from which a connected piece counts: a hand, a shoe, a sleeve."""
+"""Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)."""
 
 _LARGE_PIECES: Final = 0.5
-"""Share of the skin that such pieces must have together: eyes, lashes, buttons may be the rest."""
+"""Smallest total fraction of large pieces; the rest may be eyes, lashes, buttons."""
 
 _PINCHED_EDGES: Final = 0.01
-"""Share of edges that may have more than two triangles."""
+"""Largest fraction of edges with more than two triangles."""
 
 _DOUBLED_FACES: Final = 0.1
-"""Share of faces that may lie there twice: both sides of lashes and eyelids."""
+"""Largest fraction of duplicate faces (both sides of lashes and eyelids)."""
 
 _INSIDE_OUT: Final = 0.1
-"""Share of a mesh's volume that must be negative: an open sheet encloses about none."""
+"""Negative fraction of a mesh's volume that means inside out; about 0 for open sheets."""
 
 _TURNED: Final = 0.02
-"""Share of a mesh's surface from which single faces that look inwards are turned."""
+"""Smallest fraction of the surface facing inwards for which single faces are flipped."""
 
 _UNSKINNED: Final = 0.2
-"""Share of vertices that may have no weight of any bone."""
+"""Largest fraction of vertices without a weight."""
 
 
 class Bone(Protocol):
-    """Bone of a user's rig, at rest."""
+    """Interface of a bone of a user's rig in rest pose."""
 
     @property
     def name(self) -> str: ...
@@ -50,58 +50,58 @@ class Bone(Protocol):
 
 
 class RigMapping(Protocol):
-    """Mapping from canonical bones to the bones of a rig."""
+    """Interface of a mapping from canonical bones to the bones of a rig."""
 
     @property
     def bones(self) -> Mapping[str, str]:
-        """Canonical bone -> its counterpart."""
+        """Canonical bone to its counterpart."""
 
     @property
     def fallbacks(self) -> Mapping[str, str]:
-        """Canonical bone without counterpart -> the rig's bone that it follows."""
+        """Canonical bone without counterpart to the rig's bone to follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class TargetAvatar:
-    """An avatar in the rest space of its own armature, in that armature's own unit."""
+    """Avatar in the rest space and unit of its own armature."""
 
     vertices: F64  # (A, 3)
     triangles: I64  # (F, 3) counter-clockwise seen from outside
-    weights: SkinWeights  # rows may be empty where no bone moves a vertex
-    bone_names: tuple[str, ...]  # that the weights name
-    bones: tuple[Bone, ...]  # all of the armature's, same space as the vertices
-    metres: float = 1.0  # length of one unit
+    weights: SkinWeights  # rows may be empty
+    bone_names: tuple[str, ...]  # bones of the weights
+    bones: tuple[Bone, ...]  # all bones of the armature, same space as the vertices
+    metres: float = 1.0  # metres per unit
 
 
 def check(target: TargetAvatar, name: str) -> str | None:
-    """Refuse a mesh that no body can be fitted to; tell of one whose surface cannot be followed.
+    """Check the mesh of an avatar.
 
     Returns
     -------
     str or None
-        Why it is no surface: it is in many pieces, or several sheets meet at its edges.
+        Fault of a mesh without a continuous surface (many pieces, non-manifold edges), or None.
 
     Raises
     ------
     InputError
-        It has no faces, holds something else than numbers, has no size or is not skinned.
+        The mesh has no faces, no size, non-finite coordinates, or mostly unweighted vertices.
     """
     if not len(target.triangles):
         raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")
     if not np.isfinite(target.vertices).all():
-        bad = int(np.flatnonzero(~np.isfinite(target.vertices).all(axis=1))[0])
-        raise InputError(f"Avatar '{name}': the place of vertex {bad} is not a finite number.")
+        vertex = int(np.flatnonzero(~np.isfinite(target.vertices).all(axis=1))[0])
+        raise InputError(f"Avatar '{name}': the place of vertex {vertex} is not a finite number.")
     from trimesh import Trimesh, geometry, grouping
 
     areas = areas_of(target.vertices, target.triangles)
     if not (np.isfinite(target.metres) and target.metres > 0.0 and areas.sum() > 0.0):
         raise InputError(f"Avatar '{name}' has no size: its scale is zero, or all faces are flat.")
     used = np.unique(target.triangles)
-    bare = np.count_nonzero(np.diff(target.weights.offsets)[used] == 0)
-    if bare > _UNSKINNED * len(used):
+    unweighted = np.count_nonzero(np.diff(target.weights.offsets)[used] == 0)
+    if unweighted > _UNSKINNED * len(used):
         raise InputError(
-            f"Avatar '{name}': {bare} of its {len(used)} vertices follow no bone of the armature; "
-            "parent it to the armature with weights first."
+            f"Avatar '{name}': {unweighted} of its {len(used)} vertices follow no bone of the "
+            "armature; parent it to the armature with weights first."
         )
     welded = weld(target.vertices)[target.triangles]
     pieces = connected_pieces(welded)
@@ -113,6 +113,7 @@ def check(target: TargetAvatar, name: str) -> str | None:
             f"{100 * shares.max():.2g} % of the surface (pieces of {100 * _LARGE_PIECE:.0f} % "
             f"must make {100 * _LARGE_PIECES:.0f} % at least)"
         )
+    # Doubled faces (two-sided lashes) are counted once, unless the whole mesh is doubled.
     single = welded[Trimesh(target.vertices, welded, process=False).unique_faces()]
     if len(single) < (1.0 - _DOUBLED_FACES) * len(welded):
         single = welded
@@ -129,26 +130,27 @@ def check(target: TargetAvatar, name: str) -> str | None:
 
 
 def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
-    """Turn faces that look inwards: those of pieces wound both ways, or all of a mesh that encloses
-    a negative volume. Returns the share of the surface that was turned, 0..1, as well.
+    """Flip inward faces; return the target and the flipped fraction of the surface, 0..1.
+
+    Flips all faces of a mesh of negative volume, and inward faces of pieces of mixed winding.
     """
     areas = areas_of(target.vertices, target.triangles)
     if not areas.sum() > 0.0:
         return target, 0.0
     whole = _volumes(target, areas, np.zeros(len(areas), np.int64))
-    is_whole = whole.sum() < -_INSIDE_OUT * np.abs(whole).sum()
-    found = replace(target, triangles=target.triangles[:, ::-1]) if is_whole else target
-    inwards = _wound_inwards(found, areas)
+    is_inside_out = whole.sum() < -_INSIDE_OUT * np.abs(whole).sum()
+    oriented = replace(target, triangles=target.triangles[:, ::-1]) if is_inside_out else target
+    inwards = _wound_inwards(oriented, areas)
     if areas[inwards].sum() > _TURNED * areas.sum():
-        triangles = np.where(inwards[:, None], found.triangles[:, ::-1], found.triangles)
+        triangles = np.where(inwards[:, None], oriented.triangles[:, ::-1], oriented.triangles)
         return replace(target, triangles=triangles), float(
-            areas[inwards != is_whole].sum() / areas.sum()
+            areas[inwards != is_inside_out].sum() / areas.sum()
         )
-    return found, float(is_whole)
+    return oriented, float(is_inside_out)
 
 
 def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
-    """Find triangles (F,) that look inwards in connected pieces that are wound both ways."""
+    """Mask (F,) of triangles pointing inwards in connected pieces of mixed winding."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -158,42 +160,43 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     edge = np.minimum(starts, ends) * len(target.vertices) + np.maximum(starts, ends)
     order = np.argsort(edge, kind="stable")
     first, uses = np.unique(edge[order], return_index=True, return_counts=True)[1:]
-    one, other = (order[first[uses == 2] + k] for k in (0, 1))
-    # A triangle is two nodes, as it is and turned; nodes are linked where the windings agree.
-    against = np.where(forward[one] == forward[other], count, 0)
-    rows = np.concatenate((one // 3, one // 3 + count))
-    columns = np.concatenate((other // 3 + against, other // 3 + count - against))
+    first_use, second_use = (order[first[uses == 2] + k] for k in (0, 1))
+    # Two nodes per triangle, original and flipped; edges link nodes of consistent winding, so each
+    # component is a consistent orientation.
+    shift = np.where(forward[first_use] == forward[second_use], count, 0)
+    rows = np.concatenate((first_use // 3, first_use // 3 + count))
+    columns = np.concatenate((second_use // 3 + shift, second_use // 3 + count - shift))
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     labels = connected_components(graph, directed=False)[1].reshape(2, count)
     piece = labels.min(axis=0)
-    turned = labels[0] != piece
-    mixed = np.bincount(piece, turned) * np.bincount(piece, ~turned) > 0
-    volumes = np.bincount(piece, _volumes(target, areas, piece) * np.where(turned, -1.0, 1.0))
-    found: npt.NDArray[np.bool_] = (turned ^ (volumes < 0.0)[piece]) & mixed[piece]
-    return found
+    is_turned = labels[0] != piece
+    is_mixed = np.bincount(piece, is_turned) * np.bincount(piece, ~is_turned) > 0
+    volumes = np.bincount(piece, _volumes(target, areas, piece) * np.where(is_turned, -1.0, 1.0))
+    is_inward: npt.NDArray[np.bool_] = (is_turned ^ (volumes < 0.0)[piece]) & is_mixed[piece]
+    return is_inward
 
 
 def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
-    """Volume (F,), six times, of each triangle with the middle of its piece."""
+    """Six times the signed volume (F,) of each triangle with the centroid of its piece."""
     corners = target.vertices[target.triangles]
     weight = np.maximum(np.bincount(piece, areas), 1e-300)
-    middles = [np.bincount(piece, areas * each) / weight for each in corners.mean(axis=1).T]
+    middles = [np.bincount(piece, areas * column) / weight for column in corners.mean(axis=1).T]
     a, b, c = np.moveaxis(corners - np.column_stack(middles)[piece][:, None], 1, 0)
     return np.einsum("fi,fi->f", a, np.cross(b, c))
 
 
 def weld(points: F64) -> I64:
-    """Index of the first point at the same place (many imported meshes are split at seams)."""
+    """Index (N,) of the first point with equal coordinates (imported meshes are split at seams)."""
     from trimesh.grouping import unique_rows
 
     size = float(np.ptp(points, axis=0).max()) or 1.0
     first, place = unique_rows(points / size, digits=6)
-    found: I64 = first[place]
-    return found
+    welded: I64 = first[place]
+    return welded
 
 
 def connected_pieces(triangles: I64) -> I64:
-    """Connected piece of each triangle, numbered from 0."""
+    """Number (F,) of the connected piece of each triangle, from 0."""
     from trimesh.geometry import faces_to_edges
     from trimesh.graph import connected_component_labels
 
@@ -202,47 +205,51 @@ def connected_pieces(triangles: I64) -> I64:
 
 
 def areas_of(points: F64, triangles: I64) -> F64:
-    """Area of each triangle."""
+    """Area (F,) of each triangle."""
     from trimesh.triangles import area
 
-    found: F64 = area(points[triangles])
-    return found
+    areas: F64 = area(points[triangles])
+    return areas
 
 
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
-    """Skin weight of each vertex for groups of bones, (V, groups); rows sum to 1 or are 0.
+    """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0.
 
     Parameters
     ----------
     group_of : (B,) int64
-        Group of each bone; -1: none.
+        Group of each bone; -1 for none.
     """
     count = len(weights.offsets) - 1
     owners = np.repeat(np.arange(count), np.diff(weights.offsets))
     group = group_of[weights.bones]
-    known = group >= 0
+    is_grouped = group >= 0
     flat = np.bincount(
-        owners[known] * groups + group[known], weights.values[known], minlength=count * groups
+        owners[is_grouped] * groups + group[is_grouped],
+        weights.values[is_grouped],
+        minlength=count * groups,
     )
     shares = flat.reshape(count, groups)
     sums = shares.sum(axis=1, keepdims=True)
-    found: F64 = np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0)
-    return found
+    normalised: F64 = np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0)
+    return normalised
 
 
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
-    """Canonical bone that stands for each bone of the weights.
+    """Canonical bone of each bone in ``target.bone_names``.
 
-    A bone that is not mapped (twist, helper) belongs to the nearest mapped bone above it, one
-    that the mapped bones hang on to the root. None: it hangs loose, and says nothing.
+    Bones without mapping (twists, helpers) take the nearest mapped ancestor; ancestors of mapped
+    bones take the root; None for bones outside of the body's hierarchy.
 
     Parameters
     ----------
-    canonical : mapping of the rig's bone to the canonical bone that it really is
+    canonical : mapping
+        Bone of the rig to canonical bone.
     """
     parents = {bone.name: bone.parent for bone in target.bones}
 
     def upwards(name: str) -> Iterator[str]:
+        """Yield a bone and its ancestors; stops at a cycle."""
         at: str | None = name
         seen: set[str] = set()
         while at is not None and at not in seen:
@@ -250,12 +257,12 @@ def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | 
             seen.add(at)
             at = parents.get(at)
 
-    carrying = {above for name in canonical for above in upwards(name)}
-    found: list[str | None] = []
+    ancestors = {above for name in canonical for above in upwards(name)}
+    owners: list[str | None] = []
     for name in target.bone_names:
         mapped = next((at for at in upwards(name) if at in canonical), None)
         if mapped is not None:
-            found.append(canonical[mapped])
+            owners.append(canonical[mapped])
         else:
-            found.append("root" if name in carrying else None)
-    return found
+            owners.append("root" if name in ancestors else None)
+    return owners

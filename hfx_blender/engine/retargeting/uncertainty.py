@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Uncertainty of named places of the body on a target avatar.
 
-A fit is uncertain at a hinge where rig, skin weights and proportions tell different places, at
-other places where the target has another shape than people have, at the heel over a thick sole,
-and at the torso of half a body, whose length only the rig's hips tell. The factors were chosen on
-figures whose truth is known (``tests/engine/retargeting/strangers.py``).
+Uncertain are hinges where rig, skin weights and proportions differ, places of unusual shape, heels
+above thick soles, and the torso of half a body. Factors were chosen on avatars with known answers
+(``tests/engine/retargeting/strangers.py``).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .joints import Skeletons, dominant
 
 HINGE_MM: Final = 25.0
 PLACE_MM: Final = 40.0
-"""Uncertainty from which a hinge, or another place, is named."""
+"""Smallest reported uncertainty of a hinge and of other places."""
 
 _PLACES: Final = {
     "crown": ("head", (0.0, 0.05, 0.17)),
@@ -37,7 +36,7 @@ _PLACES: Final = {
     "heel": ("foot", (0.0, 0.08, -0.05)),
     "toes": ("toe1-1", (0.0, -0.06, 0.0)),
 }
-"""Place: canonical bone at whose head it is, and its offset on the left side, metres."""
+"""Place to canonical bone, and offset from its head on the left side, metres."""
 
 _SKIN_OF: Final = {"elbow": ("upperarm", "forearm"), "knee": ("upperleg", "lowerleg")}
 _TORSO: Final = ("chest", "belly", "upper back", "lower back")
@@ -47,7 +46,7 @@ _PER_SHAPE: Final = 1.5
 _PER_PULL: Final = 1.2
 _PER_SOLE: Final = 1.0
 _HALF_BODY_M: Final = 0.08
-"""Uncertainty of a torso without legs: seen up to 73 mm."""
+"""Smallest uncertainty of a torso without legs (73 mm observed)."""
 
 
 def uncertain_m(
@@ -58,17 +57,18 @@ def uncertain_m(
     shaped: F64,
     pulled: F64,
 ) -> dict[str, float]:
-    """Uncertainty of each place in metres of a body 1.8 m tall, by place or place and side.
+    """Uncertainty by place ("belly", "heel.L"), metres at canonical size (1.8 m).
+
+    Absent hinges and places without skin are left out.
 
     Parameters
     ----------
     estimates_m : mapping
-        By hinge, estimates of its place along the limb (:func:`.hinges.placed`).
+        Estimates of each hinge along the limb (:func:`.hinges.placed`).
     posed, shaped, pulled : (V, 3) float64
-        The canonical avatar's vertices on the target's joints, in the shape of people, and on the
-        target's skin.
+        Canonical avatar after posing, after the shape fit, and on the target's skin.
     """
-    found = {
+    uncertainties = {
         name: _PER_ESTIMATE * float(np.abs(estimates - np.median(estimates)).max())
         for name, estimates in estimates_m.items()
         if not {f"{region}.{name[-1]}" for region in _SKIN_OF[name[:-2]]} & {*bodies.absent}
@@ -85,23 +85,26 @@ def uncertain_m(
             if bone + side not in heads:
                 continue
             middle = heads[bone + side] + offset * np.array([-1.0 if side == ".R" else 1.0, 1, 1])
-            near = np.linalg.norm(points - middle, axis=1)
-            skin = np.linalg.norm(points - points[near.argmin()], axis=1) < _AROUND_M
-            skin &= bodies.avatar_shares.any(axis=1)
-            if not skin.any():
+            distances = np.linalg.norm(points - middle, axis=1)
+            is_near = np.linalg.norm(points - points[distances.argmin()], axis=1) < _AROUND_M
+            is_near &= bodies.avatar_shares.any(axis=1)
+            if not is_near.any():
                 continue
-            off = max(_PER_SHAPE * by_shape[skin].mean(), _PER_PULL * by_pull[skin].mean())
-            found[place + side] = max(float(off), parts.get(place + side, 0.0))
-    return found
+            error_m = max(
+                _PER_SHAPE * by_shape[is_near].mean(), _PER_PULL * by_pull[is_near].mean()
+            )
+            uncertainties[place + side] = max(float(error_m), parts.get(place + side, 0.0))
+    return uncertainties
 
 
 def _heads(avatar: Avatar) -> dict[str, F64]:
+    """Head (3,) of each canonical bone, rest space."""
     rest = avatar.skeleton.rest[:, :3, 3].astype(np.float64)
     return dict(zip(avatar.skeleton.bone_names, rest, strict=True))
 
 
 def _extra_sole_m(bodies: Skeletons, side: str) -> float:
-    """Thickness of a sole below the foot: how much deeper the skin is below the ankle than ours."""
+    """Depth of the skin below the ankle beyond the canonical depth, metres; 0 without foot."""
     ankle = f"ankle.{side}"
     foot = bodies.points[dominant(bodies.target_shares) == REGIONS.index(f"foot.{side}")]
     if ankle not in bodies.joints or not len(foot):
@@ -111,18 +114,18 @@ def _extra_sole_m(bodies: Skeletons, side: str) -> float:
 
 
 def _half_body_m(bodies: Skeletons) -> float:
-    """Uncertainty of a torso that ends above the legs: its length against that of the arms."""
+    """Uncertainty of a torso without legs from trunk and arm lengths; 0 with legs."""
     if not {"upperleg.L", "upperleg.R"} <= {*bodies.absent}:
         return 0.0
-    (our_trunk, our_arms), (trunk, arms) = (
+    (own_trunk, own_arms), (trunk, arms) = (
         _trunk_and_arms(at, bodies.joints.keys()) for at in (bodies.canonical, bodies.joints)
     )
-    expected = our_trunk * arms / our_arms if our_arms > 0.0 else trunk
+    expected = own_trunk * arms / own_arms if own_arms > 0.0 else trunk
     return max(_HALF_BODY_M, abs(trunk - expected))
 
 
 def _trunk_and_arms(at: Mapping[str, F64], known: Collection[str]) -> tuple[float, float]:
-    """Length of the trunk, and of all known upper arms and forearms together."""
+    """Length of the trunk, and total length of all known upper arms and forearms."""
     hips, chest = ((at[f"{joint}.L"] + at[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder"))
     arms = sum(
         float(np.linalg.norm(at[f"{first}.{side}"] - at[f"{last}.{side}"]))
@@ -134,11 +137,11 @@ def _trunk_and_arms(at: Mapping[str, F64], known: Collection[str]) -> tuple[floa
 
 
 def sentence(uncertain_mm: Mapping[str, float]) -> list[str]:
-    """Sentence that names uncertain places, the most uncertain first, if there are any."""
-    found = []
-    for name, off_mm in sorted(uncertain_mm.items(), key=lambda item: -item[1]):
+    """List of one sentence with the reported places, most uncertain first; empty without any."""
+    parts = []
+    for name, error_mm in sorted(uncertain_mm.items(), key=lambda item: -item[1]):
         place, _, side = name.partition(".")
-        if off_mm > (HINGE_MM if place in ("knee", "elbow") else PLACE_MM):
+        if error_mm > (HINGE_MM if place in ("knee", "elbow") else PLACE_MM):
             words = {"L": "left ", "R": "right ", "": ""}[side]
-            found.append(f"{words}{place} {off_mm:.0f} mm")
-    return [f"these places are uncertain: {', '.join(found)}"] if found else []
+            parts.append(f"{words}{place} {error_mm:.0f} mm")
+    return [f"these places are uncertain: {', '.join(parts)}"] if parts else []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Canonical models on a variant's avatar: exact, nothing is fitted."""
+"""Canonical models on the avatars of installed body variants; exact, without a fit."""
 
 from __future__ import annotations
 
@@ -11,29 +11,26 @@ from ..scene import FittedModel, SurfaceAnchors
 
 
 def people() -> list[model_library.Entry]:
-    """Avatars of the variants that the user has installed."""
+    """Avatar entries of variants installed by the user."""
     return [entry for entry in model_library.installed()[0] if entry.kind == "avatar"]
 
 
 def fitted_to(avatar: Avatar) -> list[FittedModel]:
-    """Place every shipped model on the skin of a variant.
-
-    Effects, tracks and devices go on speaking of the canonical models: a variant is another
-    body, not another set of ids.
+    """Every shipped model on the skin of a variant, with canonical ids.
 
     Raises
     ------
     InputError
-        A model of the variant is missing, or was made from another edition of the canonical one.
+        A model of the variant is missing or of another edition.
     """
     suffix = avatar.id.removeprefix(AVATAR_ID)
-    found = []
+    fitted = []
     for entry in model_library.shipped():
         if entry.kind != "model":
             continue
         model = load_model(entry.id + suffix)
         owner = model_library.owner_of_ids(model.id, model.provenance)
-        found.append(
+        fitted.append(
             FittedModel(
                 model_id=owner.id,
                 model_hash=owner.content_hash,
@@ -47,4 +44,4 @@ def fitted_to(avatar: Avatar) -> list[FittedModel]:
                 ),
             )
         )
-    return found
+    return fitted

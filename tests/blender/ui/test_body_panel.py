@@ -15,7 +15,7 @@ from own_avatar import opened  # noqa: E402
 
 from hfx_blender.avatars import bodies, body_binding, model_mesh, stored_fits  # noqa: E402
 from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
-from hfx_blender.engine.retargeting.quality import PartQuality, Quality  # noqa: E402
+from hfx_blender.engine.retargeting.quality import FitQuality, PartQuality  # noqa: E402
 from hfx_blender.properties.objects import BONE_REGIONS  # noqa: E402
 from hfx_blender.ui.panels import body_panel  # noqa: E402
 from hfx_blender.ui.panels.body_panel import label_of, region_of  # noqa: E402
@@ -189,14 +189,14 @@ def test_the_quality_of_the_fit_is_kept_and_shown(anna: tuple[Any, Any]) -> None
 
 
 def test_the_worst_part_comes_first() -> None:
-    def quality(model: str, head: tuple[float, float, float]) -> Quality:
+    def quality(model: str, head: tuple[float, float, float]) -> FitQuality:
         distance, in_place, area = head
         parts = (
             PartQuality("torso", 1.0, 3.0, 1.0, 1.0),
             PartQuality("head", 1.0, distance, in_place, area),
             PartQuality("foot_sole", 1.0, 12.0, 1.0, 1.0),
         )
-        return Quality(model, parts, 1.0, 1.0)
+        return FitQuality(model, parts, 1.0, 1.0)
 
     def order(*heads: tuple[float, float, float]) -> list[str]:
         found = stored_fits.worst_first([quality("m", head) for head in heads])

@@ -24,8 +24,8 @@ from rig_conventions import CONVENTIONS
 from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
-from hfx_blender.engine.retargeting import by_bones, retarget, skin_parts
-from hfx_blender.engine.retargeting.quality import JOINT_MM, RIGHT_WAY
+from hfx_blender.engine.retargeting import retarget, skin_parts
+from hfx_blender.engine.retargeting.quality import JOINT_MM, RIGHT_WAY, lost_part
 from hfx_blender.engine.retargeting.target import check
 from hfx_blender.engine.stepwise import finish
 from hfx_blender.errors import InputError
@@ -80,9 +80,9 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         target = skin_parts.joined([targets[k] for k in taken])
         rough = check(target, name)
         fitted, quality = retarget.fit(model, variants.warp(avatar, target, mapping))
-        lost = rough is not None or by_bones.lost_part([quality]) is not None
+        lost = rough is not None or lost_part([quality]) is not None
         if lost:
-            (fitted,) = by_bones.fit_by_bones([model], avatar, target, mapping)
+            (fitted,) = retarget.fit_by_bones([model], avatar, target, mapping)
     except InputError as error:
         return Judged(name, clothes, str(error), {}, {}, (), False, float("nan"), True)
     scale = _STANDARD_MM / worn.height

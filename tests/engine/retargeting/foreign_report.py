@@ -17,7 +17,7 @@ from hfx_blender.engine.body.rigs.mapping import BoneMapping, map_bones
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.bone_regions import REGIONS
 from hfx_blender.engine.retargeting.joints import Skeletons, dominant
-from hfx_blender.engine.retargeting.quality import Quality
+from hfx_blender.engine.retargeting.quality import FitQuality
 from hfx_blender.engine.retargeting.target import check
 from hfx_blender.errors import InputError
 
@@ -32,7 +32,7 @@ class Followed:
 
     avatar: Foreign
     mapping: BoneMapping
-    quality: Quality
+    quality: FitQuality
     refused: str  # why it is not taken, or nothing
     parts: dict[str, float]  # median error of each part
     p95: dict[str, float]

@@ -223,7 +223,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
     assert one.weights.values.tobytes() == other.weights.values.tobytes()
 
 
-# Quality: a poor fit names the part
+# FitQuality: a poor fit names the part
 
 
 def test_a_missing_limb_is_a_warning_that_names_it() -> None:
