@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apple AHAP: one haptic pattern, for the actuator of a phone.
 
-Source: developer.apple.com, "Representing haptic patterns in AHAP files". Intensity is the
-share of full scale, sharpness 0 to 1 the device's own range of frequencies.
+Source: developer.apple.com, "Representing haptic patterns in AHAP files". Intensity is the share of
+full scale; sharpness 0 to 1 spans the device's frequency range.
 """
 
 from __future__ import annotations
@@ -50,29 +50,28 @@ from .ahap_rules import (
 
 SUFFIX: Final = FORMATS["ahap"].suffix
 TICKS_SUFFIX: Final = ".transients.ahap"
-"""Suffix of the ticks of a pattern, beside it and played with it."""
+"""Suffix of the companion pattern with the ticks, played together with the pattern."""
 
 DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
-"""Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
+"""Approximate frequencies of sharpness 0 and 1 on a phone, for files that state none."""
 
 _OWN_PROJECT: Final = "HFX"
-_RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
+_RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores unknown keys
 _LAW_KEY: Final = "HfxIntensityLaw"
 _LINEAR, _SQUARE_ROOT = "linear", "square root"
-"""Intensity of an amplitude: the same share of full scale, or the square root of that share, which
-earlier versions wrote, too."""
+"""Laws from amplitude to intensity; earlier versions of HFX also wrote the square root."""
 
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
-_CUTS: Final = 16  # of a straight line whose square is not straight
-_SHORTEST_S: Final = 1e-3  # of silence at the end
-_TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
+_CUTS: Final = 16  # straight pieces that approximate a squared line
+_SHORTEST_S: Final = 1e-3  # silence at the end, seconds
+_TRANSIENT_S: Final = 0.02  # duration of a tick, for the end of a pattern of ticks
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one pattern for each audible signal: ``stem.<name>.ahap``.
+    """Write one pattern per audible signal: ``stem.<name>.ahap``.
 
-    Curves change the whole pattern, ticks included, so ticks of a signal that also has an
-    envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
+    Curves modulate the whole pattern, ticks included. The ticks of a signal with an envelope are
+    therefore a second pattern, ``stem.<name>.transients.ahap``, to be played with the first.
     """
     files: list[Path] = []
     for signal in signals:
@@ -90,10 +89,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def _with_squares(signal: Signal) -> Signal:
-    """A signal of intensities by the square-root law, as one of amplitudes.
-
-    Straight lines bend: each is cut into 16, so that amplitudes are within a thousandth.
-    """
+    """Convert intensities by the square-root law to amplitudes, within 0.001."""
     times, values = signal.amplitude.times_s, signal.amplitude.values
     share = np.arange(_CUTS) / _CUTS
     cut_times = (times[:-1, None] + np.diff(times)[:, None] * share).ravel()
@@ -106,7 +102,7 @@ def _with_squares(signal: Signal) -> Signal:
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Pattern of a signal's envelope; empty without one."""
+    """Pattern of a signal's envelope; ``Pattern`` is empty for a silent signal not to be kept."""
     pattern: list[dict[str, Any]] = []
     sharpness = frequencies.share(signal.frequency_hz.values)
     constant = float(sharpness[0]) if np.ptp(sharpness) == 0.0 else None
@@ -129,7 +125,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """The ticks of a signal as a pattern."""
+    """Pattern of a signal's ticks; ``Pattern`` is empty without ticks."""
     pattern = [
         {
             "Event": {
@@ -149,7 +145,7 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Silent events from the last one to the end of a signal: a loop keeps its length."""
+    """Yield silent events from the last event to the signal's end, so a loop keeps its length."""
     last = 0.0
     for event in (entry["Event"] for entry in pattern):
         last = max(last, event["Time"] + event.get("EventDuration", 0.0))
@@ -161,6 +157,7 @@ def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[d
 
 
 def _continuous(time: float, duration: float, intensity: float, sharpness: float) -> dict[str, Any]:
+    """Continuous event; times in seconds."""
     return {
         "Event": {
             "Time": _rounded(time),
@@ -174,6 +171,7 @@ def _continuous(time: float, duration: float, intensity: float, sharpness: float
 def _document(
     signal: Signal, frequencies: FrequencyRange, pattern: list[dict[str, Any]]
 ) -> dict[str, Any]:
+    """Document around a pattern: version and metadata with the frequency range."""
     return {
         "Version": 1.0,
         "Metadata": {
@@ -188,15 +186,17 @@ def _document(
 
 
 def _parameter(name: str, value: float) -> dict[str, Any]:
+    """Event parameter, rounded to 6 decimals."""
     return {"ParameterID": name, "ParameterValue": round(value, 6)}
 
 
 def _rounded(seconds: float) -> float:
+    """Round seconds to 0.1 us."""
     return round(float(seconds), 7)
 
 
 def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
-    """Curve in chunks; each begins with the last point of the one before."""
+    """Yield a curve in chunks of at most 16 points; consecutive chunks share a point."""
     points = list(zip(curve.times_s.tolist(), curve.values.tolist(), strict=True))
     for first in range(0, max(len(points) - 1, 1), MAX_CURVE_POINTS - 1):
         chunk = points[first : first + MAX_CURVE_POINTS]
@@ -217,30 +217,27 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """The signal of a pattern; audio events are left out.
+    """Decode the signal of a pattern and its frequency range; audio events are left out.
 
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
+    Raises InputError for an unreadable file or an error that Core Haptics does not tolerate.
     """
-    found = parse(content, name)
-    # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
+    document = parse(content, name)
+    # Apple's reader accepts these faults; the limits bind writers only.
     lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
     codes = {f"AHAP-{code}" for code in lenient}
-    notes = refuse_but(findings(found), name, lambda each: each.code in codes)
-    found = known_members(DOCUMENT, found)
+    notes = refuse_but(findings(document), name, lambda each: each.code in codes)
+    document = known_members(DOCUMENT, document)
     if any("[AHAP-MISSING]" in note for note in notes):
-        found = completed(found)
-        notes += refuse_but(findings(found), name, lambda each: each.code in codes)
-    metadata = found.get("Metadata")
+        document = completed(document)
+        notes += refuse_but(findings(document), name, lambda each: each.code in codes)
+    metadata = document.get("Metadata")
     frequencies = _range_of(metadata)
-    entries = found["Pattern"]
+    entries = document["Pattern"]
     intensity = _control(entries, INTENSITY_CONTROL, 1.0)
     sharpness = _control(entries, SHARPNESS_CONTROL, 0.0)
     pieces: list[Piece] = []
     transients: list[Transient] = []
-    strengths: dict[tuple[float, ...], Curve] = {}  # alike for events of one level
+    strengths: dict[tuple[float, ...], Curve] = {}  # shared by events of one level
     has_ramps = False
     pitches: dict[float, Curve] = {}
     lost: Counter[str] = Counter()
@@ -261,6 +258,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
                 lost["continuous events without a duration"] += 1
                 continue
             end = start + float(duration)
+            # Events of equal level or sharpness share one product curve: a pattern may have
+            # thousands of events under a control curve with thousands of points.
             shape = envelope(values, start, end)
             if shape is not None:
                 has_ramps = True
@@ -274,8 +273,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             if pitch not in pitches:
                 shares = clipped(Curve(sharpness.times_s, pitch + sharpness.values), 0.0, 1.0)
                 pitches[pitch] = Curve(shares.times_s, frequencies.hertz(shares.values))
-            held = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
-            limits.OVERLAP.check(held, name, "its events and curves together have")
+            keyframe_count = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
+            limits.OVERLAP.check(keyframe_count, name, "its events and curves together have")
             pieces.append(Piece(start, end, strength, pitches[pitch]))
     title = metadata.get("Description") if isinstance(metadata, dict) else None
     label = title if isinstance(title, str) and title else Path(name).stem
@@ -283,7 +282,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     signal = mixed(label, pieces, transients, end)
     if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == _SQUARE_ROOT:
         signal = _with_squares(signal)
-    left_out = tuple(f"{count} {what}" for what, count in lost.items())
+    left_out = tuple(f"{count} {loss}" for loss, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)
     signal = replace(signal, credits=_credits_of(metadata))
@@ -291,15 +290,15 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _credits_of(metadata: Any) -> Credits:
-    """Statements of the metadata, without our own."""
+    """Metadata of a pattern without HFX's own entries."""
     project = text_of(metadata, "Project")
     known = ("Project", "Created", "Description", _RANGE_KEY, _LAW_KEY)
     keys = metadata.keys() - set(known) if isinstance(metadata, dict) else ()
-    others = tuple((key, text_of(metadata, key)) for key in sorted(keys))
+    foreign_texts = tuple((key, text_of(metadata, key)) for key in sorted(keys))
     return Credits(
         project="" if project == _OWN_PROJECT else project,
         created=text_of(metadata, "Created"),
-        others=tuple(credit for credit in others if credit[1]),
+        others=tuple(entry for entry in foreign_texts if entry[1]),
     )
 
 
@@ -308,26 +307,20 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:
-    """Signals of a file, with the ticks of the pattern beside it that is played with it.
+    """Add the ticks of the companion pattern in the same folder, if there is one.
 
-    Raises
-    ------
-    InputError
-        The pattern cannot be read.
+    Raises InputError if the companion is unreadable.
     """
-    beside = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
-    if path.name.endswith(TICKS_SUFFIX) or not beside.is_file():
+    companion = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
+    if path.name.endswith(TICKS_SUFFIX) or not companion.is_file():
         return signals
-    return [with_ticks_of(read_bytes(beside), str(beside), signals[0]), *signals[1:]]
+    return [with_ticks_of(read_bytes(companion), str(companion), signals[0]), *signals[1:]]
 
 
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
-    """A signal with the ticks of the pattern that is played with it.
+    """Add the ticks of a companion pattern to a signal.
 
-    Raises
-    ------
-    InputError
-        The pattern cannot be read.
+    Raises InputError if the companion is unreadable; its envelope, if any, is reported as lost.
     """
     (ticking,), _ = decode(content, name)
     left_out, notes = ticking.left_out, ticking.notes
@@ -344,7 +337,7 @@ def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
-    """Count the parts of an entry that :func:`decode` does not play."""
+    """Count the parts of an entry that :func:`decode` ignores or clips, by description."""
     event = entry.get("Event")
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
@@ -361,30 +354,33 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
                     f"values of {parameter['ParameterID']} beyond 0 to 1, taken as the nearest"
                 ] += 1
     for key in ("Parameter", "ParameterCurve"):
-        found = entry.get(key, {})
-        control = found.get("ParameterID", INTENSITY_CONTROL)
+        control_change = entry.get(key, {})
+        control = control_change.get("ParameterID", INTENSITY_CONTROL)
         if control not in _CONTROLS:
             lost[f"changes of {control}"] += 1
             continue
         lowest, highest = _CONTROLS[control]
-        points = found.get("ParameterCurveControlPoints", [found] if found else [])
+        points = control_change.get(
+            "ParameterCurveControlPoints", [control_change] if control_change else []
+        )
         beyond = sum(not lowest <= point["ParameterValue"] <= highest for point in points)
         if beyond:
-            what = f"values of {control} beyond {lowest:g} to {highest:g}, taken as the nearest"
-            lost[what] += beyond
+            loss = f"values of {control} beyond {lowest:g} to {highest:g}, taken as the nearest"
+            lost[loss] += beyond
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
-    found = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
-    if isinstance(found, list) and len(found) == 2:
-        low, high = found
-        if all(isinstance(each, int | float) for each in found) and 0 <= low <= high <= 10_000:
+    """Frequency range stated by HFX's metadata; the default for a missing or invalid one."""
+    hertz = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
+    if isinstance(hertz, list) and len(hertz) == 2:
+        low, high = hertz
+        if all(isinstance(number, int | float) for number in hertz) and 0 <= low <= high <= 10_000:
             return FrequencyRange(float(low), float(high))
     return DEFAULT_RANGE
 
 
 def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
-    """All curves and single values of one control, one after the other."""
+    """Curve of one control from all curves and single values; ``neutral`` before the first."""
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:
@@ -399,10 +395,10 @@ def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
             ]
             changes.append((start, control_points))
     for start, control_points in sorted(changes, key=lambda change: change[0]):
-        # A later curve takes over; times are rounded to 0.1 us.
+        # A later curve replaces the rest of an earlier curve; 1 us covers the rounding of times.
         while len(points) > 1 and points[-1][0] > start + 1e-6:
             points.pop()
-        points.append((max(start, points[-1][0]), points[-1][1]))  # held until then
+        points.append((max(start, points[-1][0]), points[-1][1]))  # hold the last value
         points += [(max(time, start), value) for time, value in control_points]
     times, values = np.array(points, np.float64).T
     return Curve(np.maximum.accumulate(times), np.clip(values, *_CONTROLS[name]))

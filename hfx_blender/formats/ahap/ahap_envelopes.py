@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Attack, decay and release of AHAP's continuous events.
 
-Source: developer.apple.com, CHHapticEvent.ParameterID. A sustained event rises for its attack
-time, stays, and falls for its release time after its duration; another one falls for its decay
-time right after its attack.
+Source: developer.apple.com, CHHapticEvent.ParameterID. A sustained event rises during its attack
+time, stays, and falls during its release time after its duration. Other events fall during their
+decay time after the attack.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _PARTS: Final = 4  # straight pieces for the product of two ramps
 
 
 def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> Curve | None:
-    """Shape of an event, 0 to 1, up to its release's end; None if it is constant."""
+    """Shape of an event, 0 to 1, up to the end of its release; None if it is constant."""
     attack, decay, release = (
         min(max(float(parameters.get(name, 0.0)), 0.0), _LONGEST_S) for name in RAMPS[:3]
     )
@@ -46,7 +46,7 @@ def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> C
 
 
 def product(shape: Curve, control: Curve, level: float) -> Curve:
-    """An event's shape times a control of the whole pattern times a level."""
+    """Product of an event's shape, a control curve and a level, as straight pieces."""
     start, end = float(shape.times_s[0]), float(shape.times_s[-1])
     knots = joined_times([shape, control], start, end)
     times = np.interp(

@@ -83,38 +83,38 @@ _RANGES: Final = {
 }
 
 
-def findings(found: Any) -> list[Finding]:
-    """Faults of a parsed document."""
+def findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document; value rules only without schema errors."""
     report = Report("AHAP")
-    check(DOCUMENT, found, report)
-    _check_misplaced(found, report)
+    check(DOCUMENT, document, report)
+    _check_misplaced(document, report)
     if report.has_errors:
         return report.findings
-    if "Version" not in found:
+    if "Version" not in document:
         message = f"'Version' is missing: not every player takes that; it is {_VERSION}"
         report.warn("VERSION", None, message)
-    elif found["Version"] != _VERSION:
-        message = f"{found['Version']:g}: phones do not play it; they know {_VERSION}"
+    elif document["Version"] != _VERSION:
+        message = f"{document['Version']:g}: phones do not play it; they know {_VERSION}"
         report.warn("VERSION", (None, "Version"), message)
-    for k, entry in enumerate(found["Pattern"]):
-        place = ((None, "Pattern"), k)
+    for k, entry in enumerate(document["Pattern"]):
+        location = ((None, "Pattern"), k)
         if len(entry) != 1:
-            report.error("ENTRY", place, "expected one of Event, Parameter, ParameterCurve")
+            report.error("ENTRY", location, "expected one of Event, Parameter, ParameterCurve")
         event = entry.get("Event", {})
         if "Continuous" in event.get("EventType", ""):
             duration = event.get("EventDuration")
             if duration is None:
-                report.error("DURATION-MISSING", (place, "Event"), "it has no EventDuration")
+                report.error("DURATION-MISSING", (location, "Event"), "it has no EventDuration")
             elif duration > MAX_EVENT_S:
                 message = f"lasts {duration:g} s, the most is {MAX_EVENT_S:g} s"
-                report.error("DURATION", (place, "Event"), message)
+                report.error("DURATION", (location, "Event"), message)
         for parameter in event.get("EventParameters", []):
-            _check_range(parameter, report, (place, "Event"))
+            _check_range(parameter, report, (location, "Event"))
         if "Parameter" in entry:
-            _check_range(entry["Parameter"], report, (place, "Parameter"))
+            _check_range(entry["Parameter"], report, (location, "Parameter"))
         curve = entry.get("ParameterCurve", {})
         points = curve.get("ParameterCurveControlPoints", [])
-        here = (place, "ParameterCurve")
+        here = (location, "ParameterCurve")
         if len(points) > MAX_CURVE_POINTS:
             message = f"{len(points)} control points, the most is {MAX_CURVE_POINTS}"
             report.warn("CURVE-POINTS", here, message)  # vendors write more, and it plays
@@ -126,9 +126,9 @@ def findings(found: Any) -> list[Finding]:
     return report.findings
 
 
-def _check_misplaced(found: Any, report: Report) -> None:
-    """Check members that stand in another kind of entry than theirs against their own shapes."""
-    pattern = found.get("Pattern") if isinstance(found, dict) else None
+def _check_misplaced(document: Any, report: Report) -> None:
+    """Check members placed in another kind of entry against the shapes of their own kind."""
+    pattern = document.get("Pattern") if isinstance(document, dict) else None
     for k, entry in enumerate(pattern if isinstance(pattern, list) else ()):
         for kind, item in entry.items() if isinstance(entry, dict) else ():
             shape = _ENTRIES.get(kind)
@@ -149,33 +149,38 @@ _NEEDED: Final = {
     "EventParameters": ("ParameterID", "ParameterValue"),
     "ParameterCurveControlPoints": ("ParameterValue",),
 }
-"""Members without which an entry, or an item of a list, says nothing."""
+"""Members required for an entry or list item to have an effect."""
 
 
-def completed(found: dict[str, Any]) -> dict[str, Any]:
-    """A document, valid but for what is missing, as Core Haptics takes it.
+def completed(document: dict[str, Any]) -> dict[str, Any]:
+    """Complete a document without other schema faults, as Core Haptics reads it.
 
-    Times that are missing are 0; what lacks anything else has no effect and is left out.
+    Missing times are 0; entries and items without another needed member are dropped.
     """
     entries = []
-    for entry in found.get("Pattern", []):
+    for entry in document.get("Pattern", []):
         full = {kind: _completed(kind, entry[kind]) for kind in entry.keys() & _NEEDED.keys()}
         entries.append({kind: item for kind, item in full.items() if item is not None})
-    return {**found, "Pattern": entries}
+    return {**document, "Pattern": entries}
 
 
 def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
-    """An entry or an item with its time; None: it has no effect."""
-    found = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
+    """Add the time of an entry or item; None if it has no effect."""
+    completed_item = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
-        if listed in found:
-            rows = [_completed(listed, each) for each in found[listed]]
-            found[listed] = [row for row in rows if row is not None]
-    has_no_points = found.get("ParameterCurveControlPoints") == []
-    return None if has_no_points or any(key not in found for key in _NEEDED[kind]) else found
+        if listed in completed_item:
+            rows = [_completed(listed, row) for row in completed_item[listed]]
+            completed_item[listed] = [row for row in rows if row is not None]
+    has_no_points = completed_item.get("ParameterCurveControlPoints") == []
+    return (
+        None
+        if has_no_points or any(key not in completed_item for key in _NEEDED[kind])
+        else completed_item
+    )
 
 
 def _check_range(parameter: dict[str, Any], report: Report, place: Any) -> None:
+    """Warn about a parameter value outside its range."""
     name, value = parameter["ParameterID"], parameter["ParameterValue"]
     low, high = _RANGES.get(name, (-1e9, 1e9))
     if not low <= value <= high:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The baked part of a clip: what each actuator plays, as the rows that change."""
+"""Baked part of a clip: the output of each actuator, stored at its changing rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .common_rigs import rig_names
 from .container import Records, Sections, Texts, records
 
 FULL_SCALE: Final = 65535
-_LOOPS: Final = ("loop", "cycle")  # ends of names, as Godot's importers read them
+_LOOPS: Final = ("loop", "cycle")  # name endings of looping animations in Godot's importers
 _SIDES: Final = {None: 0, "left": 1, "right": 2}
 _OTHER_SIDE: Final = {None: None, "left": "right", "right": "left"}
 _MODALITIES: Final = tuple(MODALITIES)
@@ -39,14 +39,14 @@ Played = Sequence[tuple[DeviceConfig, Raster]]
 def sections_of(
     header: TrackHeader, played: Played, texts: Texts, title: str
 ) -> tuple[dict[str, Records], Written]:
-    """Sections of what devices play of a track, and notes on what had to be left out.
+    """Sections of the devices' output of a track, and notes on losses.
 
     Parameters
     ----------
     played : sequence of (DeviceConfig, Raster)
         Rasters on the sample clock of the track.
     texts : Texts
-        Gets all names; the section ``TEXT`` is made of it afterwards.
+        Receives all names; the caller creates the section ``TEXT`` from it.
     title : str
         Name of the scene.
     """
@@ -55,18 +55,19 @@ def sections_of(
     baked = _Baked(texts, {body.id: body.name for body in header.bodies}, _models(header))
     for device, raster in played:
         baked.add(device, raster)
-    found = baked.sections()
-    found["TIME"] = records(
+    sections = baked.sections()
+    sections["TIME"] = records(
         "TIME", [(float(time.rate_hz), start_s, time.sample_count, texts.add(title))]
     )
-    found["CLIP"], left_out = _clips(header, texts)
-    return found, left_out
+    sections["CLIP"], left_out = _clips(header, texts)
+    return sections, left_out
 
 
 def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Records:
-    """Values of a column as numbers of 16 bits, half a step off at most.
+    """Quantize values of a column to 16 bits over its range, at most half a step off.
 
-    A value that gets the number of the neutral one is read as that, at most a step off.
+    Players read the number of the neutral value as exactly neutral, at most one step off. A range
+    of zero width gives 0.
     """
     scale = highest - lowest
     if not scale > 0.0:
@@ -76,20 +77,22 @@ def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Re
 
 
 def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
-    """Rows (n,) of an actuator, and its values (n, columns), of a clip that keeps the rules."""
+    """Rows (n,) of an actuator and its values (n, columns), of a valid clip."""
     at = sections["ACTR"][actuator]
     count, columns = int(at["rows"]), int(at["columns"])
     first_row, first_value = int(at["first_row"]), int(at["first_value"])
     rows = sections["ROWS"][first_row : first_row + count]
     numbers = sections["VALU"][first_value : first_value + count * columns]
-    of = sections["COLM"][int(at["first_column"]) :][:columns]
+    column_records = sections["COLM"][int(at["first_column"]) :][:columns]
     numbers = numbers.reshape(count, columns)
-    values = of["lowest"] + (of["highest"] - of["lowest"]) * (numbers / FULL_SCALE)
-    return rows, np.where(numbers == of["neutral_number"], of["neutral"], values)
+    lowest, highest = column_records["lowest"], column_records["highest"]
+    values = lowest + (highest - lowest) * (numbers / FULL_SCALE)
+    is_neutral = numbers == column_records["neutral_number"]
+    return rows, np.where(is_neutral, column_records["neutral"], values)
 
 
 def _models(header: TrackHeader) -> dict[str, PerceptualModel]:
-    """Perceptual model of the track for each modality of actuators that it has one for."""
+    """Perceptual models of the track by actuator modality, without modalities lacking a model."""
     ids = {model.modality: model.id for model in header.models}
     return {
         name: load_model(ids[modality.model])
@@ -99,7 +102,7 @@ def _models(header: TrackHeader) -> dict[str, PerceptualModel]:
 
 
 class _Baked:
-    """Collector of the records of devices, actuators, columns and rows."""
+    """Collector of device, actuator, column and row records."""
 
     def __init__(
         self, texts: Texts, bodies: dict[str, str], models: dict[str, PerceptualModel]
@@ -115,6 +118,7 @@ class _Baked:
         self._row_count = self._number_count = 0
 
     def sections(self) -> dict[str, Records]:
+        """Sections ``DEVC``, ``ACTR``, ``COLM``, ``ROWS`` and ``VALU``."""
         return {
             "DEVC": records("DEVC", self._devices),
             "ACTR": records("ACTR", self._actuators),
@@ -124,6 +128,7 @@ class _Baked:
         }
 
     def add(self, device: DeviceConfig, raster: Raster) -> None:
+        """Append a device and its raster."""
         text = self._texts.add
         names = text(device.id), text(device.name), text(self._bodies[raster.body_id])
         firsts = len(self._actuators), len(self._columns)
@@ -133,6 +138,7 @@ class _Baked:
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:
+        """Append an actuator with the rows at which any of its columns changes."""
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
@@ -141,6 +147,7 @@ class _Baked:
             ],
             axis=1,
         )
+        # Players hold values between stored rows, so rows equal to their predecessor are dropped.
         is_new = np.ones(len(numbers), np.bool_)
         is_new[1:] = (numbers[1:] != numbers[:-1]).any(axis=1)
         rows = np.flatnonzero(is_new).astype(np.uint32)
@@ -176,6 +183,7 @@ class _Baked:
         self._number_count += numbers[rows].size
 
     def _column(self, actuator: int, control: ActuatorControl, unit: str) -> tuple[Any, ...]:
+        """Column record of a control."""
         lowest, highest, neutral = control.lowest, control.highest, control.neutral
         number = int(numbers_of(np.array([neutral]), lowest, highest, neutral)[0])
         text = self._texts.add
@@ -183,27 +191,27 @@ class _Baked:
 
 
 def _place(device: DeviceConfig, actuator: Actuator, text: Any) -> tuple[int, int, int]:
-    """Kind of an actuator's place, its side, and the parts of the body."""
-    place = actuator.place
-    if isinstance(place, BodyPlace):
-        side = _OTHER_SIDE[place.side] if device.is_mirrored else place.side
-        return 1, _SIDES[side], text(",".join(place.parts))
-    if isinstance(place, RoomPlace):
-        return 2, 0, text(",".join(place.parts))
+    """Kind of an actuator's place (0 vertices, 1 body, 2 room), its side, and its body parts."""
+    position = actuator.place
+    if isinstance(position, BodyPlace):
+        side = _OTHER_SIDE[position.side] if device.is_mirrored else position.side
+        return 1, _SIDES[side], text(",".join(position.parts))
+    if isinstance(position, RoomPlace):
+        return 2, 0, text(",".join(position.parts))
     return 0, 0, 0
 
 
 def _patch(device: DeviceConfig, actuator: Actuator) -> tuple[tuple[float, ...], float]:
-    """Centre and radius of an actuator's patch of skin; zeros where it has none."""
-    place = actuator.place
-    if not isinstance(place, BodyPlace):
+    """Centre and radius of an actuator's skin patch, m in rest space; zeros without a patch."""
+    position = actuator.place
+    if not isinstance(position, BodyPlace):
         return (0.0, 0.0, 0.0), 0.0
-    x, y, z = place.centre_m
-    return (-x if device.is_mirrored else x, y, z), place.radius_m
+    x, y, z = position.centre_m
+    return (-x if device.is_mirrored else x, y, z), position.radius_m
 
 
 def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | None) -> str:
-    """Canonical bone of the joint that most of the skin under an actuator follows, or empty."""
+    """Canonical bone followed by most of the skin under an actuator; empty if unknown."""
     if model is None or isinstance(actuator.place, RoomPlace):
         return ""
     (vertices,) = cells_of(device, [actuator], model).rows
@@ -214,15 +222,16 @@ def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | Non
         np.add.at(shares, weights.bones[part], skin_m2)
     if not shares.any():
         return ""
+    # The joint is chosen first: its bones share the skin, and their largest would be arbitrary.
     joints = np.array([rig_names(bone_name).human for bone_name in model.bone_names])
     joint = max(dict.fromkeys(joints.tolist()), key=lambda each: shares[joints == each].sum())
     return model.bone_names[int(np.argmax(np.where(joints == joint, shares, 0.0)))]
 
 
 def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
-    """Named clips of a track, from its first row on; those outside of it are told."""
+    """Named clips in seconds from the first row; the notes report clips outside the track."""
     rate_hz = float(header.time.rate_hz)
-    found, notes = [], []
+    rows_of_clips, notes = [], []
     for named_clip in named_clips(header):
         rows = sample_range(named_clip.clip, header.time)
         if rows is None:
@@ -231,7 +240,7 @@ def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
             )
             continue
         loops = named_clip.name.casefold().endswith(_LOOPS)
-        found.append(
+        rows_of_clips.append(
             (texts.add(named_clip.name), loops, rows[0] / rate_hz, (rows[1] + 1) / rate_hz)
         )
-    return records("CLIP", found), Written(notes=tuple(notes))
+    return records("CLIP", rows_of_clips), Written(notes=tuple(notes))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names that common rigs give to the bones of the canonical skeleton.
+"""Bone names of common rigs for the canonical skeleton.
 
-VRM 1.0 (whose names Unity and Godot write with a capital letter), Mixamo and Unreal's mannequin.
+VRM 1.0 (Unity and Godot capitalize its names), Mixamo and Unreal's mannequin.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class RigNames:
-    """Names of one joint; empty where a rig has none."""
+    """Names of one joint; empty where a rig has no such joint."""
 
     human: str = ""
     mixamo: str = ""
@@ -33,7 +33,7 @@ _MIDDLE: Final = (
         RigNames("head", "Head", "head"),
     ),
 )
-"""Joints on the middle of the body, and what follows them, by the canonical name."""
+"""Patterns of canonical names of the joints on the midline, and the bones that follow them."""
 
 _SIDED: Final = (
     (r"clavicle|shoulder01", RigNames("Shoulder", "Shoulder", "clavicle")),
@@ -45,7 +45,7 @@ _SIDED: Final = (
     (r"foot", RigNames("Foot", "Foot", "foot")),
     (r"toe.*", RigNames("Toes", "ToeBase", "ball")),
 )
-"""Joints of a limb, without their side."""
+"""Patterns of canonical names of limb joints, without side."""
 
 _DIGITS: Final = (("thumb", "Thumb"), ("index",) * 2, ("middle",) * 2, ("ring",) * 2,
                   ("little", "Pinky"))  # fmt: skip
@@ -55,7 +55,7 @@ _OF_THUMB: Final = ("Metacarpal", "Proximal", "Distal")
 
 @cache
 def rig_names(bone: str) -> RigNames:
-    """Names of the joint that a bone of the canonical skeleton belongs to."""
+    """Names of the joint of a canonical bone in other rigs; empty for an unknown bone."""
     stem, _, side = bone.partition(".")
     for pattern, names in _MIDDLE:
         if re.fullmatch(pattern, stem):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The container of a clip: sections of records, as ``docs/formats/clip.md`` lays them out."""
+"""Container of a clip: sections of records, as specified in ``docs/formats/clip.md``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SUFFIX: Final = FORMATS["clip"].suffix
 VERSION: Final = 1
 NONE: Final = 0xFFFFFFFF
 MOST_TEXT: Final = 1000
-"""Longest text, bytes."""
+"""Largest length of a text, bytes."""
 
 _MAGIC: Final = b"HFXCLIP\n"
 _HEAD: Final = struct.Struct("<8sIIII")
@@ -36,7 +36,7 @@ Sections = Mapping[str, Records]
 
 
 def _record(*fields: str) -> np.dtype[Any]:
-    """Layout of a record: fields ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
+    """Record type from fields ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
     kinds: list[Any] = []
     for field in fields:
         name, _, kind = field.partition(":")
@@ -83,18 +83,18 @@ RECORDS: Final[dict[str, np.dtype[Any]]] = {
     ),
     "RCHV": _record("vertex", "factor:f4"),
 }
-"""Records of each section, in the order in which the writer puts them."""
+"""Record type of each section, in the order of the file."""
 
 
 class Texts:
-    """Collector of a clip's texts; each is stored once."""
+    """Collector of a clip's texts, each stored once."""
 
     def __init__(self) -> None:
         self._bytes = bytearray(b"\0")
         self._places: dict[str, int] = {"": 0}
 
     def add(self, text: str) -> int:
-        """Place of a text in the section."""
+        """Add a text, cut to 1000 bytes; returns its byte offset in the section."""
         text = clean(text).replace("\0", " ").encode()[:MOST_TEXT].decode("utf-8", "ignore")
         if text not in self._places:
             self._places[text] = len(self._bytes)
@@ -103,62 +103,57 @@ class Texts:
 
     @property
     def records(self) -> Records:
-        """The section ``TEXT``."""
+        """Content of the section ``TEXT``."""
         return np.frombuffer(bytes(self._bytes), np.uint8)
 
 
 def texts_at(sections: Sections, places: Records) -> list[str]:
-    """Texts of a clip that keeps the rules, (n,) places."""
+    """Texts at byte offsets (n,), of a valid clip."""
     content = sections["TEXT"].tobytes()
     return [content[k : content.index(b"\0", k)].decode() for k in places.tolist()]
 
 
 def records(section: str, rows: Sequence[tuple[Any, ...]]) -> Records:
-    """Records of a section from tuples in the order of its fields."""
+    """Create the records of a section from tuples in field order."""
     return np.array(list(rows), RECORDS[section])
 
 
 def encoded(sections: Sections, name: str) -> bytes:
-    """Bytes of a clip.
+    """Encode sections as the bytes of a clip; empty sections are omitted.
 
-    Raises
-    ------
-    InputError
-        It would be larger than the format allows.
+    Raises InputError beyond the format's size.
     """
-    kept = [
+    filled = [
         (record, sections[record])
         for record in RECORDS
         if record in sections and len(sections[record])
     ]
-    at = _HEAD.size + _SECTION.size * len(kept)
+    at = _HEAD.size + _SECTION.size * len(filled)
     table = b""
     parts: list[bytes] = []
-    for each, found in kept:
+    for section, section_records in filled:
         gap = -at % _ALIGNED
-        content = np.ascontiguousarray(found, RECORDS[each]).tobytes()
-        table += _SECTION.pack(each.encode(), at + gap, len(content), 0)
+        content = np.ascontiguousarray(section_records, RECORDS[section]).tobytes()
+        table += _SECTION.pack(section.encode(), at + gap, len(content), 0)
         parts += [bytes(gap), content]
         at += gap + len(content)
     if at > _MOST_BYTES:
         raise TooLargeError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
-    return with_checksum(_HEAD.pack(_MAGIC, VERSION, at, 0, len(kept)) + table + b"".join(parts))
+    return with_checksum(_HEAD.pack(_MAGIC, VERSION, at, 0, len(filled)) + table + b"".join(parts))
 
 
 def with_checksum(content: bytes) -> bytes:
-    """A clip with its size and checksum set right."""
+    """Set size and checksum in the head of a clip."""
     content = content[:_SIZE_AT] + struct.pack("<I", len(content)) + content[_SIZE_AT + 4 :]
     checksum = struct.pack("<I", zlib.crc32(content[_CHECKED_FROM:]))
     return content[: _CHECKED_FROM - 4] + checksum + content[_CHECKED_FROM:]
 
 
 def decoded(content: bytes, name: str) -> dict[str, Records]:
-    """Sections of a clip, those that are missing empty; their content is not looked at.
+    """Decode the sections of a clip; missing sections are empty, unknown ones dropped.
 
-    Raises
-    ------
-    InputError
-        It is no clip, of a newer version, cut off or damaged, or a section does not fit.
+    Contents are not validated. Raises InputError for a file that is not a clip, of a newer version,
+    truncated or damaged, and for sections that do not fit.
     """
     if content[: len(_MAGIC)] != _MAGIC:
         raise InputError(f"{name}: is no game clip (its first 8 bytes are not 'HFXCLIP').")
@@ -171,11 +166,12 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
         )
     if size != len(content):
         raise InputError(f"{name}: 'size' is {size}, but the file has {len(content)} bytes.")
+    # The size is checked first: a truncated file gets a clearer message than a wrong checksum.
     if zlib.crc32(memoryview(content)[_CHECKED_FROM:]) != checksum:
         raise InputError(f"{name}: is damaged: its checksum differs.")
     if count > _MOST_SECTIONS or _HEAD.size + _SECTION.size * count > size:
         raise InputError(f"{name}: 'sections' is {count}, which do not fit, allowed are 64.")
-    found = {each: np.zeros(0, kind) for each, kind in RECORDS.items()}
+    sections = {section_name: np.zeros(0, kind) for section_name, kind in RECORDS.items()}
     names: set[str] = set()
     for k in range(count):
         key, first, length, reserved = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
@@ -195,5 +191,5 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
                 f"{name}: the section '{section}' has {length} bytes from byte {first}, allowed "
                 f"is a multiple of {kind.itemsize} bytes within {size}, from a multiple of 8."
             )
-        found[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
-    return found
+        sections[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
+    return sections

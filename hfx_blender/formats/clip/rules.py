@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of a clip's content; ``docs/formats/clip.md`` states each of them."""
+"""Rules of a clip's content, each stated in ``docs/formats/clip.md``."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def read(content: bytes, name: str) -> dict[str, Records]:
     return sections
 
 
-def findings_of(sections: Sections, name: str) -> list[Finding]:
+def findings_of(sections: Sections, file_name: str) -> list[Finding]:
     """Faults of sections. Each kind of rule needs those before it: the first that fails ends it."""
     text = sections["TEXT"]
     if not len(text) or text[0] or text[-1]:
@@ -125,7 +125,7 @@ def findings_of(sections: Sections, name: str) -> list[Finding]:
         found = kind(sections)
         if found:
             return found
-    refuse_long(sections, name)
+    refuse_long(sections, file_name)
     return []
 
 
@@ -214,14 +214,14 @@ def _numbers(sections: Sections) -> list[Finding]:
 
 
 def _rows(sections: Sections) -> list[Finding]:
-    """Rows of each actuator ascend from 0, and each has its values."""
+    """Check that the rows of each actuator ascend from 0, with one set of values each."""
     actuators, rows = sections["ACTR"], sections["ROWS"].astype(np.int64)
     if not len(actuators):
         return []
     firsts = actuators["first_row"].astype(np.int64)
     sizes = actuators["rows"].astype(np.int64) * actuators["columns"]
     expected = np.concatenate([[0], np.cumsum(sizes)])
-    found = _first(
+    findings = _first(
         "ACTR",
         "first_value",
         actuators["first_value"],
@@ -230,81 +230,90 @@ def _rows(sections: Sections) -> list[Finding]:
     )
     if expected[-1] != len(sections["VALU"]):
         message = f"has {len(sections['VALU'])} values, the rows of actuators {expected[-1]}"
-        found.append(_finding("VALU", message))
+        findings.append(_finding("VALU", message))
     ascends = np.ones(len(rows), np.bool_)
     ascends[1:] = rows[1:] > rows[:-1]
     ascends[firsts] = rows[firsts] == 0
     count = int(sections["TIME"][0]["rows"])
     is_bad = ~ascends | (rows >= count)
-    return found + _first("ROWS", "", rows, is_bad, f"ascending from 0 to {count - 1}")
+    return findings + _first("ROWS", "", rows, is_bad, f"ascending from 0 to {count - 1}")
 
 
 def _columns(sections: Sections) -> list[Finding]:
+    """Check owner, parameter and range of columns."""
     columns = sections["COLM"]
     owners = np.repeat(np.arange(len(sections["ACTR"])), sections["ACTR"]["columns"])
-    found = _first(
+    findings = _first(
         "COLM", "actuator", columns["actuator"], columns["actuator"] != owners, "its own"
     )
     for k, name in enumerate(texts_at(sections, columns["parameter"])):
         if name not in _PARAMETERS:
             allowed = ", ".join(sorted(_PARAMETERS))
-            found.append(_finding(f"COLM[{k}].parameter", f"is '{name}', allowed are {allowed}"))
+            findings.append(_finding(f"COLM[{k}].parameter", f"is '{name}', allowed are {allowed}"))
             break
-    low, high, neutral = (columns[each] for each in ("lowest", "highest", "neutral"))
+    low, high, neutral = (columns[field] for field in ("lowest", "highest", "neutral"))
     is_bad = (low > high) | (low < -_HUGE) | (high > _HUGE)
-    found += _first("COLM", "highest", high, is_bad, "not below 'lowest'")
+    findings += _first("COLM", "highest", high, is_bad, "not below 'lowest'")
     is_bad = (neutral < low) | (neutral > high)
-    return found + _first("COLM", "neutral", neutral, is_bad, "'lowest' to 'highest'")
+    return findings + _first("COLM", "neutral", neutral, is_bad, "'lowest' to 'highest'")
 
 
 def _clips(sections: Sections) -> list[Finding]:
+    """Check times and names of clips."""
     clips, at = sections["CLIP"], sections["TIME"][0]
     lasts_s = float(at["rows"]) / float(at["rate_hz"])
     is_bad = (clips["start_s"] < 0.0) | (clips["start_s"] >= clips["end_s"])
-    found = _first("CLIP", "start_s", clips["start_s"], is_bad, "0 or more, before 'end_s'")
-    found += _first("CLIP", "end_s", clips["end_s"], clips["end_s"] > lasts_s, f"up to {lasts_s:g}")
+    findings = _first("CLIP", "start_s", clips["start_s"], is_bad, "0 or more, before 'end_s'")
+    findings += _first(
+        "CLIP", "end_s", clips["end_s"], clips["end_s"] > lasts_s, f"up to {lasts_s:g}"
+    )
     taken: set[str] = set()
     for k, name in enumerate(texts_at(sections, clips["name"])):
         if name in taken:
-            found.append(_finding(f"CLIP[{k}].name", f"is '{name}', as another one's"))
+            findings.append(_finding(f"CLIP[{k}].name", f"is '{name}', as another one's"))
             break
         taken.add(name)
-    return found
+    return findings
 
 
 def _bodies(sections: Sections) -> list[Finding]:
-    """Bones stand behind their parents; skin weights are of bones of the body and add up."""
+    """Check that bones follow their parents, and that skin weights name bones and sum to 65535."""
     bodies, models, vertices = sections["BODY"], sections["MODL"], sections["VERT"]
     own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
     parents = sections["BONE"]["parent"]
     is_bad = (parents != NONE) & (parents >= own)
-    found = _first("BONE", "parent", parents, is_bad, "a bone before it")
+    findings = _first("BONE", "parent", parents, is_bad, "a bone before it")
     bones_of_model = np.repeat(bodies["bones"], bodies["models"])
     bones_of_vertex = np.repeat(bones_of_model, models["vertices"])
     weights = sections["WGHT"]
     most = np.repeat(bones_of_vertex, vertices["weights"])
-    found += _first("WGHT", "bone", weights["bone"], weights["bone"] >= most, "a bone of the body")
+    findings += _first(
+        "WGHT", "bone", weights["bone"], weights["bone"] >= most, "a bone of the body"
+    )
     ends = np.concatenate([[0], np.cumsum(weights["weight"].astype(np.int64))])
     firsts = vertices["first_weight"].astype(np.int64)
     sums = ends[firsts + vertices["weights"]] - ends[firsts]
     is_bad = (vertices["weights"] > 0) & (sums != 65535)
-    return found + _first("VERT", "weights", sums, is_bad, "65535 in all")
+    return findings + _first("VERT", "weights", sums, is_bad, "65535 in all")
 
 
 def _spatial(sections: Sections) -> list[Finding]:
-    """Effects name bodies; what an actuator reaches is on its model."""
+    """Check that effects refer to bodies, and actuators to vertices of their model."""
     bodies = sections["EFCT"]["body"]
     is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
-    found = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
+    findings = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
     reactions = sections["REAC"]
     counts = sections["MODL"]["vertices"][reactions["model"]]
     reached = sections["RCHV"]["vertex"]
-    of = reactions["actuator"].astype(np.int64)
-    found += _first("REAC", "actuator", of, np.diff(of, prepend=0) < 0, "ascending")
+    actuators = reactions["actuator"].astype(np.int64)
+    findings += _first(
+        "REAC", "actuator", actuators, np.diff(actuators, prepend=0) < 0, "ascending"
+    )
     most = np.repeat(counts, reactions["reached"])
-    found += _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
+    findings += _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
     factors = sections["RCHV"]["factor"]
-    found += _first("RCHV", "factor", factors, factors <= 0.0, "above 0, up to 1")
+    findings += _first("RCHV", "factor", factors, factors <= 0.0, "above 0, up to 1")
+    # Vertices ascend strictly within each range; at the first vertex of a range any is allowed.
     for section, values, counts in (
         ("RCHV", reached, reactions["reached"]),
         ("PNTD", sections["PNTD"]["vertex"], sections["EFCT"]["painted"]),
@@ -313,5 +322,5 @@ def _spatial(sections: Sections) -> list[Finding]:
         is_bad = (np.diff(owners, prepend=-1) == 0) & (
             np.diff(values.astype(np.int64), prepend=-1) <= 0
         )
-        found += _first(section, "vertex", values, is_bad, "above the one before")
-    return found
+        findings += _first(section, "vertex", values, is_bad, "above the one before")
+    return findings

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The spatial part of a clip: bodies, volumes and painted areas for avatars in a game."""
+"""Spatial part of a clip: bodies, volumes and painted areas for avatars in a game."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ _WHOLE: Final = 65535
 def sections_of(
     recorder: SpatialRecorder, played: Played, texts: Texts
 ) -> tuple[dict[str, Records], Written]:
-    """Sections of a scene's bodies and effects, and what had to be left out.
+    """Sections of a scene's bodies and effects, and notes on losses; no sections without effects.
 
     Parameters
     ----------
     recorder : SpatialRecorder
         Of the whole scene.
     played : sequence of (DeviceConfig, Raster)
-        Whose actuators react, in the order of the baked part.
+        Devices with responding actuators, in the order of the baked part.
     texts : Texts
-        Gets all names.
+        Receives all names.
     """
     effects = recorder.effects()
     lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
@@ -59,60 +59,61 @@ def sections_of(
     models = tuple(dict.fromkeys(effect.model_id for effect, _ in effects))
     bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
-    others = [b.name for b in recorder.scene.bodies if b not in skinned]
-    lost += counted(others, "bodies that follow their mesh cannot be posed by a player")
+    unskinned_names = [b.name for b in recorder.scene.bodies if b not in skinned]
+    lost += counted(unskinned_names, "bodies that follow their mesh cannot be posed by a player")
     for body in skinned:
         bodies.add(body)
-    found = bodies.sections()
-    found |= _effects(effects, bodies, texts)
-    found |= _reactions(played, bodies, {effect.modality for effect, _ in effects})
-    standing = [
+    sections = bodies.sections()
+    sections |= _effects(effects, bodies, texts)
+    sections |= _reactions(played, bodies, {effect.modality for effect, _ in effects})
+    fixed_actuators = [
         f"{x.name}: {actuator.id}"
         for x, _ in played
         for actuator in x.actuators
         if _has_fixed_place(actuator)
     ]
-    lost += counted(standing, "actuators at a place in the room follow no avatar")
-    return found, Written(notes=lost)
+    lost += counted(fixed_actuators, "actuators at a place in the room follow no avatar")
+    return sections, Written(notes=lost)
 
 
 class _Bodies:
-    """Collector of bodies, their bones, models and vertices.
+    """Collector of bodies, bones, models and vertices.
 
     Attributes
     ----------
     index : dict
-        Body id to its number.
-    kept : dict
-        Body id and model id to the number of the model, the number that each vertex of the whole
-        model has among the kept ones (those that are left out: of the one that stands for them),
-        and the whole model.
+        Body id to record number.
+    stored_models : dict
+        (Body id, model id) to the model's record number, the stored vertex of each vertex of the
+        whole model (int, (V,)), and the whole model.
     """
 
     def __init__(self, texts: Texts, model_ids: tuple[str, ...], level: int) -> None:
         self._texts, self._level = texts, level
         self._models = [load_model(model_id) for model_id in model_ids]
         self.index: dict[str, int] = {}
-        self.kept: dict[tuple[str, str], tuple[int, I64, PerceptualModel]] = {}
+        self.stored_models: dict[tuple[str, str], tuple[int, I64, PerceptualModel]] = {}
         self._rows: dict[str, list[Any]] = {
             name: [] for name in ("BODY", "BONE", "MODL", "VERT", "WGHT")
         }
 
     def sections(self) -> dict[str, Records]:
-        found = {name: records(name, self._rows[name]) for name in ("BODY", "BONE", "MODL")}
+        """Sections ``BODY``, ``BONE``, ``MODL``, ``VERT`` and ``WGHT``."""
+        sections = {name: records(name, self._rows[name]) for name in ("BODY", "BONE", "MODL")}
         for name in ("VERT", "WGHT"):
-            found[name] = np.concatenate([records(name, []), *self._rows[name]])
-        return found
+            sections[name] = np.concatenate([records(name, []), *self._rows[name]])
+        return sections
 
     def add(self, body: BodyDescription) -> None:
+        """Append a body that is bound to an armature, with all models."""
         assert isinstance(body.binding, SkinBinding)
         binding, text = body.binding, self._texts.add
         placed = [
-            binding.fitted[each.id].of(each) if each.id in binding.fitted else each
-            for each in self._models
+            binding.fitted[item.id].of(item) if item.id in binding.fitted else item
+            for item in self._models
         ]
-        bound = [BoundWeights.of(each, binding.bone_names) for each in placed]
-        used = np.unique(np.concatenate([each.bones for each in bound]))
+        bound = [BoundWeights.of(item, binding.bone_names) for item in placed]
+        used = np.unique(np.concatenate([item.bones for item in bound]))
         used = used[used < len(binding.bone_names)]
         first_bone, first_model = len(self._rows["BONE"]), len(self._rows["MODL"])
         self.index[body.id] = len(self._rows["BODY"])
@@ -126,12 +127,13 @@ class _Bodies:
     def _add_model(
         self, body_id: str, model: PerceptualModel, weights: BoundWeights, used: I64
     ) -> None:
+        """Append a model at the level of detail, with skin weights."""
         level = min(self._level, level_count(model))
         chosen = level_of(model, level)
         order = _neighbours_first(model, chosen.vertices.astype(np.int64))
         ids = chosen.vertices[order].astype(np.int64)
-        vertices = sum(len(each) for each in self._rows["VERT"])
-        self.kept[body_id, model.id] = (
+        vertices = sum(len(part) for part in self._rows["VERT"])
+        self.stored_models[body_id, model.id] = (
             len(self._rows["MODL"]),
             np.argsort(order)[chosen.coarse_of],
             model,
@@ -140,29 +142,32 @@ class _Bodies:
         self._rows["MODL"].append(
             (self._texts.add(model.id), modality, level, vertices, len(ids), 0)
         )
-        first = sum(len(each) for each in self._rows["WGHT"])
-        found, skin = _skinned(weights, ids, used, first)
-        self._rows["VERT"].append(found)
+        first = sum(len(part) for part in self._rows["WGHT"])
+        vertex_records, skin = _skinned(weights, ids, used, first)
+        self._rows["VERT"].append(vertex_records)
         self._rows["WGHT"].append(skin)
 
 
 def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
-    """Order of vertices in which those that follow each other are near, on the same bone."""
+    """Order vertices by bone and along its longest axis, so neighbours in the file are near."""
     weights = model.weights
     owner = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
     strongest = np.lexsort([-weights.values, owner])[weights.offsets[:-1]]
     bone = weights.bones[strongest][ids]
     places = model.vertices[ids].astype(np.float64)
     along = np.zeros(len(ids))
-    for each in np.unique(bone):
-        mine = bone == each
-        spread = places[mine] - places[mine].mean(axis=0)
-        along[mine] = spread[:, int(np.argmax(np.ptp(spread, axis=0)))]
+    for bone_index in np.unique(bone):
+        is_of_bone = bone == bone_index
+        spread = places[is_of_bone] - places[is_of_bone].mean(axis=0)
+        along[is_of_bone] = spread[:, int(np.argmax(np.ptp(spread, axis=0)))]
     return np.lexsort([along, bone])
 
 
 def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Records, Records]:
-    """Vertices with their places and skin weights; the weights add up to 65535 for each."""
+    """Vertex records, and weight records whose sums are 65535 for each vertex.
+
+    Rest places are those of ``weights``; ``first`` is the number of the first weight record.
+    """
     counts = np.diff(weights.offsets)[ids]
     entries = np.repeat(weights.offsets[ids], counts) + _within(counts)
     owners = np.repeat(np.arange(len(ids)), counts)
@@ -171,22 +176,22 @@ def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Re
     owners, bones, values = owners[is_moved], bones[is_moved], values[is_moved]
     exact = values * _WHOLE / np.bincount(owners, values, len(ids))[owners]
     shares = np.floor(exact)
-    # What is missing goes to the largest remainders, one each.
+    # Largest remainder method: the missing units go to the largest fractions, one each.
     missing = _WHOLE - np.bincount(owners, shares, len(ids))
     order = np.lexsort([shares - exact, owners])
     counts = np.bincount(owners, minlength=len(ids))
     shares[order] += _within(counts) < missing[owners[order]]
     skin = np.zeros(len(owners), records("WGHT", []).dtype)
     skin["bone"], skin["weight"] = np.searchsorted(used, bones), shares
-    found = np.zeros(len(ids), records("VERT", []).dtype)
-    found["place"], found["id"] = weights.rest[ids, :3], ids
-    found["first_weight"] = first + np.cumsum(counts) - counts
-    found["weights"] = counts
-    return found, skin
+    vertices = np.zeros(len(ids), records("VERT", []).dtype)
+    vertices["place"], vertices["id"] = weights.rest[ids, :3], ids
+    vertices["first_weight"] = first + np.cumsum(counts) - counts
+    vertices["weights"] = counts
+    return vertices, skin
 
 
 def _within(counts: I64) -> I64:
-    """0, 1, ... for each group of ``counts`` entries."""
+    """Concatenated 0, 1, ... for groups of ``counts`` entries."""
     return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
@@ -197,13 +202,16 @@ def _bones(
     bound: list[BoundWeights],
     text: Any,
 ) -> list[tuple[Any, ...]]:
-    """Records of the bones that move skin; those of the canonical skeleton have a rest pose."""
+    """Records of the bones that move skin; only canonical skeletons have a rest pose and parents.
+
+    A parent without skin is replaced by its nearest ancestor with skin.
+    """
     names = [binding.bone_names[k] for k in used]
     skeleton = load_skeleton()
     number = {name: k for k, name in enumerate(skeleton.bone_names)}
     joints = _joints(used, models, bound)
     is_canonical = not binding.fitted
-    found = []
+    bones = []
     for k, name in enumerate(names):
         rig = rig_names(name) if is_canonical else joints[k]
         rest, length, parent = np.zeros(12, np.float32), 0.0, NONE
@@ -214,36 +222,42 @@ def _bones(
             while above >= 0 and skeleton.bone_names[above] not in names[:k]:
                 above = int(skeleton.parents[above])
             parent = names.index(skeleton.bone_names[above]) if above >= 0 else NONE
-        found.append(
+        bones.append(
             (text(name), text(rig.human), text(rig.mixamo), text(rig.unreal), parent, length, rest)
         )
-    return found
+    return bones
 
 
 def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights]) -> list[RigNames]:
-    """Joint of the canonical skeleton that moves the same skin as each bone of an avatar."""
+    """Canonical joint sharing most skin with each used bone of an avatar."""
     shares: dict[RigNames, F64] = {}
     for model, weights in zip(models, bound, strict=True):
         of_bone = [rig_names(name) for name in model.bone_names]
         canonical = model.weights
         owner = np.repeat(np.arange(len(model)), np.diff(canonical.offsets))
-        theirs = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+        weight_owner = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
         for joint in dict.fromkeys(of_bone):
-            is_it = np.array([each == joint for each in of_bone])[canonical.bones]
+            # Overlap: skin weight of the bone times canonical weight of the joint, over vertices.
+            is_it = np.array([names_of_joint == joint for names_of_joint in of_bone])[
+                canonical.bones
+            ]
             share = np.bincount(owner[is_it], canonical.values[is_it], len(model))
             sums = np.bincount(
-                weights.bones, weights.values * share[theirs], weights.bone_count + 1
+                weights.bones, weights.values * share[weight_owner], weights.bone_count + 1
             )
             shares[joint] = shares.get(joint, 0.0) + sums
     joints = list(shares)
-    table = np.array([shares[each] for each in joints])
+    table = np.array([shares[names_of_joint] for names_of_joint in joints])
     return [joints[int(np.argmax(table[:, k]))] for k in used]
 
 
 def _effects(
     effects: list[tuple[EffectDescription, Seen]], bodies: _Bodies, texts: Texts
 ) -> dict[str, Records]:
-    """Records of volumes and painted areas, with their filters and vertices."""
+    """Records of volumes and painted areas, with response filters and painted vertices.
+
+    Painted areas on bodies without an armature are skipped.
+    """
     rows: list[tuple[Any, ...]] = []
     filters: list[tuple[Any, ...]] = []
     painted: list[Records] = []
@@ -266,7 +280,7 @@ def _effects(
             if area.body_id not in bodies.index:
                 continue
             body, kind = bodies.index[area.body_id], 1
-            _, rank, _ = bodies.kept[area.body_id, effect.model_id]
+            _, rank, _ = bodies.stored_models[area.body_id, effect.model_id]
             painted.append(_strongest("PNTD", rank[area.vertices], area.weights))
         parameters = np.zeros(4)
         parameters[: len(seen["parameters"])] = seen["parameters"]
@@ -301,40 +315,48 @@ def _effects(
 
 
 def _strongest(section: str, vertices: I64, values: Any) -> Records:
-    """Vertices with a value each, ascending; of several on one vertex the largest."""
+    """Records of distinct ascending vertices with the largest value of each."""
     ids = np.unique(vertices)
     largest = np.zeros(len(ids), np.float32)
     np.maximum.at(largest, np.searchsorted(ids, vertices), values)
-    found = np.zeros(len(ids), records(section, []).dtype)
-    found["vertex"], found[found.dtype.names[1]] = ids, largest  # type: ignore[index]
-    return found
+    strongest = np.zeros(len(ids), records(section, []).dtype)
+    strongest["vertex"], strongest[strongest.dtype.names[1]] = ids, largest  # type: ignore[index]
+    return strongest
 
 
 def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Records]:
-    """Records of which effects each actuator shows, by the vertices that it reaches."""
+    """Records of the effects shown by each actuator, with its vertices and factors on each body."""
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
     first = 0
     for device, raster in played:
         for number, actuator in enumerate(device.actuators, first):
             for source in _MODALITIES:
-                shown = _substitute(device, source, actuator.type.modality)
-                if shown is None or source not in felt or _has_fixed_place(actuator):
+                gain_and_hertz = _substitute(device, source, actuator.type.modality)
+                if gain_and_hertz is None or source not in felt or _has_fixed_place(actuator):
                     continue
-                for (body_id, _), (model, rank, whole) in bodies.kept.items():
+                for (body_id, _), (model, rank, whole) in bodies.stored_models.items():
                     if body_id != raster.body_id or whole.modality != MODALITIES[source].model:
                         continue
                     cells = cells_of(device, [actuator], whole)
                     factors = (
                         np.ones(len(cells.rows[0])) if cells.factors is None else cells.factors
                     )
-                    mine = _strongest("RCHV", rank[cells.rows[0]], factors)
+                    reached_records = _strongest("RCHV", rank[cells.rows[0]], factors)
                     statistic = int(device.scheme.statistic == "mean")
                     at = sum(map(len, reached))
                     rows.append(
-                        (number, model, _MODALITIES.index(source), statistic, *shown, at, len(mine))
+                        (
+                            number,
+                            model,
+                            _MODALITIES.index(source),
+                            statistic,
+                            *gain_and_hertz,
+                            at,
+                            len(reached_records),
+                        )
                     )
-                    reached.append(mine)
+                    reached.append(reached_records)
         first += len(device.actuators)
     return {
         "REAC": records("REAC", rows),
@@ -348,7 +370,10 @@ def _has_fixed_place(actuator: Actuator) -> bool:
 
 
 def _substitute(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
-    """Scale and frequency with which a device shows one modality as another; None: not at all."""
+    """Gain and frequency (0: the effect's own) with which a device shows one modality as another.
+
+    None if the device does not.
+    """
     if source == target:
         return device.gain, 0.0
     substitution = device.substitutions.get(source)

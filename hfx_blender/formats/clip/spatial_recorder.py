@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recorder of the animation that the spatial part of a clip needs, block by block."""
+"""Recorder of the animation for the spatial part of a clip, block by block."""
 
 from __future__ import annotations
 
@@ -27,21 +27,18 @@ SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
 
 
 Seen = dict[str, npt.NDArray[Any]]
-"""An effect as a game begins with it.
+"""State of an effect at its first active sample.
 
-``level``, the highest, and ``parameters`` (P,) at that moment; ``shape``, an index into
-:data:`SHAPES`, and ``half_segment``; ``matrix`` (4, 4) where it is first on, and ``controls``
-(filters, WIDTH) of its response there. Painted: shape 0, half segment 0.
+``level``, the highest of all samples, and ``parameters`` (P,) of that sample; ``shape``, an
+index into :data:`SHAPES`, and ``half_segment``; ``matrix`` (4, 4) and ``controls``
+(filters, WIDTH) of the response at the first active sample. Painted: shape and half segment 0.
 """
 
 
 class SpatialRecorder:
-    """Recorder of a scene's volumes and painted areas: their beginnings and highest levels.
+    """Recorder of the first state and highest level of a scene's volumes and painted areas.
 
-    Parameters
-    ----------
-    detail : int
-        Level of detail of the models in the clip, of those that have several; 0 is all vertices.
+    ``detail`` is the level of detail of the models in the clip; 0 stores all vertices.
     """
 
     def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
@@ -50,8 +47,9 @@ class SpatialRecorder:
         self._others: set[int] = set()
 
     def add(self, block: AnimationBlock) -> None:
-        """Take the next block, in the order of time."""
+        """Record the next block, in time order."""
         for k, effect in enumerate(self.scene.effects):
+            # Only active samples with finite values count: inactive ones may hold anything.
             animated = block.effects[k]
             rows = np.arange(len(block.indices))[block.own]
             rows = rows[animated.levels[rows] > 0.0]
@@ -66,18 +64,22 @@ class SpatialRecorder:
                 self._others.add(k)
 
     def _keep(self, k: int, seen: Seen) -> None:
-        """Keep the first moment of an effect, and its strongest."""
+        """Store the first state of an effect, and raise its level to the strongest."""
         known = self._found.setdefault(k, seen)
         if float(seen["level"]) > float(known["level"]):
             known["level"], known["parameters"] = seen["level"], seen["parameters"]
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded values as arrays that one process can hand on to another."""
-        found = {f"{k}.{name}": each for k, of in self._found.items() for name, each in of.items()}
-        return {**found, "others": np.array(sorted(self._others), np.int64)}
+        """Recorded values as arrays for transfer between processes."""
+        arrays = {
+            f"{k}.{name}": values
+            for k, state in self._found.items()
+            for name, values in state.items()
+        }
+        return {**arrays, "others": np.array(sorted(self._others), np.int64)}
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
-        """Replace what was recorded by that of others, given in the order of time."""
+        """Replace the recording by :meth:`arrays` of several recorders in time order."""
         self._found, self._others = {}, set()
         for part in parts:
             self._others |= set(part["others"].tolist())
@@ -87,15 +89,16 @@ class SpatialRecorder:
                     self._keep(k, {name: part[f"{k}.{name}"] for name in names})
 
     def effects(self) -> list[tuple[EffectDescription, Seen]]:
-        """Volumes and painted areas that are ever on, in the order of the scene."""
+        """Active volumes and painted areas in scene order, with their states."""
         return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
     def left_out(self) -> list[str]:
-        """Names of effects that a player cannot evaluate."""
+        """Names of effects that players cannot evaluate."""
         return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
 
 
 def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
+    """Test for a painted area, or a volume of a shape in ``SHAPES``."""
     if isinstance(effect.area, PaintedArea):
         return True
     is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
@@ -103,7 +106,7 @@ def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
 
 
 def _seen(effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]) -> Seen:
-    """An effect in some rows of a block."""
+    """State of an effect within the active rows of a block."""
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)
     controls = np.zeros((0, WIDTH))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing a clip, and what it tells about itself."""
+"""Writer and facts of clips."""
 
 from __future__ import annotations
 
@@ -23,14 +23,10 @@ def write(
     stem: Path,
     scene: SpatialRecorder | None = None,
 ) -> Written:
-    """Write ``stem.hfxclip``: what devices play of a track, and what avatars can feel of a scene.
+    """Write ``stem.hfxclip``: device output of a track, and effects of a scene for avatars.
 
-    Raises
-    ------
-    InputError
-        It is more than a clip can hold.
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    Raises InputError for content beyond the format's limits, OutputError for an unwritable file, of
+    which no part remains.
     """
     texts = Texts()
     path = stem.with_name(stem.name + SUFFIX)
@@ -49,12 +45,9 @@ def write(
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a clip.
+    """Rows, devices, clips, bodies and effects of a clip for ``hfx info``.
 
-    Raises
-    ------
-    InputError
-        It is none, or breaks a rule.
+    Raises InputError if it is not a clip or breaks a rule.
     """
     sections = rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
@@ -65,18 +58,18 @@ def facts(path: Path) -> dict[str, Any]:
         "rate_hz": float(at["rate_hz"]),
         "seconds": float(at["rows"]) / float(at["rate_hz"]),
         "devices": [
-            {"device": device, "body": body, "actuators": int(each["actuators"])}
-            for (device, body), each in zip(names, devices, strict=True)
+            {"device": device, "body": body, "actuators": int(entry["actuators"])}
+            for (device, body), entry in zip(names, devices, strict=True)
         ],
         "rows_kept": len(sections["ROWS"]),
         "clips": [
             {
                 "clip": clip,
-                "from_s": float(each["start_s"]),
-                "to_s": float(each["end_s"]),
-                "loops": bool(each["loops"]),
+                "from_s": float(entry["start_s"]),
+                "to_s": float(entry["end_s"]),
+                "loops": bool(entry["loops"]),
             }
-            for clip, each in zip(texts_at(sections, clips["name"]), clips, strict=True)
+            for clip, entry in zip(texts_at(sections, clips["name"]), clips, strict=True)
         ],
         "bodies": texts_at(sections, sections["BODY"]["name"]),
         "effects": texts_at(sections, effects["name"]),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meta .haptic: one vibration as breakpoints of amplitude and frequency, with emphasis.
 
-Source: meta-haptics-sdk, ``resources/haptic-file-spec.md`` 1.0. It has no place on the body:
-one file an actuator.
+Source: meta-haptics-sdk, ``resources/haptic-file-spec.md`` 1.0. A file has no place on the body, so
+each actuator gets a file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = FORMATS["haptic"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
-"""Frequencies of 0 and 1 on a controller, about, for files without a statement of them."""
+"""Approximate frequencies of 0 and 1 on a controller, for files that state none."""
 
 _RANGE_TAG: Final = "frequency-range-hz:{:g}-{:g}"
 _RANGE_PATTERN: Final = re.compile(r"frequency-range-hz:([0-9.e+]{1,12})-([0-9.e+]{1,12})")
@@ -59,7 +59,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one file for each audible signal: ``stem.<name>.haptic``."""
+    """Write one file per audible signal: ``stem.<name>.haptic``."""
     files = []
     for signal in signals:
         if not signal.is_silent:
@@ -70,7 +70,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
         lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
         if lost:
             left_out.append(f"'{signal.name}': {lost} ticks at the same time as a stronger one")
-        # An emphasis that is weaker than the envelope is none.
+        # Readers refuse an emphasis weaker than the envelope, so it is raised to it.
         raised = sum(
             tick.amplitude < float(signal.amplitude.at(tick.time_s)) - 1e-6
             for tick in signal.transients
@@ -88,13 +88,13 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """A signal as the content of a file."""
-    # A time has one breakpoint with emphasis; of several ticks at once the strongest counts.
+    """Document of a signal."""
+    # One emphasis per time: the strongest of simultaneous ticks is stored.
     ticks: dict[float, Transient] = {}
-    for each in signal.transients:
-        before = ticks.get(_rounded(each.time_s))
-        if before is None or each.amplitude > before.amplitude:
-            ticks[_rounded(each.time_s)] = each
+    for tick in signal.transients:
+        before = ticks.get(_rounded(tick.time_s))
+        if before is None or tick.amplitude > before.amplitude:
+            ticks[_rounded(tick.time_s)] = tick
     points = [
         (_rounded(time), value)
         for time, value in zip(
@@ -112,10 +112,10 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     for time, value in points:
         breakpoints.append({"time": time, "amplitude": round(value, 6)})
         if time in ticks:
-            tick = ticks.pop(time)
+            emphasized = ticks.pop(time)
             breakpoints[-1]["emphasis"] = {
-                "amplitude": round(max(tick.amplitude, breakpoints[-1]["amplitude"]), 6),
-                "frequency": round(float(frequencies.share(tick.frequency_hz)), 6),
+                "amplitude": round(max(emphasized.amplitude, breakpoints[-1]["amplitude"]), 6),
+                "frequency": round(float(frequencies.share(emphasized.frequency_hz)), 6),
             }
     times = joined_times([signal.frequency_hz], 0.0, points[-1][0])
     shares = frequencies.share(signal.frequency_hz.at(times))
@@ -147,45 +147,46 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def _rounded(seconds: float) -> float:
+    """Round seconds to 0.1 us."""
     return round(float(seconds), 7)
 
 
 def _parsed(content: bytes, name: str) -> Any:
-    """A document; the members that may be null, as in Meta's reader, are then left out."""
+    """Parse a document without null members that Meta's reader allows to be null."""
     return without_nulls(parse(content, name), ("emphasis", "frequency"))
 
 
-def _findings(found: Any) -> list[Finding]:
-    """Faults of a parsed document; an error is what the readers of Lofelt and Meta refuse.
+def _findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document: errors only for faults that players refuse.
 
-    Both compare times and strengths with 32 bits.
+    The readers of Lofelt and Meta both compare times and strengths in 32 bits.
     """
     report = Report("HAPTIC")
-    check(_DOCUMENT, found, report)
+    check(_DOCUMENT, document, report)
     if report.has_errors:
         return report.findings
-    envelopes = found["signals"]["continuous"]["envelopes"]
-    place = (((None, "signals"), "continuous"), "envelopes")
+    envelopes = document["signals"]["continuous"]["envelopes"]
+    location = (((None, "signals"), "continuous"), "envelopes")
     amplitude, frequency = envelopes["amplitude"], envelopes.get("frequency", [])
     for name, points in (("amplitude", amplitude), ("frequency", frequency)):
         times = np.array([point["time"] for point in points], np.float32)
         for k in (np.flatnonzero(np.diff(times) < 0.0) + 1).tolist():
-            report.error("ORDER", ((place, name), k), "its time is before the last one's")
+            report.error("ORDER", ((location, name), k), "its time is before the last one's")
     first, last = amplitude[0]["time"], amplitude[-1]["time"]
     if last <= first:
         message = "the envelope has no duration: Lofelt's reader takes it, Meta's does not"
-        report.warn("DURATION", (place, "amplitude"), message)
+        report.warn("DURATION", (location, "amplitude"), message)
     if first > 0.0:
-        report.warn("START", (place, "amplitude"), f"it begins at {first:g} s, not at 0")
+        report.warn("START", (location, "amplitude"), f"it begins at {first:g} s, not at 0")
     for k, point in enumerate(frequency):
         if not first <= point["time"] <= last:
             message = "it is outside of the amplitude envelope: Lofelt's and Meta's readers take it"
-            report.warn("FREQUENCY-TIME", ((place, "frequency"), k), message)
+            report.warn("FREQUENCY-TIME", ((location, "frequency"), k), message)
     for k, point in enumerate(amplitude):
         emphasis = point.get("emphasis")
         if emphasis and np.float32(emphasis["amplitude"]) < np.float32(point["amplitude"]):
             message = "its emphasis is weaker than its amplitude"
-            report.error("EMPHASIS", ((place, "amplitude"), k), message)
+            report.error("EMPHASIS", ((location, "amplitude"), k), message)
     return report.findings
 
 
@@ -193,24 +194,21 @@ validate = json_validator(_findings, _parsed)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """The signal of a file.
+    """Decode the signal of a file and its frequency range.
 
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
+    Raises InputError for an unreadable file or an error that is not tolerated.
     """
-    found = _parsed(content, name)
+    document = _parsed(content, name)
     notes = refuse_but(
-        _findings(found),
+        _findings(document),
         name,
         lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
     )
-    # Faults of the metadata hide those that are looked for behind them.
-    signals = {key: item for key, item in found.items() if key != "metadata"}
+    # Faults of the metadata end the check before the value rules, so it runs again without them.
+    signals = {key: item for key, item in document.items() if key != "metadata"}
     refuse_but(_findings(signals), name, lambda each: each.code in _TOLERATED)
-    envelopes = found["signals"]["continuous"]["envelopes"]
-    metadata = found.get("metadata")
+    envelopes = document["signals"]["continuous"]["envelopes"]
+    metadata = document.get("metadata")
     frequencies = _range_of(metadata)
     points = envelopes["amplitude"]
     shares = envelopes.get("frequency") or [{"time": 0.0, "frequency": 0.5}]
@@ -243,7 +241,7 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _credits_of(metadata: Any) -> Credits:
-    """Statements of the metadata, without our own tag of the range."""
+    """Metadata without HFX's own tag of the frequency range."""
     tags = metadata.get("tags") if isinstance(metadata, dict) else None
     return Credits(
         author=text_of(metadata, "author"),
@@ -258,12 +256,13 @@ def _credits_of(metadata: Any) -> Credits:
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
+    """Frequency range stated by HFX's tag; otherwise the default."""
     tags = metadata.get("tags") if isinstance(metadata, dict) else None
     for tag in tags if isinstance(tags, list) else ():
-        found = _RANGE_PATTERN.fullmatch(tag) if isinstance(tag, str) else None
-        if found:
+        match = _RANGE_PATTERN.fullmatch(tag) if isinstance(tag, str) else None
+        if match:
             try:
-                return FrequencyRange(float(found[1]), float(found[2]))
+                return FrequencyRange(float(match[1]), float(match[2]))
             except ValueError:
-                continue  # a foreign tag that looks like ours: nothing is lost
+                continue  # a foreign tag of the same form
     return DEFAULT_RANGE

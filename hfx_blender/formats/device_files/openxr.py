@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OpenXR parametric vibration (XR_EXT_haptic_parametric) as JSON.
 
-The extension has no file format. Each frame of ours is the content of one
-``XrHapticParametricVibrationEXT``, to be given to ``xrApplyHapticFeedback`` at its ``start``;
-member names and units (nanoseconds since the start of the frame, values 0 to 1) are its own.
+The extension defines no file format. Each frame of a file is the content of one
+``XrHapticParametricVibrationEXT``, to be passed to ``xrApplyHapticFeedback`` at its ``start``.
+Member names and units (nanoseconds from the start of the frame, values 0 to 1) are those of the
+extension.
 """
 
 from __future__ import annotations
@@ -69,13 +70,13 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """Part of a range of frequencies that a file can hold."""
+    """Clip a frequency range to the extension's limits."""
     low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
     return FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
 
 
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
-    """Signals as the content of a file."""
+    """Document of signals, one channel each."""
     hertz = held(frequencies)
     return {
         "format": FORMAT,
@@ -90,7 +91,7 @@ def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str
 
 
 def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
-    """A signal in as few frames as the limits of points allow."""
+    """Yield a signal in the fewest frames within the limits of points per frame."""
     ticks = sorted(signal.transients, key=lambda each: each.time_s)
     knots = np.unique(np.concatenate([signal.amplitude.times_s, [tick.time_s for tick in ticks]]))
     if len(knots) == 1:
@@ -99,7 +100,8 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
     cuts, first = [float(knots[0])], 0
     while first < len(knots) - 1:
         last = min(first + MAX_POINTS - 1, len(knots) - 1)
-        # Each frame also has a frequency at both of its ends.
+        # Two of the frame's frequency points are its ends. While the pitch has too many keyframes
+        # for the amplitude's span, the span is halved; a single piece is cut at pitch keyframes.
         begin = np.searchsorted(pitch_times, knots[first], side="right")
         while last > first + 1:
             end = np.searchsorted(pitch_times, knots[last], side="left")
@@ -137,41 +139,44 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
 
 
 def _ns(seconds: float) -> int:
+    """Nanoseconds, 0 or more."""
     return max(0, round(seconds * _NS))
 
 
 def _points(times: Any, values: Any) -> list[dict[str, Any]]:
+    """JSON points of times in seconds."""
     return [
         {"time": _ns(time), "value": round(value, 6)}
         for time, value in zip(times.tolist(), values.tolist(), strict=True)
     ]
 
 
-def _findings(found: Any) -> list[Finding]:
+def _findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document; value rules only without schema errors."""
     report = Report("OPENXR")
-    check(_DOCUMENT, found, report)
+    check(_DOCUMENT, document, report)
     if report.has_errors:
         return report.findings
-    if found["minFrequencyHz"] > found["maxFrequencyHz"]:
+    if document["minFrequencyHz"] > document["maxFrequencyHz"]:
         report.error("FREQUENCY-RANGE", None, "minFrequencyHz is above maxFrequencyHz")
-    for k, channel in enumerate(found["channels"]):
-        place = (((None, "channels"), k), "frames")
+    for k, channel in enumerate(document["channels"]):
+        location = (((None, "channels"), k), "frames")
         kinds = [frame["streamFrameType"] for frame in channel["frames"]]
         middle = ["INTERMEDIATE_FRAME"] * (len(kinds) - 2)
         if len(kinds) > 1 and kinds != ["FIRST_FRAME", *middle, "LAST_FRAME"]:
             message = "several frames are a FIRST_FRAME, INTERMEDIATE_FRAMEs and a LAST_FRAME"
-            report.error("STREAM", place, message)
+            report.error("STREAM", location, message)
         if kinds and len(kinds) == 1 and kinds != ["NONE"]:
-            report.error("STREAM", place, "a single frame has the type NONE")
+            report.error("STREAM", location, "a single frame has the type NONE")
         last = -1
         for i, frame in enumerate(channel["frames"]):
             if frame["start"] <= last:
-                report.error("ORDER", (place, i), "it does not begin after the frame before it")
+                report.error("ORDER", (location, i), "it does not begin after the frame before it")
             last = frame["start"]
             for name in ("amplitudePoints", "frequencyPoints", "transients"):
                 times = [point["time"] for point in frame.get(name, [])]
                 if any(b < a for a, b in pairwise(times)):
-                    report.error("POINT-ORDER", ((place, i), name), "its times descend")
+                    report.error("POINT-ORDER", ((location, i), name), "its times descend")
     return report.findings
 
 
@@ -179,23 +184,18 @@ validate = json_validator(_findings)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """The signals of a file.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
-    """
-    found = parse(content, name)
-    refuse_errors(_findings(found), name)
-    hertz = FrequencyRange(float(found["minFrequencyHz"]), float(found["maxFrequencyHz"]))
-    return [_signal(channel, hertz) for channel in found["channels"]], hertz
+    """Decode the signals of a file and its frequency range; InputError for any error."""
+    document = parse(content, name)
+    refuse_errors(_findings(document), name)
+    hertz = FrequencyRange(float(document["minFrequencyHz"]), float(document["maxFrequencyHz"]))
+    return [_signal(channel, hertz) for channel in document["channels"]], hertz
 
 
 write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
+    """Signal of a channel, with the frames joined."""
     amplitude: list[tuple[float, float]] = []
     pitch: list[tuple[float, float]] = []
     ticks = []

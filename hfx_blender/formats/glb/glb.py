@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF 2.0 binary files (GLB) written by us: the container, and body meshes.
+"""glTF 2.0 binary files (GLB), writer: the container, and body meshes.
 
-Blender's and our spaces have Z up and a body that faces -Y; glTF has Y up and +Z forward:
-(x, y, z) becomes (x, z, -y).
+Blender's space and ours have Z up and a body facing -Y; glTF has Y up and +Z forward: (x, y, z)
+becomes (x, z, -y).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from ..registry import FORMATS
 
 SUFFIX: Final = FORMATS["glb"].suffix
 HJIF_MEDIA_TYPE: Final = "haptics/hjif"
-"""Media type of HJIF, of ISO/IEC 23090-31."""
+"""Media type of HJIF (ISO/IEC 23090-31)."""
 
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
-"""Rotation from our space to glTF's."""
+"""Rotation from our space to glTF's, (3, 3)."""
 
 JSON_CHUNK: Final = 0x4E4F534A
 BINARY_CHUNK: Final = 0x004E4942
@@ -35,14 +35,14 @@ _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
 class Document:
-    """glTF document under construction: its JSON, and one buffer."""
+    """glTF document under construction: JSON and one buffer."""
 
     def __init__(self) -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "HFX"}}
         self._bytes = bytearray()
 
     def append(self, kind: str, item: Mapping[str, Any]) -> int:
-        """Add a node, mesh, ...; its index."""
+        """Append a node, mesh, ... and return its index."""
         items: list[Mapping[str, Any]] = self.json.setdefault(kind, [])
         items.append(item)
         return len(items) - 1
@@ -50,10 +50,10 @@ class Document:
     def accessor(
         self, array: npt.NDArray[Any], *, is_index: bool = False, is_vertex: bool = False
     ) -> int:
-        """Add numbers, (n,) or (n, 2 to 4 or 16); the accessor's index.
+        """Append numbers, (n,) or (n, 2 to 4 or 16), and return the accessor's index.
 
-        ``is_index`` are the corners of triangles, ``is_vertex`` what a mesh has a vertex. Other
-        whole numbers are of 16 bits, as joints are.
+        ``is_index``: corners of triangles, 32 bits. ``is_vertex``: attribute of a mesh. Unsigned
+        16-bit numbers (joints) stay so; all others become float32.
         """
         is_joint = not is_index and array.dtype == np.uint16
         kind = np.dtype("<u4" if is_index else "<u2" if is_joint else "<f4")
@@ -83,7 +83,7 @@ class Document:
         )
 
     def encoded(self) -> bytes:
-        """The document as a GLB file."""
+        """Encode the document as a GLB file."""
         if self._bytes:
             self.json["buffers"] = [{"byteLength": len(self._bytes)}]
         text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
@@ -94,19 +94,16 @@ class Document:
 
 
 def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
+    """Encode a chunk, filled up to a multiple of 4 bytes."""
     content += filler * (-len(content) % 4)
     return struct.pack("<II", len(content), kind) + content
 
 
 def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None) -> None:
-    """Write a perceptual model as a mesh in its rest pose; vertex ids stay the same.
+    """Write a perceptual model as a mesh in rest pose, with unchanged vertex ids.
 
-    ``hjif_uri`` is that of the HJIF file whose channels have its vertices.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    ``hjif_uri`` names the HJIF file whose channels refer to the vertices. Raises OutputError for an
+    unwritable file, of which no part remains.
     """
     document = Document()
     node = {"mesh": add_model(document, model), "name": clean(model.id)}
@@ -119,19 +116,19 @@ def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None)
 
 
 def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
-    """Add extensions of the whole file: used, never required."""
+    """Add extensions of the whole file, as used but not required."""
     document.json["extensions"] = dict(extensions)
     document.json["extensionsUsed"] = sorted(extensions)
 
 
 def hjif_media(uri: str) -> dict[str, Any]:
-    """Content of MPEG_media (ISO/IEC 23090-14) that names an HJIF file."""
+    """Content of MPEG_media (ISO/IEC 23090-14) for an HJIF file."""
     alternative = {"mimeType": HJIF_MEDIA_TYPE, "uri": uri}
     return {"media": [{"name": uri, "alternatives": [alternative]}]}
 
 
 def add_model(document: Document, model: PerceptualModel) -> int:
-    """Add a perceptual model as a mesh; its index."""
+    """Add a perceptual model as a mesh, and return its index."""
     attributes = {
         "POSITION": document.accessor(model.vertices @ TO_GLTF.T, is_vertex=True),
         "NORMAL": document.accessor(_unit(model.normals @ TO_GLTF.T), is_vertex=True),
@@ -152,5 +149,6 @@ def add_model(document: Document, model: PerceptualModel) -> int:
 
 
 def _unit(vectors: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Normalize vectors (N, 3); (0, 1, 0) for zero vectors."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0.0, vectors / np.where(lengths > 0.0, lengths, 1.0), [0, 1.0, 0])

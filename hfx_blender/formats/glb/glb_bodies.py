@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies of a scene as skinned, moving glTF nodes.
 
-Each body is a node that moves as its armature does, with a joint below it for each bone that
-moves skin. A joint stands at the middle of what it moves: its inverse bind matrix takes that
-point to the origin. A body that follows its mesh has a joint for each patch of its skin instead.
-Every perceptual model that is felt on the body is a mesh with that skin,
-its vertices in the body's rest pose and in the order of the model.
+Each body is a node with the motion of its armature, and below it one joint per bone that moves
+skin. A joint is at the middle of its skin: its inverse bind matrix moves this point to the origin.
+A body that follows its mesh has one joint per skin patch instead. Every perceptual model of the
+body is a mesh with this skin, its vertices in the body's rest pose and in the model's order.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from ...files.strict_json import clean
 from .glb import TO_GLTF, Document, add_model
 from .glb_motion import move, turned
 
-_SET: Final = 4  # influences of one attribute of glTF
+_SET: Final = 4  # influences per vertex attribute of glTF
 _STILL: Final = "rest"
 
 
@@ -45,7 +44,7 @@ class _Motion:
     indices: list[I64] = field(default_factory=list)
     to_world: list[F64] = field(default_factory=list)  # (T, 4, 4)
     bones: list[F32] = field(default_factory=list)  # (T, B, 3, 4)
-    errors_m: F64 = field(default_factory=lambda: np.zeros(2))  # of patches of skin: 99 %, all
+    errors_m: F64 = field(default_factory=lambda: np.zeros(2))  # patch errors: 99 %, largest
 
 
 class BodyRecorder:
@@ -57,7 +56,7 @@ class BodyRecorder:
         self._patches: dict[str, SurfaceJoints] = {}  # by body
 
     def add(self, block: AnimationBlock) -> None:
-        """Take the next block, in the order of time."""
+        """Record the next block, in time order."""
         for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
             rows = posed_rows(pose)
             rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
@@ -76,18 +75,18 @@ class BodyRecorder:
             motion.bones.append(bones.astype(np.float32))
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Motion of the bodies, as arrays that one process can hand on to another."""
-        found: dict[str, npt.NDArray[Any]] = {}
+        """Recorded motion as arrays for transfer between processes."""
+        arrays: dict[str, npt.NDArray[Any]] = {}
         for k, motion in enumerate(self._motions):
             if motion.indices:
-                found[f"body.{k}.indices"] = np.concatenate(motion.indices)
-                found[f"body.{k}.to_world"] = np.concatenate(motion.to_world)
-                found[f"body.{k}.bones"] = np.concatenate(motion.bones)
-                found[f"body.{k}.errors_m"] = motion.errors_m
-        return found
+                arrays[f"body.{k}.indices"] = np.concatenate(motion.indices)
+                arrays[f"body.{k}.to_world"] = np.concatenate(motion.to_world)
+                arrays[f"body.{k}.bones"] = np.concatenate(motion.bones)
+                arrays[f"body.{k}.errors_m"] = motion.errors_m
+        return arrays
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
-        """Replace the recorded motion by that of others, given in the order of time."""
+        """Replace the recording by :meth:`arrays` of several recorders in time order."""
         for k, motion in enumerate(self._motions):
             mine = [part for part in parts if f"body.{k}.indices" in part]
             motion.indices = [part[f"body.{k}.indices"] for part in mine]
@@ -97,6 +96,7 @@ class BodyRecorder:
             motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
 
     def _patches_of(self, body: BodyDescription) -> SurfaceJoints:
+        """Skin patches of a body that follows its mesh, created at first use."""
         assert isinstance(body.binding, SurfaceBinding)
         if body.id not in self._patches:
             self._patches[body.id] = SurfaceJoints(body.binding, load_model)
@@ -105,7 +105,7 @@ class BodyRecorder:
     def write(
         self, document: Document, models: Sequence[PerceptualModel], notes: list[str]
     ) -> tuple[list[int], list[int]]:
-        """Add all bodies; nodes for the scene, and those of them that have a mesh."""
+        """Add all bodies and extend ``notes``; returns all nodes, and the nodes with a mesh."""
         roots: list[int] = []
         meshes: list[int] = []
         for body, motion in zip(self._scene.bodies, self._motions, strict=True):
@@ -122,7 +122,7 @@ class BodyRecorder:
         models: Sequence[PerceptualModel],
         notes: list[str],
     ) -> list[int]:
-        """Add a body: its own node, then one for each model."""
+        """Add a body: its own node, then one node per model."""
         binding = body.binding
         node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
         is_posed = bool(motion.indices)
@@ -134,7 +134,7 @@ class BodyRecorder:
         if not isinstance(binding, SkinBinding):
             if is_posed:
                 patches = self._patches_of(body)
-                names, bound = patches.names, [patches.bound(each) for each in models]
+                names, bound = patches.names, [patches.bound(weights) for weights in models]
                 most_mm, all_mm = 1000.0 * motion.errors_m
                 notes.append(
                     f"body '{body.name}' follows its mesh: in the scene file {len(names)} patches "
@@ -143,8 +143,12 @@ class BodyRecorder:
         else:
             names, fitted = binding.bone_names, binding.fitted
             models = [fitted[m.id].of(m) if m.id in fitted else m for m in models]
-            bound = [BoundWeights.of(each, binding.bone_names) for each in models]
-        used = np.unique(np.concatenate([each.bones for each in bound])) if bound else np.arange(0)
+            bound = [BoundWeights.of(weights, binding.bone_names) for weights in models]
+        used = (
+            np.unique(np.concatenate([weights.bones for weights in bound]))
+            if bound
+            else np.arange(0)
+        )
         pivots = _pivots(bound, used)
         children = []
         is_sheared = move(document, node, times, turned(to_world))
@@ -163,7 +167,7 @@ class BodyRecorder:
             children.append(len(document.json["nodes"]) - 1)
         if is_sheared.any():
             notes.append(f"bones of body '{body.name}' are sheared, which moving nodes cannot be")
-        found = [root]
+        node_indices = [root]
         if children:
             document.json["nodes"][root]["children"] = children
             skin = self._add_skin(document, body.name, root, children, pivots)
@@ -173,12 +177,13 @@ class BodyRecorder:
             if bound:
                 _add_weights(document, mesh, bound[k], used)
                 shown["skin"] = skin
-            found.append(document.append("nodes", shown))
-        return found
+            node_indices.append(document.append("nodes", shown))
+        return node_indices
 
     def _add_skin(
         self, document: Document, name: str, root: int, joints: Sequence[int], pivots: F64
     ) -> int:
+        """Add a skin and return its index; ``pivots`` (J, 3) are joint origins in rest space."""
         inverse = np.tile(np.eye(4), (len(joints), 1, 1))
         inverse[:, :3, 3] = -(pivots @ TO_GLTF.T)
         columns = inverse.transpose(0, 2, 1).reshape(-1, 16)
@@ -194,20 +199,20 @@ class BodyRecorder:
 
 
 def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
-    """Middle of what each bone moves, rest space, (len(used), 3)."""
+    """Weighted centre of the skin of each bone, rest space, (len(used), 3)."""
     sums = np.zeros((len(used), 4))
-    for each in bound:
-        owners = np.repeat(np.arange(len(each.offsets) - 1), np.diff(each.offsets))
-        place = np.searchsorted(used, each.bones)
-        np.add.at(sums, place, each.values[:, None] * each.rest[owners])
+    for weights in bound:
+        owners = np.repeat(np.arange(len(weights.offsets) - 1), np.diff(weights.offsets))
+        column = np.searchsorted(used, weights.bones)
+        np.add.at(sums, column, weights.values[:, None] * weights.rest[owners])
     return np.asarray(sums[:, :3] / np.maximum(sums[:, 3:], 1e-12))
 
 
 def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:
-    """Add joints and weights to a mesh: all influences, the strongest four first."""
+    """Add joints and weights to a mesh: all influences, strongest first, in sets of four."""
     counts = np.diff(weights.offsets)
     owners = np.repeat(np.arange(len(counts)), counts)
-    order = np.lexsort([-weights.values, owners])  # a vertex's own, the strongest first
+    order = np.lexsort([-weights.values, owners])  # by vertex, then descending weight
     column = np.arange(len(owners)) - np.repeat(weights.offsets[:-1], counts)
     width = _SET * -(-int(counts.max(initial=1)) // _SET)
     joints = np.zeros((len(counts), width), np.uint16)

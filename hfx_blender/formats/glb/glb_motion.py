@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Motion of glTF nodes: matrices as translation, rotation and scale, and their keyframes."""
+"""Motion of glTF nodes: matrices as translation, rotation and scale, with keyframes."""
 
 from __future__ import annotations
 
@@ -16,33 +16,29 @@ _TURN[:3, :3] = TO_GLTF
 
 
 def to_gltf(matrices: F64) -> F64:
-    """Placing matrices from their own space to our world, (T, 4, 4), to glTF's world."""
+    """Convert matrices from a local space to our world, (T, 4, 4), to glTF's world."""
     return np.asarray(_TURN @ matrices)
 
 
 def turned(matrices: F64) -> F64:
-    """Transforms (T, 4, 4) of our space as those of glTF's space."""
+    """Convert transforms (T, 4, 4) within our space to glTF's space."""
     return np.asarray(_TURN @ matrices @ _TURN.T)
 
 
 def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) -> Bool:
-    """Add a node that has these matrices (T, 4, 4) at these times, linear in between.
+    """Add a node with matrices (T, 4, 4) at times, linear between; returns shear, (T,) bool.
 
-    ``node`` gets its transform and is added; what of it moves is in the scene's animation.
-
-    Returns
-    -------
-    (T,) bool
-        Sheared: a moving node cannot be. A resting one keeps its matrix as it is.
+    ``node`` gets the transform in place. Moving components become keyframes without shear. A node
+    at rest keeps its matrix exactly and is never reported as sheared.
     """
     translations, rotations, scales, is_sheared = decomposed(placed)
     columns = {"translation": translations, "rotation": rotations, "scale": scales}
-    moving = {path: each for path, each in columns.items() if _moves(each)}
+    moving = {path: column for path, column in columns.items() if _moves(column)}
     if not moving:
         node["matrix"] = placed[0].T.ravel().tolist()  # column by column
         is_sheared = np.zeros_like(is_sheared)
     else:
-        node |= {path: each[0].tolist() for path, each in columns.items()}
+        node |= {path: column[0].tolist() for path, column in columns.items()}
     index = document.append("nodes", node)
     if moving:
         _animate(document, index, times_s, moving)
@@ -50,11 +46,16 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
 
 
 def _moves(column: F64) -> bool:
+    """Test for a column that changes by more than 1e-7 of its magnitude."""
     return bool((np.ptp(column, axis=0) > 1e-7 * max(1.0, float(np.abs(column).max()))).any())
 
 
 def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
-    """Translations (T, 3), rotations (T, 4) x y z w without jumps, scales (T, 3), sheared (T,)."""
+    """Translations (T, 3), quaternions x y z w (T, 4), scales (T, 3) and shear (T,) of matrices.
+
+    Successive quaternions are on the same half sphere, so interpolation does not jump. Of a
+    mirrored matrix the x scale is negative. Shear is True beyond 1e-4.
+    """
     linear = matrices[:, :3, :3]
     scales = np.linalg.norm(linear, axis=1)
     scales[np.linalg.det(linear) < 0.0, 0] *= -1.0
@@ -69,7 +70,11 @@ def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
 
 
 def _quaternions(rotations: F64) -> F64:
-    """Quaternions x, y, z, w of rotation matrices (T, 3, 3), by the eigenvector."""
+    """Quaternions x, y, z, w of rotation matrices (T, 3, 3), w not negative.
+
+    Largest eigenvector of a symmetric matrix (Bar-Itzhack, "New method for extracting the
+    quaternion from a rotation matrix", 2000), stable for any rotation.
+    """
     m = rotations
     xx, yy, zz = (m[:, k, k] for k in range(3))
     k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads what is not above the diagonal
@@ -82,13 +87,14 @@ def _quaternions(rotations: F64) -> F64:
     diagonal = (xx - yy - zz, yy - xx - zz, zz - xx - yy, xx + yy + zz)
     k[:, range(4), range(4)] = np.stack(diagonal, axis=1)
     _, vectors = np.linalg.eigh(k)
-    found: F64 = vectors[:, :, -1]
-    return found * np.where(found[:, 3:] < 0.0, -1.0, 1.0)
+    quaternions: F64 = vectors[:, :, -1]
+    return quaternions * np.where(quaternions[:, 3:] < 0.0, -1.0, 1.0)
 
 
 def _animate(document: Document, node: int, times_s: F64, columns: Mapping[str, F64]) -> None:
-    """Add keyframes to the scene's one animation."""
+    """Add keyframes of a node to the scene's single animation."""
     values = np.hstack(list(columns.values()))
+    # Keyframes within constant stretches are redundant; the ends of stretches are kept.
     keep = np.ones(len(times_s), np.bool_)
     keep[1:-1] = (values[1:-1] != values[:-2]).any(axis=1) | (values[1:-1] != values[2:]).any(
         axis=1

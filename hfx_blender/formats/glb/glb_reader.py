@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reader of glTF 2.0 binary files: the container, its JSON, and what HFX takes from that.
+"""Reader of glTF 2.0 binary files: container, JSON, and the members used by HFX.
 
-Rules of everything else in a glTF file are those of Khronos' validator, which the tests run on all
-that HFX writes.
+All further rules of glTF are those of Khronos' validator; tests run it on HFX's files.
 """
 
 from __future__ import annotations
@@ -19,73 +18,61 @@ _LISTS: Final = ("meshes", "nodes", "animations")
 
 
 def read_json(content: bytes, name: str) -> dict[str, Any]:
-    """The JSON part of a GLB file.
-
-    Raises
-    ------
-    InputError
-        It is no GLB file, or what HFX takes from it is not sound.
-    """
+    """Return the JSON document of a GLB file; InputError for a file with findings."""
     refuse_errors(validate(content, name), name)
-    found: dict[str, Any] = parse(_json_chunk(content, Report("GLB")), name)
-    return found
+    document: dict[str, Any] = parse(_json_chunk(content, Report("GLB")), name)
+    return document
 
 
 def model_hashes(content: bytes, name: str) -> dict[str, str]:
-    """Content hashes of the body models of HFX that a file has as meshes, by model id.
+    """Content hashes of HFX body models stored as meshes, by model id.
 
-    Raises
-    ------
-    InputError
-        See :func:`read_json`.
+    Raises InputError for a file with findings.
     """
     extras = (mesh.get("extras") for mesh in read_json(content, name).get("meshes", []))
     pairs = (
         (item.get("hfx_model"), item.get("hfx_content_hash"))
         for item in extras
-        if isinstance(item, dict)  # others write anything there
+        if isinstance(item, dict)  # extras of other programs may have any type
     )
     return {id: sum for id, sum in pairs if isinstance(id, str) and isinstance(sum, str)}
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a valid file."""
-    found = read_json(read_data(path), str(path))
+    """Meshes, node and animation counts, and extensions of a valid file for ``hfx info``."""
+    document = read_json(read_data(path), str(path))
     return {
-        "meshes": [str(mesh.get("name", "")) for mesh in found.get("meshes", [])],
-        "nodes": len(found.get("nodes", [])),
-        "animations": len(found.get("animations", [])),
-        "extensions": [str(each) for each in found.get("extensionsUsed", [])],
+        "meshes": [str(mesh.get("name", "")) for mesh in document.get("meshes", [])],
+        "nodes": len(document.get("nodes", [])),
+        "animations": len(document.get("animations", [])),
+        "extensions": [str(extension) for extension in document.get("extensionsUsed", [])],
     }
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a GLB file: the container, and what HFX takes from its JSON.
+    """Return the findings about the container and the members used by HFX.
 
-    Raises
-    ------
-    InputError
-        Its JSON cannot be read.
+    Raises InputError for unreadable JSON.
     """
     report = Report("GLB")
     text = _json_chunk(content, report)
     if report.has_errors:
         return report.findings
-    found = parse(text, name)
-    asset = found.get("asset") if isinstance(found, dict) else None
+    document = parse(text, name)
+    asset = document.get("asset") if isinstance(document, dict) else None
     if not isinstance(asset, dict) or asset.get("version") != "2.0":
         report.error("ASSET", (None, "asset"), "it has no asset of version 2.0")
         return report.findings
     for key in _LISTS:
-        items = found.get(key, [])
+        items = document.get(key, [])
         if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
             report.error("TYPE", (None, key), "expected a list of objects")
-    _check_extensions(found, report)
+    _check_extensions(document, report)
     return report.findings
 
 
 def _json_chunk(content: bytes, report: Report) -> bytes:
-    """Text of the first chunk, which is JSON; empty after a fault of the container."""
+    """Bytes of the JSON chunk; empty after a reported fault of the container."""
     if len(content) < 20:
         report.error("SIZE", None, f"{len(content)} bytes")
         return b""
@@ -109,13 +96,16 @@ def _json_chunk(content: bytes, report: Report) -> bytes:
     return text
 
 
-def _check_extensions(found: dict[str, Any], report: Report) -> None:
-    lists = {key: found.get(key, []) for key in ("extensionsUsed", "extensionsRequired")}
+def _check_extensions(document: dict[str, Any], report: Report) -> None:
+    """Report wrongly typed or undeclared extensions, and warn about required extensions."""
+    lists = {key: document.get(key, []) for key in ("extensionsUsed", "extensionsRequired")}
     for key, names in lists.items():
-        if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
+        if not isinstance(names, list) or not all(
+            isinstance(extension_name, str) for extension_name in names
+        ):
             report.error("TYPE", (None, key), "expected a list of texts")
             return
-    extensions = found.get("extensions")
+    extensions = document.get("extensions")
     for name in extensions if isinstance(extensions, dict) else ():
         if name not in lists["extensionsUsed"]:
             report.error("EXTENSION", (None, "extensions"), f"{name} is not in extensionsUsed")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene as glTF: its bodies, its haptic volumes as nodes that move, and draft MPEG triggers.
+"""Scene as glTF: bodies, haptic volumes as moving nodes, and draft MPEG triggers.
 
 Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
-pull request 2503): when the body collides with it, the perceptions of an HJIF file beside it
-are played. The extensions are used, never required: any reader sees bodies and moving nodes.
+pull request 2503): a collision of the body with it plays perceptions of a companion HJIF file. The
+extensions are used, not required: any reader shows bodies and moving nodes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _PRIMITIVES: Final[dict[type, tuple[int, dict[str, float]]]] = {
     Cylinder: (2, {"radius": 1.0, "length": 2.0}),
     Sphere: (4, {"radius": 1.0}),
 }
-"""Number and size of the draft's primitives; a capsule has ends instead of a centroid."""
+"""Number and size of the draft's primitives; a capsule has two ends instead of a centroid."""
 
 _SHAPES: Final = {Cuboid: "cuboid", Sphere: "sphere", Cylinder: "cylinder", Capsule: "capsule"}
 _ACTIVATE_ON, _PARALLEL, _PLAY = 2, 1, 0
@@ -52,7 +52,7 @@ _ALL_OF_THE_BODY: Final = 2**32 - 1
 
 @dataclass(eq=False)
 class _Volume:
-    """Recorded motion of one volume."""
+    """Recorded motion of one volume; ``shape`` is None before its first active sample."""
 
     effect: EffectDescription
     shape: Shape | None = None
@@ -75,7 +75,7 @@ class VolumeRecorder:
         }
 
     def add(self, block: AnimationBlock) -> None:
-        """Take the next block, in the order of time."""
+        """Record the next block, in time order."""
         self._bodies.add(block)
         rows = block.own
         for k, volume in self._volumes.items():
@@ -84,7 +84,7 @@ class VolumeRecorder:
                 continue
             finite = (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
             finite &= np.isfinite(effect.parameters[rows]).all(axis=1)
-            finite &= effect.levels[rows] > 0.0  # other rows may hold anything
+            finite &= effect.levels[rows] > 0.0  # rows of inactive samples are undefined
             if not finite.any():
                 continue
             shape = effect.shapes[0]
@@ -99,19 +99,19 @@ class VolumeRecorder:
             volume.values.append(values[finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded values as arrays that one process can hand on to another."""
-        found = self._bodies.arrays()
+        """Recorded motion as arrays for transfer between processes."""
+        arrays = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:
-                found[f"{k}.indices"] = np.concatenate(volume.indices)
-                found[f"{k}.matrices"] = np.concatenate(volume.matrices)
-                found[f"{k}.values"] = np.concatenate(volume.values)
-                found[f"{k}.changes"] = np.array(volume.changes_shape)
-                found[f"{k}.shape"] = np.array(type(volume.shape).__name__)
-        return found
+                arrays[f"{k}.indices"] = np.concatenate(volume.indices)
+                arrays[f"{k}.matrices"] = np.concatenate(volume.matrices)
+                arrays[f"{k}.values"] = np.concatenate(volume.values)
+                arrays[f"{k}.changes"] = np.array(volume.changes_shape)
+                arrays[f"{k}.shape"] = np.array(type(volume.shape).__name__)
+        return arrays
 
     def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
-        """The first sample of each volume in :meth:`arrays` of others, in the order of time."""
+        """Ascending first active samples of the volumes in :meth:`arrays` of several recorders."""
         firsts = (
             next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
             for k in self._volumes
@@ -119,17 +119,17 @@ class VolumeRecorder:
         return sorted({first for first in firsts if first is not None})
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
-        """Replace the recorded motion by that of others, given in the order of time; only the
-        shapes are kept.
-        """
+        """Replace the recording, except shapes, by :meth:`arrays` of recorders in time order."""
         self._bodies.replace(parts)
         for k, volume in self._volumes.items():
-            mine = [part for part in parts if f"{k}.indices" in part]
-            volume.indices = [part[f"{k}.indices"] for part in mine]
-            volume.matrices = [part[f"{k}.matrices"] for part in mine]
-            volume.values = [part[f"{k}.values"] for part in mine]
-            shapes = {str(part[f"{k}.shape"]) for part in mine}
-            volume.changes_shape = len(shapes) > 1 or any(part[f"{k}.changes"] for part in mine)
+            volume_parts = [part for part in parts if f"{k}.indices" in part]
+            volume.indices = [part[f"{k}.indices"] for part in volume_parts]
+            volume.matrices = [part[f"{k}.matrices"] for part in volume_parts]
+            volume.values = [part[f"{k}.values"] for part in volume_parts]
+            shapes = {str(part[f"{k}.shape"]) for part in volume_parts}
+            volume.changes_shape = len(shapes) > 1 or any(
+                part[f"{k}.changes"] for part in volume_parts
+            )
 
     def write(
         self, models: Sequence[PerceptualModel], stem: Path, hjif_name: str | None = None
@@ -139,14 +139,14 @@ class VolumeRecorder:
         Parameters
         ----------
         models : sequence of PerceptualModel
-            Of the canonical body; each body gets all of them, fitted to it.
+            Of the canonical body; each body gets all of them, fitted.
         hjif_name : str, optional
-            File beside it whose perceptions the triggers play.
+            Companion file with the perceptions of the triggers.
 
         Raises
         ------
         OutputError
-            The file cannot be written; nothing is left of it then.
+            The file cannot be written; no partial file remains.
         """
         document = Document()
         triggers: list[dict[str, Any]] = []
@@ -162,7 +162,7 @@ class VolumeRecorder:
             notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
         shown = [*roots, *nodes]
-        document.json["scenes"] = [{"nodes": shown} if shown else {}]  # no list may be empty
+        document.json["scenes"] = [{"nodes": shown} if shown else {}]  # glTF forbids empty lists
         document.json["scene"] = 0
         path = stem.with_name(f"{stem.name}.scene{SUFFIX}")
         with atomic_file(path) as file:
@@ -177,6 +177,7 @@ class VolumeRecorder:
         bodies: Sequence[int],
         notes: list[str],
     ) -> int:
+        """Add the node and the trigger of a volume; returns the node's index."""
         assert volume.shape is not None
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
         placed = to_gltf(matrices)
@@ -207,16 +208,16 @@ class VolumeRecorder:
 def _volume_extras(
     effect: EffectDescription, shape: Shape, matrices: F64, values: F64, time: TimeBase
 ) -> dict[str, Any]:
-    """Extras of a volume's node: all that its collider needs to know.
+    """Extras of a volume's node, sufficient for a collider.
 
-    ``docs/formats/scene-volume.schema.json`` is their schema.
+    ``docs/formats/scene-volume.schema.json`` is the schema.
 
     Parameters
     ----------
     matrices : (T, 4, 4) float64
-        Shape space to world while it is active.
+        Shape space to world at active samples.
     values : (T, 1 + P) float64
-        Level and parameters at these times.
+        Level and parameters at these samples.
     """
     assert isinstance(effect.area, HapticVolume)
     falloff = effect.area.falloff
@@ -255,7 +256,7 @@ def _volume_extras(
 
 
 def _range(values: F64) -> dict[str, float]:
-    """First, lowest and highest value while it is active."""
+    """First, lowest and highest value, rounded."""
     return {
         "first": round(float(values[0]), 6),
         "lowest": round(float(values.min()), 6),
@@ -264,12 +265,12 @@ def _range(values: F64) -> dict[str, float]:
 
 
 def _seconds(frame: float, time: TimeBase) -> float:
-    """Time of a frame since the first exported one."""
+    """Time of a frame from the first exported frame."""
     return round((frame - time.frame_first) / float(time.fps), 6)
 
 
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
-    """A shape as a draft primitive; its axes are width x, height y, length z. None: a mesh."""
+    """Draft primitive of a shape (width x, height y, length z); None for a mesh."""
     placed = {"transformationMatrix": matrix.T.ravel().tolist()}
     if isinstance(shape, Capsule):
         ends = {
@@ -284,6 +285,7 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
 
 
 def _add_mesh(document: Document, shape: Any) -> int:
+    """Add a mesh shape and return its index."""
     attributes = {"POSITION": document.accessor(np.asarray(shape.vertices), is_vertex=True)}
     triangles = document.accessor(np.asarray(shape.triangles).ravel(), is_index=True)
     return document.append(
@@ -298,7 +300,7 @@ def _add_interactivity(
     scene: SceneDescription,
     hjif_name: str | None,
 ) -> None:
-    """The draft extensions: for each trigger an action that plays its effect's modality."""
+    """Add the draft extensions: one action per trigger that plays the effect's modality."""
     if not triggers:
         return
     modalities = {clean(effect.id): effect.modality for effect in scene.effects}
@@ -307,7 +309,7 @@ def _add_interactivity(
         effect_id = document.json["nodes"][node]["extras"]["hfx_effect"]
         media = {
             "mediaIndex": 0,
-            "perceptionIndices": [],  # all that the file has of this modality
+            "perceptionIndices": [],  # all perceptions of this modality
             "hapticModality": [MODALITIES[modalities[effect_id]].gltf],
             "hapticControl": _PLAY,
             "loop": False,

@@ -2,8 +2,8 @@
 """RichTap .he, versions 1 and 2, and OpenHarmony's variant: events with short curves.
 
 Sources: AOSP's HapticPlayer.java (RichTap's own parser on phones), OpenHarmony's vibrator
-guidelines, files of RichTap Creator Pro. Times are whole milliseconds, frequencies 0 to 100
-of the device's range; a curve has 16 points at most, so a signal is many events.
+guidelines, files of RichTap Creator Pro. Times are whole milliseconds, frequencies 0 to 100 of the
+device's range. A curve has at most 16 points, so a signal becomes many events.
 """
 
 from __future__ import annotations
@@ -52,24 +52,21 @@ SUFFIX: Final = FORMATS["he"].suffix
 V1_SUFFIX: Final = FORMATS["he1"].suffix
 OPENHARMONY_SUFFIX: Final = FORMATS["openharmony"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
-"""Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
+"""Approximate frequencies of 0 and 100 on a phone, for files that state none."""
 
-_MOST: Final = 1e6  # of strengths and frequencies of files, which are 0 to 100
-_COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
+_MOST: Final = 1e6  # clips strengths and frequencies of foreign files
+_COARSEST: Final = 0.1  # largest tolerance, a share of full scale; a larger one is refused
 _COARSER: Final = 1.5
 _RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
-_MISSED_BY_NOBODY: Final = tuple(
+_TOLERATED: Final = tuple(
     f"'{key}' is missing" for key in ("Index", "Metadata", "MetaData", "Version", "ChannelNumber")
 )
 _SIDES: Final = {0: "", 1: "left", 2: "right"}
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write version 2, one file for each audible signal: ``stem.<name>.he``.
-
-    Events follow each other without gaps; there may be any number of them.
-    """
-    late = [
+    """Write version 2: one file per audible signal, ``stem.<name>.he``, with consecutive events."""
+    delayed_names = [
         signal.name
         for signal in signals
         if any(
@@ -79,7 +76,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     ]
     text = f"ticks closer than {TRANSIENT_MS} ms come up to that later between two patterns"
     written = _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
-    return written + Written((), counted(late, text))
+    return written + Written((), counted(delayed_names, text))
 
 
 def write_v1(
@@ -88,18 +85,11 @@ def write_v1(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write version 1: 16 events in 50 s at most, which begin and end at 0.
+    """Write version 1: at most 16 events in 50 s, which begin and end at 0.
 
-    Parameters
-    ----------
-    signals : sequence of Signal
-        Not simplified: what does not fit is simplified more, up to a tenth of full scale.
-
-    Raises
-    ------
-    InputError
-        No signal fits however it is simplified; nothing was written. If some do, the others
-        are told in ``left_out``.
+    Signals are not simplified beforehand: the tolerance grows up to a tenth of full scale until a
+    signal fits. Signals that never fit are in ``left_out``; if none fits, InputError is raised and
+    no file written.
     """
 
     def build(signal: Signal) -> dict[str, Any] | None:
@@ -116,7 +106,7 @@ def write_v1(
     written = _write_fitting(
         signals, stem, V1_SUFFIX, tolerance, build, f".he version 1 holds {limit}"
     )
-    return written + Written(notes=("between two events it is silent for up to 2 ms",))
+    return written + Written(notes=("between two events there are up to 2 ms of silence",))
 
 
 def write_openharmony(
@@ -125,18 +115,18 @@ def write_openharmony(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write OpenHarmony's variant: 128 events and 64 KiB a file at most; else as version 1."""
+    """Write OpenHarmony's variant, at most 128 events and 64 KiB; see :func:`write_v1`."""
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=False)
-        most = OPENHARMONY_MAX_EVENTS // 2  # their size has a limit, too
+        most = OPENHARMONY_MAX_EVENTS // 2  # half, as the file size is limited too
         events = _with_end(signal, events, most, OPENHARMONY_MAX_START_MS)
         if len(events) > OPENHARMONY_MAX_EVENTS:
             return None
         if any(event.start_ms > OPENHARMONY_MAX_START_MS for event in events):
             return None
-        found = _openharmony(signal, frequencies, events)
-        return found if len(encoded(found)) <= OPENHARMONY_MAX_BYTES else None
+        pattern = _openharmony(signal, frequencies, events)
+        return pattern if len(encoded(pattern)) <= OPENHARMONY_MAX_BYTES else None
 
     limit = f"{OPENHARMONY_MAX_EVENTS} events and {OPENHARMONY_MAX_BYTES >> 10} KiB"
     title = f"an OpenHarmony pattern holds {limit}"
@@ -144,14 +134,14 @@ def write_openharmony(
 
 
 def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
-    """Events with silence up to the signal's end, where a format has room for it."""
+    """Append silence up to the signal's end, if the format has room for it."""
     whole = [*events, *silent_end(signal, events)]
-    is_held = len(whole) <= most and all(each.start_ms <= latest_ms for each in whole)
+    is_held = len(whole) <= most and all(event.start_ms <= latest_ms for event in whole)
     return whole if is_held else events
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """A signal as the content of a version 2 file."""
+    """Version 2 document of a signal."""
     events = events_of(signal, frequencies, falls_to_zero=False)
     patterns = [
         {
@@ -168,6 +158,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 def _write(
     signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
 ) -> Written:
+    """Write one document per audible signal, with notes on silent signals and weak ticks."""
     files = []
     for signal in signals:
         if not signal.is_silent:
@@ -190,38 +181,43 @@ def _write_fitting(
     build: Callable[[Signal], Any],
     limit: str,
 ) -> Written:
+    """Write signals with the smallest sufficient tolerance, see :func:`write_v1`.
+
+    ``build`` returns None for a signal beyond the limits, which ``limit`` describes.
+    """
     documents: dict[str, Any] = {}
     notes = []
     refused: list[str] = []
     dense, simple = [], []
     for signal in signals:
         if signal.is_silent:
-            continue  # told by _write
-        value, found = tolerance, None
-        while found is None and value <= max(_COARSEST, tolerance):
+            continue  # reported by _write
+        value, content = tolerance, None
+        while content is None and value <= max(_COARSEST, tolerance):
             (few,) = simplified_signals([signal], value)
-            found = build(few)
-            if found is not None and value > tolerance:
+            content = build(few)
+            if content is not None and value > tolerance:
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
             value *= _COARSER
-        if found is None:
+        if content is None:
             refused.append(
                 f"'{signal.name}': {limit}; this one needs more even if it is simplified "
                 f"to {_COARSEST:.0%} of full scale. Export a shorter range"
             )
             continue
-        documents[signal.name] = found
+        documents[signal.name] = content
         dense.append(signal)
         simple.append(few)
     if refused and not documents:
         raise InputError(f"{refused[0]}.")
-    kept = [each for each in signals if each.is_silent or each.name in documents]
-    written = _write(kept, stem, suffix, lambda each: documents[each.name])
+    written_signals = [each for each in signals if each.is_silent or each.name in documents]
+    written = _write(written_signals, stem, suffix, lambda each: documents[each.name])
     within = f"curves are within {tolerance:.1%} of full scale, their times whole milliseconds"
     return written + Written((), tuple(refused), (within, *notes, *losses.silenced(dense, simple)))
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
+    """Metadata with version, name and frequency range."""
     hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
     return {
         "Version": version,
@@ -233,9 +229,10 @@ def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict
 def _openharmony(
     signal: Signal, frequencies: FrequencyRange, events: Sequence[HeEvent]
 ) -> dict[str, Any]:
+    """OpenHarmony document of a signal's events, on one channel."""
     entries = []
-    for each in events:
-        event = event_entry(each, each.start_ms)
+    for he_event in events:
+        event = event_entry(he_event, he_event.start_ms)
         event["StartTime"] = event.pop("RelativeTime")
         entries.append({"Event": event})
     hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
@@ -251,36 +248,34 @@ def _openharmony(
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Read the signals of a file of any of the three kinds: one, or a left and a right one.
+    """Decode the signals of a file of any version, and its frequency range.
 
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
+    One signal, or one for each actuator index (left, right). Losses and notes are on the first one.
+    Raises InputError for an unreadable file or one of another structure.
     """
-    found = parse(content, name)
-    # Phones play what the editor would not make: only the form matters, and an actuator is
-    # both of them unless it is named.
+    document = parse(content, name)
+    # Phones play files beyond the editor's limits, so only the structure matters. Events without
+    # an index play on both actuators.
     notes = refuse_but(
-        findings(found),
+        findings(document),
         name,
-        lambda each: (
-            each.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING")
-            or each.message in _MISSED_BY_NOBODY
+        lambda offset: (
+            offset.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING")
+            or offset.message in _TOLERATED
         ),
     )
-    found = known_members(shape_of(found), found)
-    metadata = found.get("Metadata", found.get("MetaData", {}))
+    document = known_members(shape_of(document), document)
+    metadata = document.get("Metadata", document.get("MetaData", {}))
     title = metadata.get("Description")
     frequencies = _range_of(title if isinstance(title, str) else "")
     pieces: dict[int, list[Piece]] = {}
     ticks: dict[int, list[Transient]] = {}
     end_s = 0.0
     beyond = endless = 0
-    for index, start_ms, event in _absolute_events(found):
+    for index, start_ms, event in _absolute_events(document):
         parameters = event["Parameters"]
         curve = parameters.get("Curve") or ()
-        hundredths = [parameters["Frequency"] + each.get("Frequency", 0) for each in curve]
+        hundredths = [parameters["Frequency"] + offset.get("Frequency", 0) for offset in curve]
         beyond += sum(not 0 <= percent <= 100 for percent in hundredths)
         level, pitch = (
             min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
@@ -325,15 +320,17 @@ held: Final = DEFAULT_RANGE.held
 write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
 
 
-def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Events with their actuator's index and their time, ms."""
-    if "Channels" in found:
+def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
+    """Events as (actuator index, time in ms, event)."""
+    if "Channels" in document:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
-            for channel in found["Channels"]
+            for channel in document["Channels"]
             for entry in channel["Pattern"]
         ]
-    patterns = found.get("PatternList", [{"AbsoluteTime": 0, "Pattern": found.get("Pattern", [])}])
+    patterns = document.get(
+        "PatternList", [{"AbsoluteTime": 0, "Pattern": document.get("Pattern", [])}]
+    )
     return [
         (
             entry["Event"].get("Index", 0),
@@ -348,6 +345,7 @@ def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, An
 def _piece(
     event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
 ) -> Piece:
+    """Piece of a continuous event; without a curve, constant."""
     curve = event["Parameters"].get("Curve")
     end = start + event["Duration"] / 1000.0
     if not curve:
@@ -366,10 +364,11 @@ def _piece(
 
 
 def _range_of(description: str) -> FrequencyRange:
+    """Frequency range stated by HFX at the end of a description; otherwise the default."""
     words = description.rpartition(";")[2].split()
     try:
         if words[:4] == ["0", "to", "100", "is"] and words[5:8:2] == ["to", "Hz"]:
             return FrequencyRange(float(words[4]), float(words[6]))
     except (ValueError, IndexError):
-        pass  # a foreign description: it states no range
+        pass  # a foreign description without a range
     return DEFAULT_RANGE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A signal cut into the events of .he files: short, few points, whole milliseconds."""
+"""Events of .he files from signals: few points, whole milliseconds."""
 
 from __future__ import annotations
 
@@ -22,24 +22,27 @@ from .he_rules import (
 )
 
 _SAME_LEVEL: Final = 0.005
-_SAME_SHARE: Final = 1.0  # of a hundred
+_SAME_SHARE: Final = 1.0  # percent
 
 
 @dataclass(frozen=True)
 class HeEvent:
-    """Event of a .he file; a transient has no points."""
+    """Event of a .he file: continuous with points, or a transient without."""
 
     start_ms: int
-    points: tuple[tuple[int, float, int], ...]  # time within it, intensity 0..1, frequency
-    transient: tuple[int, int] | None = None  # intensity, frequency
+    points: tuple[
+        tuple[int, float, int], ...
+    ]  # ms from its start, intensity 0..1, frequency 0..100
+    transient: tuple[int, int] | None = None  # intensity and frequency, 0..100
 
     @property
     def end_ms(self) -> int:
+        """Time of the last point; of a transient its start."""
         return self.start_ms + (self.points[-1][0] if self.points else 0)
 
 
 def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
-    """Silent events from the last event to the end of a signal: a loop keeps its length."""
+    """Silent events from the last event to the signal's end, so a loop keeps its length."""
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
@@ -51,14 +54,14 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
 
 
 def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
-    """A signal as events in the order of time.
+    """Convert a signal to events in time order.
 
     Parameters
     ----------
     signal : Signal
-        Simplified; no two keyframes at the same time.
+        Simplified, without two keyframes at one time.
     falls_to_zero : bool
-        Each event begins and ends silent, as version 1 wants it.
+        Begin and end each event silent, as version 1 requires.
     """
     ticks = [
         HeEvent(
@@ -77,10 +80,10 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         levels = signal.amplitude.at(knots)
         levels[-1] = signal.amplitude.before(end)
         shares = np.rint(100.0 * frequencies.share(signal.frequency_hz.at(knots)))
-        kept = _kept(knots, levels, shares)
-        grid = _whole_ms(1000.0 * knots[kept])
+        indices = _kept(knots, levels, shares)
+        grid = _whole_ms(1000.0 * knots[indices])
         points = list(
-            zip(grid, levels[kept].tolist(), shares[kept].astype(int).tolist(), strict=True)
+            zip(grid, levels[indices].tolist(), shares[indices].astype(int).tolist(), strict=True)
         )
         points = _with_long_gaps_cut(points, cuts)
         events += _cut(points, set(cuts), falls_to_zero)
@@ -88,23 +91,28 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
 
 
 def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
-    """Events as patterns of version 2: the absolute time of each, ms, and its events.
+    """Group events into patterns of version 2: absolute time in ms and events of each.
 
-    A pattern ends where players let the next one begin; of 16 events that leave no such place
-    the next tick comes late, with the pattern that it begins.
+    A pattern ends where players accept the next pattern without delay. If none of its 16 events
+    allows that, the next tick is delayed with its pattern.
     """
-    found: list[tuple[int, list[HeEvent]]] = []
+    patterns: list[tuple[int, list[HeEvent]]] = []
     spacing = PatternSpacing()
     first = 0
     while first < len(events):
         start = max(events[first].start_ms, spacing.earliest_ms)
-        most = events[first : first + MAX_PATTERN_EVENTS]
-        most = [each for each in most if each.start_ms - start <= MAX_RELATIVE_MS]
-        times = [
-            (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0]) for e in most
+        candidates = events[first : first + MAX_PATTERN_EVENTS]
+        candidates = [
+            count_in_pattern
+            for count_in_pattern in candidates
+            if count_in_pattern.start_ms - start <= MAX_RELATIVE_MS
         ]
-        delays = {}  # how late the next pattern would be, by the number of events in this one
-        for count in range(len(most), 0, -1):
+        times = [
+            (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0])
+            for e in candidates
+        ]
+        delays = {}  # delay of the next pattern, ms, by the number of events in this pattern
+        for count in range(len(candidates), 0, -1):
             following = events[first + count : first + count + 1]
             earliest = spacing.after(start, times[:count])
             if not following or following[0].start_ms >= earliest:
@@ -112,32 +120,34 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
                 break
             if following[0].transient:
                 delays[count] = earliest - following[0].start_ms
-        count = min(delays, key=lambda each: delays[each], default=len(most))
+        count = min(
+            delays, key=lambda count_in_pattern: delays[count_in_pattern], default=len(candidates)
+        )
         spacing.follow(start, times[:count])
-        found.append((start, list(most[:count])))
+        patterns.append((start, list(candidates[:count])))
         first += count
-    return found
+    return patterns
 
 
 def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
-    """Indices of keyframes without near-duplicates in the same millisecond: a step has two."""
-    kept = [0]
+    """Indices of keyframes without near-duplicates in one millisecond; steps keep both."""
+    indices = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
-        before = kept[-1]
+        before = indices[-1]
         is_alike = (
             abs(levels[k] - levels[before]) <= _SAME_LEVEL
             and abs(shares[k] - shares[before]) <= _SAME_SHARE
         )
         if round(1000.0 * knots[k]) > round(1000.0 * knots[before]) or not is_alike:
-            kept.append(k)
-        elif k == last and len(kept) > 1:
-            kept[-1] = k
-    return kept if kept[-1] == last else [*kept, last]
+            indices.append(k)
+        elif k == last and len(indices) > 1:
+            indices[-1] = k
+    return indices if indices[-1] == last else [*indices, last]
 
 
 def _whole_ms(times_ms: Any) -> list[int]:
-    """Round to whole milliseconds, each later than the one before."""
+    """Round to strictly ascending whole milliseconds."""
     steps = np.arange(len(times_ms))
     return list(np.maximum.accumulate(np.rint(times_ms).astype(np.int64) - steps) + steps)
 
@@ -146,19 +156,19 @@ _PointMs = tuple[int, float, int]
 
 
 def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
-    """Add points where an event must end: at ticks, and before it gets too long."""
+    """Add points where an event has to end: at ticks, and after the longest duration."""
     grid = [time for time, _, _ in points]
-    wanted = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
-    for time, after in pairwise(sorted(wanted)):
-        wanted |= set(range(time, after, MAX_DURATION_MS))
-    times = sorted(wanted)
+    cut_times = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
+    for time, after in pairwise(sorted(cut_times)):
+        cut_times |= set(range(time, after, MAX_DURATION_MS))
+    times = sorted(cut_times)
     levels = np.interp(times, grid, [level for _, level, _ in points])
     shares = np.rint(np.interp(times, grid, [share for _, _, share in points])).astype(int)
     return list(zip(map(int, times), levels.tolist(), shares.tolist(), strict=True))
 
 
 def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
-    """Cut points into events; the last point of one begins the next."""
+    """Cut points into events; the last point of an event is the first of the next."""
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
     first = 0
@@ -181,7 +191,7 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
 
 
 def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
-    """Add silence at both ends, a millisecond short where it is loud there."""
+    """Add silence at both ends; a loud end is moved inwards by one millisecond."""
     (_, level, share), (end, last_level, last_share) = part[0], part[-1]
     inner = part[1:-1]
     if level > 0.0:
@@ -193,7 +203,7 @@ def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
-    """Four points at least, without changing the curve."""
+    """Insert points on the lines until there are four."""
     while len(part) < MIN_CURVE_POINTS:
         gaps = [b[0] - a[0] for a, b in pairwise(part)]
         k = int(np.argmax(gaps))
@@ -206,7 +216,7 @@ def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
-    """JSON entry of an event, at a time relative to its pattern."""
+    """JSON entry of an event at a time relative to its pattern."""
     if event.transient is not None:
         intensity, frequency = event.transient
         return {

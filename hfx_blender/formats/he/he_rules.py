@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of .he files: versions 1 and 2 of RichTap, and OpenHarmony's variant."""
+"""Rules of .he files: RichTap versions 1 and 2, and OpenHarmony's variant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_DURATION_MS: Final = 5_000
 MIN_CURVE_POINTS: Final = 4
 MAX_CURVE_POINTS: Final = 16
 TRANSIENT_MS: Final = 48
-"""Duration that players reckon with for a transient."""
+"""Duration of a transient in players."""
 
 OPENHARMONY_MAX_EVENTS: Final = 128
 OPENHARMONY_MAX_START_MS: Final = 1_800_000
@@ -32,6 +32,7 @@ _PARAMETERS = Record({"Intensity": _PERCENT, "Frequency": _PERCENT}, {"Curve": I
 
 
 def _event(time: str, most_ms: int, indexed: bool) -> Shape:
+    """Shape of an event with its time member, latest time and required or optional index."""
     index = {"Index": Number(0, 2, is_whole=True)}
     return Record(
         {
@@ -45,6 +46,7 @@ def _event(time: str, most_ms: int, indexed: bool) -> Shape:
 
 
 def _pattern(event: Shape) -> Items:
+    """Shape of a list of events."""
     return Items(Record({"Event": event}))
 
 
@@ -85,72 +87,76 @@ _OPENHARMONY = Record(
 )
 
 
-def shape_of(found: Any) -> Shape:
-    """Shape that a parsed document is to have, by its members."""
-    keys = found if isinstance(found, dict) else {}
+def shape_of(document: Any) -> Shape:
+    """Shape for a parsed document of the version indicated by its members; version 2 otherwise."""
+    keys = document if isinstance(document, dict) else {}
     if "MetaData" in keys or "Channels" in keys:
         return _OPENHARMONY
     return _V1 if "Pattern" in keys else _V2
 
 
-def findings(found: Any) -> list[Finding]:
-    """Faults of a parsed document."""
+def findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document; value rules only without schema errors."""
     report = Report("HE")
-    shape = shape_of(found)
-    check(shape, found, report)
+    shape = shape_of(document)
+    check(shape, document, report)
     if report.has_errors:
         return report.findings
     if shape is _OPENHARMONY:
-        _check_openharmony(found, report)
+        _check_openharmony(document, report)
     elif shape is _V1:
-        if found["Metadata"]["Version"] != 1:
+        if document["Metadata"]["Version"] != 1:
             report.error("VERSION", (None, "Metadata"), "a file with 'Pattern' is version 1")
-        _check_pattern(found["Pattern"], (None, "Pattern"), report, is_first=True)
+        _check_pattern(document["Pattern"], (None, "Pattern"), report, is_first=True)
     else:
-        _check_pattern_list(found, report)
+        _check_pattern_list(document, report)
     return report.findings
 
 
 validate = json_validator(findings)
 
 
-def _check_pattern_list(found: dict[str, Any], report: Report) -> None:
-    if found["Metadata"]["Version"] != 2:
+def _check_pattern_list(document: dict[str, Any], report: Report) -> None:
+    """Check version, absolute times and events of version 2."""
+    if document["Metadata"]["Version"] != 2:
         report.error("VERSION", (None, "Metadata"), "a file with 'PatternList' is version 2")
     pause = PatternSpacing()
-    for k, entry in enumerate(found["PatternList"]):
-        place = ((None, "PatternList"), k)
+    for k, entry in enumerate(document["PatternList"]):
+        location = ((None, "PatternList"), k)
         start = entry["AbsoluteTime"]
         if k and start < pause.android_ms:
             message = (
                 f"begins at {start} ms; Android's player refuses the whole file if that is before "
                 f"{pause.android_ms} ms, when the last pattern has ended for it"
             )
-            report.error("ABSOLUTE-TIME", place, message)
+            report.error("ABSOLUTE-TIME", location, message)
         elif k and start < pause.library_ms:
             message = (
                 f"begins at {start} ms; versions of RichTap's library refuse the whole file if "
                 f"that is before {pause.library_ms} ms: a tick lasts {TRANSIENT_MS} ms for them"
             )
-            report.warn("TICK-TIME", place, message)
-        _check_pattern(entry["Pattern"], (place, "Pattern"), report)
-        events = [each["Event"] for each in entry["Pattern"]]
+            report.warn("TICK-TIME", location, message)
+        _check_pattern(entry["Pattern"], (location, "Pattern"), report)
+        events = [item["Event"] for item in entry["Pattern"]]
         pause.follow(
             start,
             [
-                (e["RelativeTime"], e.get("Duration") if e["Type"] == "continuous" else None)
-                for e in events
+                (
+                    event["RelativeTime"],
+                    event.get("Duration") if event["Type"] == "continuous" else None,
+                )
+                for event in events
             ],
         )
 
 
 class PatternSpacing:
-    """Earliest times of patterns of a version 2 file, as two players reckon.
+    """Earliest times of version 2 patterns for two kinds of players.
 
-    Android's HapticPlayer adds the duration of the latest continuous event, of this pattern or
-    one before, to the relative time of the last event, and compares that with the next absolute
-    time. For versions of RichTap's library a pattern ends when all of its events have, a
-    transient after 48 ms. Both return without playing anything if a pattern begins earlier.
+    Android's HapticPlayer adds the duration of the latest continuous event (of this pattern or an
+    earlier pattern) to the relative time of the last event, and compares the sum with the next
+    absolute time. In versions of RichTap's library a pattern ends with the end of all its events,
+    transients lasting 48 ms. Both players refuse the whole file if a pattern begins earlier.
     """
 
     def __init__(self, last_duration_ms: int = 0) -> None:
@@ -159,11 +165,11 @@ class PatternSpacing:
 
     @property
     def earliest_ms(self) -> int:
-        """Earliest time of the next pattern for either."""
+        """Earliest time of the next pattern for both players."""
         return max(self.android_ms, self.library_ms)
 
     def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
-        """Take the next pattern: relative times and durations, None for a transient."""
+        """Advance past a pattern of (relative time, duration) in ms; None: a transient."""
         ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
         self.library_ms = start_ms + max((sum(end) for end in ends), default=0)
         continuous = [(time, lasts) for time, lasts in events if lasts is not None]
@@ -173,31 +179,35 @@ class PatternSpacing:
         self.android_ms = max(last_ms + self._last_duration_ms, ended_ms)
 
     def after(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> int:
-        """Earliest time of a pattern after this one, which is not taken."""
-        other = PatternSpacing(self._last_duration_ms)
-        other.follow(start_ms, events)
-        return other.earliest_ms
+        """Earliest time of the pattern after a given pattern, without advancing."""
+        trial = PatternSpacing(self._last_duration_ms)
+        trial.follow(start_ms, events)
+        return trial.earliest_ms
 
 
-def _check_openharmony(found: dict[str, Any], report: Report) -> None:
-    count = sum(len(channel["Pattern"]) for channel in found["Channels"])
+def _check_openharmony(document: dict[str, Any], report: Report) -> None:
+    """Check counts, size and events of OpenHarmony's variant."""
+    count = sum(len(channel["Pattern"]) for channel in document["Channels"])
     if count > OPENHARMONY_MAX_EVENTS:
         message = f"{count} events, the most is {OPENHARMONY_MAX_EVENTS}"
         report.error("EVENTS", (None, "Channels"), message)
-    if found["MetaData"]["ChannelNumber"] != len(found["Channels"]):
-        message = f"says {found['MetaData']['ChannelNumber']}, there are {len(found['Channels'])}"
+    if document["MetaData"]["ChannelNumber"] != len(document["Channels"]):
+        message = (
+            f"says {document['MetaData']['ChannelNumber']}, there are {len(document['Channels'])}"
+        )
         report.error("CHANNELS", ((None, "MetaData"), "ChannelNumber"), message)
-    size = len(encoded(found))
+    size = len(encoded(document))
     if size > OPENHARMONY_MAX_BYTES:
         report.error("BYTES", None, f"{size} bytes, the most is {OPENHARMONY_MAX_BYTES}")
-    for k, channel in enumerate(found["Channels"]):
-        place = (((None, "Channels"), k), "Pattern")
-        _check_events(channel["Pattern"], place, report, "StartTime")
+    for k, channel in enumerate(document["Channels"]):
+        location = (((None, "Channels"), k), "Pattern")
+        _check_events(channel["Pattern"], location, report, "StartTime")
 
 
 def _check_pattern(
     pattern: list[Any], place: Place, report: Report, *, is_first: bool = False
 ) -> None:
+    """Check the number and the events of a pattern; ``is_first``: of version 1."""
     if len(pattern) > MAX_PATTERN_EVENTS:
         message = f"{len(pattern)} events, the most is {MAX_PATTERN_EVENTS}"
         report.error("EVENTS", place, message)
@@ -207,6 +217,7 @@ def _check_pattern(
 def _check_events(
     pattern: list[Any], place: Place, report: Report, time: str, *, is_first: bool = False
 ) -> None:
+    """Check order, durations and curves of events whose time is the member ``time``."""
     last = 0
     for k, entry in enumerate(pattern):
         event, here = entry["Event"], ((place, k), "Event")
@@ -226,6 +237,7 @@ def _check_events(
 def _check_curve(
     curve: list[Any], duration: int, place: Place, report: Report, *, is_first: bool
 ) -> None:
+    """Check the points of a curve against the event's duration."""
     if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
         message = f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
         report.error("CURVE-POINTS", place, message)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reader of the compact encoding of JSON Lines of samples, which earlier versions wrote.
+"""Reader of the compact JSON Lines of samples of earlier versions.
 
-Lines say what changed since the line before. The header says ``"encoding": "compact"``. A set
-with ``from`` is that set with some vertices changed: ``gaps`` are the differences of ascending
-vertex ids (the first from 0), ``weights`` their new weights in 1/255, 0 for a vertex that is no
-longer in it. Effects and bodies are places in the header's lists. A sample without ``parameters``
-has those of the last one of its effect and body. ``docs/formats/samples.schema.json`` is the
-schema.
+Lines state changes from earlier lines; the header has ``"encoding": "compact"``. A set with
+``from`` is that set with changed vertices: ``gaps`` are the differences of ascending vertex ids
+(the first from 0), ``weights`` their new weights in 1/255, 0 for a removed vertex. Effects and
+bodies are indices into the header's lists. A sample without ``parameters`` has those of the last
+sample of its effect and body. ``docs/formats/samples.schema.json`` is the schema.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from ...files.strict_json import Place
 ENCODING: Final = "compact"
 
 _STEPS: Final = 255
-_ENTRY_BYTES: Final = 64.0  # about, of a vertex of an unpacked set
+_ENTRY_BYTES: Final = 64.0  # approximate memory of a vertex in an unpacked set
 _ID = Number(0, 2**31 - 1, is_whole=True)
 _SET = strict(
     {
@@ -41,7 +40,7 @@ _SAMPLE = loose(
 
 
 class CompactDecoder:
-    """Decoder of lines, in their order, into lines of the plain encoding."""
+    """Decoder of compact lines, in file order, to lines of the plain encoding."""
 
     def __init__(self, header: dict[str, Any], name: str) -> None:
         self.header = {key: value for key, value in header.items() if key != "encoding"}
@@ -51,7 +50,7 @@ class CompactDecoder:
         self._parameters: dict[tuple[int, int], list[float]] = {}
 
     def line(self, value: Any, report: Report, place: Place) -> Any:
-        """A plain line; None for one with a fault, which is reported."""
+        """Decode a line; None for a faulty line, which is reported."""
         kind = value.get("type") if isinstance(value, dict) else None
         if kind not in ("set", "sample"):
             return value
@@ -62,6 +61,7 @@ class CompactDecoder:
         return (self._set if kind == "set" else self._sample)(value, report, place)
 
     def _set(self, value: dict[str, Any], report: Report, place: Place) -> Any:
+        """Decode a set; TooLargeError beyond the memory limit of all sets."""
         base = value.get("from")
         if base is not None and base not in self._sets:
             report.error("SET-FROM", place, f"there is no set {base} before it")
@@ -70,24 +70,25 @@ class CompactDecoder:
         if len(ids) != len(value["weights"]):
             report.error("SET-SIZE", place, "there are not as many weights as gaps")
             return None
-        found = {
+        steps = {
             **(self._sets[base] if base is not None else {}),
             **dict(zip(ids, value["weights"], strict=True)),
         }
-        self._unfolded += len(found)
+        self._unfolded += len(steps)
         limits.MEMORY.check(_ENTRY_BYTES * self._unfolded, self._name, "its sets would take")
-        found = {vertex: step for vertex, step in sorted(found.items()) if step}
-        self._sets[value["set"]] = found
-        weights = [round(step / _STEPS, 6) for step in found.values()]
-        return {"type": "set", "set": value["set"], "vertices": [*found], "weights": weights}
+        steps = {vertex: step for vertex, step in sorted(steps.items()) if step}
+        self._sets[value["set"]] = steps
+        weights = [round(step / _STEPS, 6) for step in steps.values()]
+        return {"type": "set", "set": value["set"], "vertices": [*steps], "weights": weights}
 
     def _sample(self, value: dict[str, Any], report: Report, place: Place) -> Any:
+        """Decode a sample with the ids of its effect and body, and named parameters."""
         effects, bodies = self.header.get("effects", ()), self.header.get("bodies", ())
         key = (value["effect"], value["body"])
         parameters = value.get("parameters", self._parameters.get(key))
         if key[0] >= len(effects) or key[1] >= len(bodies) or parameters is None:
-            what = "the header has no such effect or body, or its parameters were never told"
-            report.error("SAMPLE-ID", place, what)
+            message = "the header has no such effect or body, or its parameters were never given"
+            report.error("SAMPLE-ID", place, message)
             return None
         self._parameters[key] = parameters
         names = MODALITIES[effects[key[0]]["modality"]].parameter_names

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A track as JSON Lines, for game engines: a header, vertex sets, and samples in time order.
+"""Track as JSON Lines for game engines: a header, then vertex sets and samples in time order.
 
-``docs/formats/samples.schema.json`` is the schema of a line. A set is told once, before the
-first sample that refers to it; what an effect does at a vertex is weight times level times the
-parameter of its strength (of a temperature: its deviation from neutral).
+``docs/formats/samples.schema.json`` is the schema of a line. A set precedes the first sample with
+it. The effect at a vertex is weight times level times the strength parameter (for temperature:
+times its difference from neutral).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
 _LARGEST_TABLE: Final = 2**20
-"""Vertex ids from here on are written one by one, not looked up."""
+"""Smallest vertex id formatted individually instead of by table."""
 
 _TEXT = Text()
 _SHARE = Number(0.0, 1.0)
@@ -101,14 +101,10 @@ _LINES: Final[dict[str, Shape]] = {
 
 
 def write(track: TrackReader, path: Path) -> None:
-    """Write a track; positions, velocities and depths are left out.
+    """Write a track without positions, velocities and depths.
 
-    Raises
-    ------
-    InputError
-        The track is damaged.
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    Raises InputError for a damaged track, OutputError for an unwritable file, of which no part
+    remains.
     """
     with atomic_file(path) as file:
         file.write(encoded(_header(track.header)))
@@ -118,13 +114,14 @@ def write(track: TrackReader, path: Path) -> None:
 def export(
     track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: float
 ) -> Written:
-    """Write a track as ``stem.samples.jsonl``; it is of no device, and not simplified."""
+    """Write a track as ``stem.samples.jsonl``; ``devices`` and ``tolerance`` are not used."""
     path = stem.with_name(stem.name + SUFFIX)
     write(track, path)
     return Written((path,))
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:
+    """Header line: rate, duration, models, bodies and effects."""
     time = header.time
     return {
         "type": "header",
@@ -162,7 +159,7 @@ def _header(header: TrackHeader) -> dict[str, Any]:
 
 
 def _lines(track: TrackReader) -> Iterator[bytes]:
-    """Sets and samples in the order of time; a set comes before the first sample with it."""
+    """Yield sets and samples in time order; a set precedes the first sample with it."""
     last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
     count = 0
     for block in blocks(track.header, track.runs()):
@@ -175,6 +172,7 @@ def _lines(track: TrackReader) -> Iterator[bytes]:
             part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
             vertices, weights = run.vertices[part], run.weights[part]
             content = vertices.tobytes() + weights.tobytes()
+            # Streams often repeat a set for many samples: only changed content gets a new line.
             if run.stream not in last or last[run.stream][0] != content:
                 yield _set_line(count, vertices, weights)
                 last[run.stream] = (content, count)
@@ -183,14 +181,14 @@ def _lines(track: TrackReader) -> Iterator[bytes]:
 
 
 def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
-    """Sample ``k`` of a run, with a spot's exact place or the values of actuators."""
-    place: dict[str, Any] = {}
+    """Sample ``k`` of a run, with the exact place of a spot or the values of actuators."""
+    extras: dict[str, Any] = {}
     if run.focus is not None:
-        *centre, radius = (round(each, 6) for each in run.focus[k].astype(float).tolist())
-        place["spot"] = {"centre_m": centre, "radius_m": radius}
+        *centre, radius = (round(number, 6) for number in run.focus[k].astype(float).tolist())
+        extras["spot"] = {"centre_m": centre, "radius_m": radius}
     if run.drive is not None:
         values = run.drive.values[k].astype(float).tolist()
-        place["actuators"] = [round(each, 4) for each in values]
+        extras["actuators"] = [round(number, 4) for number in values]
     names = MODALITIES[run.stream.modality].parameter_names
     values = run.parameters[k].tolist()
     return {
@@ -200,13 +198,13 @@ def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
         "body": clean(run.stream.body_id),
         "set": set_number,
         "level": round(float(run.levels[k]), 6),
-        **place,
+        **extras,
         "parameters": {name: round(value, 6) for name, value in zip(names, values, strict=True)},
     }
 
 
 def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
-    """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
+    """Encode a set as a line; numbers are looked up in tables of texts for speed."""
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
@@ -219,52 +217,41 @@ def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
 
 
 def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
-    """Concatenate entries of a table of texts, without the comma at the end."""
+    """Concatenate entries of a table of texts, without the final comma."""
     return texts[chosen].tobytes().translate(None, b"\0")[:-1]
 
 
 @lru_cache(maxsize=4)
 def _texts_of_ids(count: int) -> npt.NDArray[np.uint64]:
-    """The numbers below ``count`` with a comma behind each, see :func:`_table`."""
+    """Texts ``"<number>,"`` below ``count``, see :func:`_table`."""
     return _table([f"{number}," for number in range(count)])
 
 
 @lru_cache(maxsize=1)
 def _texts_of_weights() -> npt.NDArray[np.uint64]:
+    """Texts of all weights, see :func:`_table`."""
     return _table([f"{step / _WEIGHT_STEPS!r}," for step in range(_WEIGHT_STEPS + 1)])
 
 
 def _table(texts: list[str]) -> npt.NDArray[np.uint64]:
-    """Table of texts of at most 8 bytes, zero-padded, as integers for fast look-up."""
+    """Table of texts of at most 8 bytes, zero-padded, as integers for fast indexing."""
     return np.array(texts, "S8").view(np.uint64)
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file: those of each line, and broken references.
-
-    Raises
-    ------
-    InputError
-        A line is no JSON.
-    """
+    """Return the findings of all lines and references; InputError for a line that is not JSON."""
     return _checked(content, name)[1]
 
 
 def read(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines of a file, the header first.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
-    """
+    """Yield the lines of a file, the header first; InputError for an unreadable or invalid file."""
     lines, findings = _checked(read_data(path), str(path))
     refuse_errors(findings, str(path))
     yield from lines
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a valid file."""
+    """Rate, duration, bodies, effects and counts of a valid file for ``hfx info``."""
     header, *rest = read(path)
     return {
         "rate_hz": header["rate_hz"],
@@ -277,24 +264,24 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """Lines without a fault of their own, in the plain encoding, and all faults."""
+    """Return faultless lines in the plain encoding, and all findings; no lines without a header."""
     report = Report("JSONL")
     rules = _Rules(report)
     lines: list[dict[str, Any]] = []
     decoder: jsonl_compact.CompactDecoder | None = None
     for k, text in enumerate(content.splitlines()):
-        place: Place = (None, f"line {k + 1}")
+        location: Place = (None, f"line {k + 1}")
         value = parse(text, f"{name}, line {k + 1}")
         if k == 0 and isinstance(value, dict) and value.get("encoding") == jsonl_compact.ENCODING:
             decoder = jsonl_compact.CompactDecoder(value, name)
             value = decoder.header
         elif decoder is not None:
-            value = decoder.line(value, report, place)
+            value = decoder.line(value, report, location)
             if value is None:
                 continue
-        if rules.is_sound(value, k == 0, place):
+        if rules.is_sound(value, k == 0, location):
             lines.append(value)
-        elif k == 0:  # all lines refer to it
+        elif k == 0:  # without a header every other line would be reported
             return [], report.findings
     if not lines:
         report.error("EMPTY", None, "it has no header")
@@ -302,18 +289,18 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
 
 
 class _Rules:
-    """Rules of a line and of what it refers to in the lines before it."""
+    """Checker of lines against the schema and earlier lines."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
-        self._sets: dict[int, int] = {}  # highest vertex of each
-        self._models: dict[str, int] = {}  # vertices of each
+        self._sets: dict[int, int] = {}  # highest vertex by set
+        self._models: dict[str, int] = {}  # vertex count by model
         self._effects: dict[str, dict[str, Any]] = {}
         self._bodies: set[str] = set()
         self._time_s = -np.inf
 
     def is_sound(self, value: Any, is_first: bool, place: Place) -> bool:
-        """Report the faults of the next line; False where it has not the form of a line."""
+        """Report the faults of the next line; False if its structure is wrong."""
         kind = value.get("type") if isinstance(value, dict) else None
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
             self._report.error("LINE", place, "expected a header first, then sets and samples")
@@ -333,6 +320,7 @@ class _Rules:
         return True
 
     def _check_set(self, value: dict[str, Any], place: Place) -> None:
+        """Check lengths, order and number of a set."""
         vertices, number = value["vertices"], value["set"]
         if len(vertices) != len(value["weights"]):
             self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
@@ -343,6 +331,7 @@ class _Rules:
         self._sets[number] = max(vertices, default=-1)
 
     def _check_sample(self, value: dict[str, Any], place: Place) -> None:
+        """Check time, ids, parameters and vertices of a sample."""
         if value["t"] < self._time_s:
             message = "its time is before that of the sample before it"
             self._report.error("ORDER", place, message)
@@ -351,9 +340,9 @@ class _Rules:
         if effect is None or value["body"] not in self._bodies:
             self._report.error("SAMPLE-ID", place, "the header has no such effect or body")
             return
-        wanted = MODALITIES[effect["modality"]].parameter_names
-        if tuple(value["parameters"]) != wanted:
-            self._report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(wanted)}")
+        expected = MODALITIES[effect["modality"]].parameter_names
+        if tuple(value["parameters"]) != expected:
+            self._report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(expected)}")
         highest = self._sets.get(value["set"])
         if highest is None:
             self._report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")

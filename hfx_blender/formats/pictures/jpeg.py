@@ -12,13 +12,16 @@ _END: Final = b"\xff\xd9"
 
 
 def is_cut_off(path: Path) -> bool:
-    """Test for a JPEG without its end, of which readers show grey where data are missing."""
+    """Test for a JPEG without end marker, whose missing part readers show grey.
+
+    False for other files.
+    """
     data = path.read_bytes()
     if not data.startswith(_START):
         return False
-    place = len(_START)
-    # A thumbnail, which has an end of its own, stands in a segment before the first scan.
-    while place < len(data) and data[place : place + 2] != _SCAN:
-        is_fill = data[place : place + 2] == b"\xff\xff"
-        place += 1 if is_fill else 2 + int.from_bytes(data[place + 2 : place + 4], "big")
-    return data.find(_END, place) < 0
+    offset = len(_START)
+    # Segments before the first scan are skipped: an embedded thumbnail has its own end marker.
+    while offset < len(data) and data[offset : offset + 2] != _SCAN:
+        is_fill = data[offset : offset + 2] == b"\xff\xff"
+        offset += 1 if is_fill else 2 + int.from_bytes(data[offset + 2 : offset + 4], "big")
+    return data.find(_END, offset) < 0

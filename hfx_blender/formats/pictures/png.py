@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""PNG pictures of 8 and 16 bits, and their texts, in numpy and zlib only.
+"""PNG pictures of 8 and 16 bits, and their texts (ISO/IEC 15948), with numpy and zlib only.
 
-Blender's own writer would put 16 bits through colour management, and its image data needs
-Blender; the layers of haptic maps must arrive bit by bit anywhere. (PNG: ISO/IEC 15948.)
+Blender's writer would apply colour management to 16 bits, and its image data needs Blender; the
+layers of haptic maps have to be exact in any process.
 """
 
 from __future__ import annotations
@@ -25,21 +25,16 @@ from ...files.atomic import atomic_file
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-_CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # of the colour types that are read
+_CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # by supported colour type
 _LONGEST: Final = 1 << 15  # pixels of an edge
 _LONGEST_TEXT: Final = 4 << 20  # bytes
 
 
 def write(values: Grey, path: Path) -> None:
-    """Write a picture, top row first: grey (H, W), uint8 or uint16, or colours (H, W, 3), uint8.
+    """Write a picture, top row first: grey (H, W) of uint8 or uint16, or RGB (H, W, 3) of uint8.
 
-    The file says that grey values are linear (gAMA 1), so that no reader takes them for sRGB, and
-    that colours are sRGB.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    Grey values are marked as linear (gAMA 1), colours as sRGB. Raises OutputError for an unwritable
+    file, of which no part remains, and ValueError for another shape or type.
     """
     deep = values.dtype == np.uint16
     coloured = values.ndim == 3 and values.shape[2] == 3 and not deep
@@ -51,7 +46,7 @@ def write(values: Grey, path: Path) -> None:
     data = np.ascontiguousarray(values, ">u2").view(np.uint8) if deep else values
     data = data.reshape(rows, -1)
     lines = np.zeros((rows, data.shape[1] + 1), np.uint8)
-    lines[:, 0] = 2  # each row as its difference to the one above: small for smooth maps
+    lines[:, 0] = 2  # filter Up: differences of rows compress smooth maps well
     lines[0, 1:] = data[0]
     np.subtract(data[1:], data[:-1], out=lines[1:, 1:])
     kind = 2 if coloured else 0
@@ -66,14 +61,10 @@ def write(values: Grey, path: Path) -> None:
 
 
 def read(path: Path) -> tuple[Grey, bool]:
-    """Read a picture (H, W), top row first, as it is stored, and whether it had colours.
+    """Read a picture as grey values (H, W), top row first; second, True for a coloured picture.
 
-    Of a coloured picture the mean of red, green and blue is taken; transparency is left out.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or is no picture of 8 or 16 bits a channel.
+    Colours become the mean of red, green and blue; transparency is dropped. Raises InputError for
+    an unreadable file, and for palettes, interlacing or other depths than 8 and 16 bits.
     """
     content = _content(path)
     try:
@@ -85,6 +76,7 @@ def read(path: Path) -> tuple[Grey, bool]:
 
 
 def _content(path: Path) -> bytes:
+    """Bytes of a file; InputError if it cannot be read."""
     refuse_no_file(path)
     try:
         return path.read_bytes()
@@ -94,7 +86,10 @@ def _content(path: Path) -> bytes:
 
 
 def decode(content: bytes, name: str) -> tuple[Grey, bool]:
-    """:func:`read` from bytes; raises ``ValueError`` and its like for a damaged file."""
+    """Decode the bytes of :func:`read`.
+
+    Raises ValueError, struct.error or zlib.error for damaged content.
+    """
     if not content.startswith(_SIGNATURE):
         raise ValueError("no PNG signature")
     chunks = list(_chunks(content))
@@ -130,33 +125,29 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
 
 
 def texts(path: Path) -> dict[str, str]:
-    """Texts of a picture by their keywords (PNG 11.3.4: tEXt, zTXt, iTXt); the first of each.
+    """Texts of a picture by keyword (tEXt, zTXt, iTXt; PNG 11.3.4), the first for each keyword.
 
-    What is damaged or longer than 4 MB is passed over; a file that is no PNG has none.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    Damaged texts and those after the first damaged chunk are skipped; texts are cut at 4 MiB. Empty
+    for other files. Raises InputError for an unreadable file.
     """
     content = _content(path)
-    found: dict[str, str] = {}
+    texts_by_keyword: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):
-        return found
-    with suppress(ValueError):  # of a picture that ends too early; its pixels tell that
+        return texts_by_keyword
+    with suppress(ValueError):  # truncation is reported by the reader of the pixels
         for name, data in _chunks(content):
             with suppress(ValueError, IndexError, zlib.error):
                 if name in (b"tEXt", b"zTXt", b"iTXt"):
                     keyword, text = _text(name, data)
-                    found.setdefault(keyword, text)
-    return found
+                    texts_by_keyword.setdefault(keyword, text)
+    return texts_by_keyword
 
 
 def _text(name: bytes, data: bytes) -> tuple[str, str]:
-    """Keyword and text of a chunk; raises ``ValueError`` and its like for a damaged one."""
+    """Keyword and text of a chunk; ValueError, IndexError or zlib.error if it is damaged."""
     keyword, rest = data.split(b"\0", 1)
     if name == b"tEXt":
-        # Latin-1 by the standard; AUTOMATIC1111 and others write UTF-8 there.
+        # The standard says Latin-1; AUTOMATIC1111 and other programs write UTF-8.
         return keyword.decode("latin-1"), _utf8_or_latin(rest[:_LONGEST_TEXT])
     if name == b"zTXt":
         return keyword.decode("latin-1"), _utf8_or_latin(_unpacked(rest[1:]))
@@ -167,10 +158,12 @@ def _text(name: bytes, data: bytes) -> tuple[str, str]:
 
 
 def _unpacked(data: bytes) -> bytes:
+    """Decompress at most 4 MiB of a text."""
     return zlib.decompressobj().decompress(data, _LONGEST_TEXT)
 
 
 def _utf8_or_latin(data: bytes) -> str:
+    """Decode as UTF-8, or as Latin-1 if that fails."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
@@ -178,15 +171,17 @@ def _utf8_or_latin(data: bytes) -> str:
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
+    """Encode a chunk: length, name, data, CRC."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
 def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    place = len(_SIGNATURE)
-    while place + 12 <= len(content):
-        (size,) = struct.unpack_from(">I", content, place)
-        name, data = content[place + 4 : place + 8], content[place + 8 : place + 8 + size]
-        end = place + 12 + size
+    """Yield (name, data) of the chunks up to IEND; ValueError for a damaged or missing chunk."""
+    offset = len(_SIGNATURE)
+    while offset + 12 <= len(content):
+        (size,) = struct.unpack_from(">I", content, offset)
+        name, data = content[offset + 4 : offset + 8], content[offset + 8 : offset + 8 + size]
+        end = offset + 12 + size
         if end > len(content):
             raise ValueError("it ends too early")
         if struct.unpack_from(">I", content, end - 4)[0] != zlib.crc32(name + data):
@@ -194,12 +189,12 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
         yield name, data
         if name == b"IEND":
             return
-        place = end
+        offset = end
     raise ValueError("it ends too early")
 
 
 def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo the filters of rows (H, bytes); ``unit`` bytes a pixel."""
+    """Undo the filters of rows, (H, bytes per row); ``unit`` bytes per pixel."""
     if kinds.max() > 4:
         raise ValueError(f"row filter {kinds.max()}")
     if kinds.max() <= 2:
@@ -217,11 +212,12 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
 
 
 def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo filters that look left and up: all pixels of a diagonal are independent."""
+    """Undo filters that depend on the left and upper pixel."""
     rows, width = lines.shape
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]
     done = np.zeros((rows + 1, columns + 1, unit), np.int16)  # a border of zeros above and left
+    # Pixels of one anti-diagonal depend only on earlier diagonals, so each is one array operation.
     for diagonal in range(rows + columns - 1):
         i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
         j = diagonal - i

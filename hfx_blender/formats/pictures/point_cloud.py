@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Point clouds of scanners: PLY (text or binary) and XYZ (a line a point)."""
+"""Point clouds of scanners: PLY (text or binary) and XYZ (one point per line)."""
 
 from __future__ import annotations
 
@@ -26,12 +26,9 @@ _TYPES: Final = {
 
 
 def read(path: Path) -> F64:
-    """Read the points (N, 3) of a file, in its own unit; non-finite ones are left out.
+    """Read the points (N, 3) of a file in the file's unit, without non-finite points.
 
-    Raises
-    ------
-    InputError
-        It is missing, of no known kind, broken, or holds fewer than three points.
+    Raises InputError for a missing, unknown or damaged file, or fewer than three points.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a point cloud ({', '.join(SUFFIXES)}).")
@@ -48,10 +45,11 @@ def read(path: Path) -> F64:
 
 
 def _lines(content: bytes, path: Path) -> F64:
+    """Parse the first three columns of text lines."""
     text = content.replace(b",", b" ").replace(b";", b" ")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # no lines at all, which is reported below
+            warnings.simplefilter("ignore")  # an empty file is reported by the caller
             table = np.loadtxt(
                 io.BytesIO(text), np.float64, comments=("#", "//"), usecols=(0, 1, 2), ndmin=2
             )
@@ -62,6 +60,7 @@ def _lines(content: bytes, path: Path) -> F64:
 
 
 def _ply(content: bytes, path: Path) -> F64:
+    """Parse the vertices of a PLY file; they must be its first element."""
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
         raise InputError(f"{path}: is no PLY file.")
@@ -83,6 +82,7 @@ def _ply(content: bytes, path: Path) -> F64:
 
 
 def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
+    """Parse ``count`` text lines, of which the columns ``places`` are x, y and z."""
     lines = body.split(b"\n", count)[:count]
     if len(lines) < count or (count and not lines[-1].strip()):
         raise InputError(f"{path}: ends early; {count} points were announced.")
@@ -94,7 +94,7 @@ def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
 
 
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
-    """Parse the header: byte order ("" for text), data before the points, their count, columns."""
+    """Parse a PLY header: byte order ("" for text), data before the vertices, count, columns."""
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     order, count, columns, element, before = None, -1, [], "", False
     try:

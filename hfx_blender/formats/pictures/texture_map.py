@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic maps as files: two grey PNG layers and a JSON with the meaning of their values.
+"""Haptic maps as files: two grey PNG layers, and a JSON file with the meaning of their values.
 
-Both layers are linear, 0 to full code: intensity is the share of the amplitude's range and
-sharpness that of the frequency's. The JSON names the layers; they lie beside it.
+Both layers are linear, 0 to full code: intensity is a share of the amplitude range, sharpness of
+the frequency range. The JSON file names the layers, which are in the same folder.
 """
 
 from __future__ import annotations
@@ -51,10 +51,7 @@ _STEPS: Final = strict({"amplitude_g": Number(0.0, 1e3), "frequency_hz": Number(
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
     """Write ``stem.intensity.png``, ``stem.sharpness.png`` and ``stem.texture.json``.
 
-    Raises
-    ------
-    OutputError
-        A file cannot be written.
+    Raises OutputError for an unwritable file.
     """
     if bits not in (8, 16):
         raise ValueError(f"bits: expected 8 or 16, got {bits}")
@@ -90,10 +87,7 @@ def write_relief(
 ) -> tuple[Path, ...]:
     """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
 
-    Raises
-    ------
-    OutputError
-        A file cannot be written.
+    Raises OutputError for an unwritable file.
     """
     heights = field.heights_m - field.heights_m.min()
     layers = {
@@ -107,12 +101,9 @@ def write_relief(
 
 
 def read(path: Path) -> HapticMap:
-    """Read a map by its JSON.
+    """Read a map by its JSON file.
 
-    Raises
-    ------
-    InputError
-        A file is missing or damaged, the layers differ in size, or a value means nothing.
+    Raises InputError for a missing or damaged file, layers of different sizes, or invalid values.
     """
     document = read_json(path)
     refuse_another(document.value, document.file, _FORMAT)
@@ -142,12 +133,14 @@ def read(path: Path) -> HapticMap:
 
 
 def _codes(layer: npt.NDArray[np.floating[Any]], bits: int) -> png.Grey:
+    """Quantize a layer, (H, W) bottom row first, to codes with the top row first."""
     full = (1 << bits) - 1
     codes = np.rint(layer[::-1].astype(np.float64) * full)
     return codes.astype(np.uint8 if bits == 8 else np.uint16)
 
 
 def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
+    """Read a layer in the folder of the map as float32 0..1, bottom row first."""
     name = node.value
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
         node.fail("the name of a picture in the same folder")
@@ -157,10 +150,12 @@ def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
 
 
 def _pair(node: Node, key: str) -> tuple[float, float]:
+    """Pair of numbers of a member."""
     first, second = node.numbers(key)
     return first, second
 
 
 def _steps(node: Node) -> NoticeableSteps:
+    """Just noticeable steps of a map."""
     node.hold(_STEPS)
     return NoticeableSteps(node.number("amplitude_g"), node.number("frequency_hz"))

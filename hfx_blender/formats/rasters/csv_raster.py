@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster as a CSV table: one row for each time, one column for each parameter of an actuator."""
+"""Raster as a CSV table: one row per time, one column per parameter of an actuator."""
 
 from __future__ import annotations
 
@@ -36,27 +36,23 @@ def header_line(raster: Raster) -> str:
 
 
 def column_name(column: Column) -> str:
-    """A column's name in the first line: ``r1c1.amplitude_m_s2 [m/s^2]``."""
+    """Name of a column in the first line: ``r1c1.amplitude_m_s2 [m/s^2]``."""
     return f"{column.actuator}.{column.parameter} [{column.unit}]"
 
 
 def write(raster: Raster, path: Path) -> None:
-    """Write a raster as CSV (RFC 4180, UTF-8, no comments, a dot before decimals).
+    """Write a raster as CSV (RFC 4180, UTF-8, no comments, decimal points).
 
-    Values have nine significant digits, times twelve: finer than any device, and a time on
-    a 1 kHz clock reads as it is meant (``0.003``).
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
+    Values have nine significant digits and times twelve, finer than any device; times of a 1 kHz
+    clock are exact (``0.003``). Raises OutputError for an unwritable file, of which no part
+    remains.
     """
     row_format = ",".join(["%.9g"] * len(raster.columns))
     with atomic_file(path) as file:
         file.write((header_line(raster) + "\r\n").encode())
         for first in range(0, len(raster.times_s), _BLOCK_ROWS):
             part = slice(first, first + _BLOCK_ROWS)
-            known: dict[bytes, str] = {}  # most rows of most devices are alike: silent, or held
+            known: dict[bytes, str] = {}  # most rows repeat (silence, holds): format each once
             lines = []
             rows = raster.values[part] + 0.0
             for time_s, row in zip(raster.times_s[part].tolist(), rows, strict=True):
@@ -68,47 +64,47 @@ def write(raster: Raster, path: Path) -> None:
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write what a device plays as ``stem.csv``; it is exact, whatever the tolerance."""
+    """Write the output of a device exactly as ``stem.csv``; ``tolerance`` is not used."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, path)
     return Written((path,))
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file."""
+    """Return the first fault of a file as a finding, or none."""
     return decoding_findings("CSV", decode, content, name)
 
 
 def read(path: Path) -> Raster:
-    """The raster of a table, for conversion: it knows neither device, body nor neutral values.
+    """Read a raster without device, body and neutral values, for conversion.
 
-    Raises
-    ------
-    InputError
-        It cannot be read or is no such table.
+    Raises InputError for an unreadable file or another table.
     """
     return decode(read_data(path), str(path))
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a file."""
+    """Rows, rate, actuators and columns of a file for ``hfx info``."""
     return raster_rules.facts(read(path))
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """:func:`read` from bytes. Neutral is the first row; the rate is that of the times."""
+    """Decode the bytes of :func:`read`.
+
+    Neutral values are those of the first row; the rate is derived from the times.
+    """
     first, _, rest = content.partition(b"\n")
     try:
         names = first.decode("utf-8-sig").rstrip("\r").split(",")
         text = rest.decode("ascii")
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: is not text ({error.reason}).") from None
-    found = [_COLUMN.fullmatch(each) for each in names[1:_MAX_COLUMNS]]
-    if names[0] != "time_s" or not all(found) or len(names) > _MAX_COLUMNS:
+    matches = [_COLUMN.fullmatch(match) for match in names[1:_MAX_COLUMNS]]
+    if names[0] != "time_s" or not all(matches) or len(names) > _MAX_COLUMNS:
         raise InputError(
             f"{name}: line 1 is not 'time_s,actuator.parameter [unit],...', which rasters have."
         )
-    columns = tuple(Column(each[1], each[2], each[3]) for each in found if each)
+    columns = tuple(Column(match[1], match[2], match[3]) for match in matches if match)
     if not text.strip():
         raise InputError(f"{name}: has no rows.")
     numbers = text.count(",") + max(text.count("\n"), text.count("\r"))
@@ -138,7 +134,7 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """Sampling rate of a clock's times; 100 Hz where they are too few, which the rules reject."""
+    """Sampling rate of a clock's times; 100 Hz for too few times, which the rules reject."""
     if len(times) > 1 and np.isfinite(times).all():
         lasts = float(times[-1]) - float(times[0])
         rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0

@@ -39,7 +39,7 @@ _MOST_ENTRIES: Final = 10_000
 _META: Final = 64 << 20
 _MOST_HEAD: Final = 192  # bytes before an array's numbers
 _ASKS: Final = "its arrays would take"
-_HEAD_BYTES: Final = 1 << 12  # of an array, in which its shape is
+_HEAD_BYTES: Final = 1 << 12  # first bytes of an array, with its shape
 
 _TEXT = Text()
 _DOCUMENT = strict(
@@ -74,14 +74,10 @@ _FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.
 
 
 def write(raster: Raster, path: Path) -> None:
-    """Write a raster; the same bytes for the same raster.
+    """Write a raster; equal rasters give equal bytes.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written; nothing is left of it then.
-    TooLargeError
-        It would be larger than what is read.
+    Raises OutputError for an unwritable file, of which no part remains, and TooLargeError beyond
+    the memory limit of readers.
     """
     meta = {
         "format": FORMAT,
@@ -96,8 +92,13 @@ def write(raster: Raster, path: Path) -> None:
         ],
         "shortfalls": [vars(shortfall) for shortfall in raster.shortfalls],
         "felt": [
-            [each.stream.effect_id, each.stream.body_id, each.stream.modality, each.stream.model_id]
-            for each in raster.felt
+            [
+                felt.stream.effect_id,
+                felt.stream.body_id,
+                felt.stream.modality,
+                felt.stream.model_id,
+            ]
+            for felt in raster.felt
         ],
     }
     arrays: dict[str, npt.NDArray[Any]] = {
@@ -106,23 +107,23 @@ def write(raster: Raster, path: Path) -> None:
         "values": raster.values,
         "neutral": raster.neutral,
     }
-    for k, each in enumerate(raster.felt):
-        arrays |= {f"felt.{k}.{name}": getattr(each, name) for name in _FELT}
-    size = sum(each.nbytes + _MOST_HEAD for each in arrays.values())
+    for k, stream in enumerate(raster.felt):
+        arrays |= {f"felt.{k}.{name}": getattr(stream, name) for name in _FELT}
+    size = sum(array.nbytes + _MOST_HEAD for array in arrays.values())
     limits.MEMORY.check(size, path.name, _ASKS)
     with atomic_file(path) as file:
         write_npz(file, arrays, is_compressed=True)
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write what a device plays as ``stem.raster.npz``; it is exact, whatever the tolerance."""
+    """Write the output of a device exactly as ``stem.raster.npz``; ``tolerance`` is not used."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, path)
     return Written((path,))
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file."""
+    """Return the first fault of a file as a finding; a warning for a raster without columns."""
     read: list[Raster] = []
     findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
     if read and not read[0].columns:
@@ -132,24 +133,18 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def read(path: Path) -> Raster:
-    """The raster of a file.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, is no raster, or is damaged.
-    """
+    """Read the raster of a file; InputError if it is unreadable, damaged or not a raster."""
     return decode(read_data(path), str(path))
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a file."""
+    """Device, body, rows, rate, actuators and columns of a file for ``hfx info``."""
     raster = read(path)
     return {"device": raster.device_id, "body": raster.body_id, **raster_rules.facts(raster)}
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """:func:`read` from bytes. Shapes are compared before an array is unpacked."""
+    """Decode the bytes of :func:`read`; shapes are compared before an array is unpacked."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             return _decoded(archive, name)
@@ -158,12 +153,13 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
-    entries = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
+    """Decode the raster of an open archive."""
+    entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
     if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
         raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")
-    # No limit on the ratio: a raster that is silent packs as far as deflate can, 1,030 times.
+    # No limit on the packing ratio: deflate packs a silent raster up to 1,030 times.
     limits.MEMORY.check(sum(entry.file_size for entry in entries.values()), name, _ASKS)
-    heads = {key: _head(archive, each) for key, each in entries.items()}
+    heads = {key: _head(archive, item) for key, item in entries.items()}
     if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
         raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
     meta = parse(_array(archive, entries["meta"]).tobytes(), name)
@@ -171,7 +167,7 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
     check(_DOCUMENT, meta, report)
     refuse_errors(report.findings, name)
     _refuse_shapes(heads, meta, name)
-    arrays = {key: _array(archive, each) for key, each in entries.items()}
+    arrays = {key: _array(archive, item) for key, item in entries.items()}
     raster = Raster(
         device_id=meta["device"],
         body_id=meta["body"],
@@ -183,8 +179,8 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
         neutral=arrays["neutral"],
         shortfalls=tuple(Shortfall(**shortfall) for shortfall in meta["shortfalls"]),
         felt=tuple(
-            FeltStream(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
-            for k, each in enumerate(meta["felt"])
+            FeltStream(Stream(*item), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
+            for k, item in enumerate(meta["felt"])
         ),
     )
     raster_rules.refuse(raster, name)
@@ -192,12 +188,7 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
 
 
 def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: str) -> None:
-    """Refuse an archive without the arrays that its own description asks for.
-
-    Raises
-    ------
-    InputError
-    """
+    """Raise InputError for missing arrays, or shapes and types that contradict the description."""
     rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
     columns = (len(meta["columns"]),)
     shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
@@ -212,22 +203,22 @@ def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: st
             )
     for k in range(len(meta["felt"])):
         first = heads.get(f"felt.{k}.indices")
-        for each, kind in _FELT.items():
-            head = heads.get(f"felt.{k}.{each}")
+        for array_name, kind in _FELT.items():
+            head = heads.get(f"felt.{k}.{array_name}")
             if head is None or first is None or head.kind != kind or head.shape != first.shape:
                 raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
 
 
 @dataclass(frozen=True)
 class _Head:
-    """Shape and kind of an array, without its numbers."""
+    """Shape and type of an array."""
 
     shape: tuple[int, ...]
     kind: np.dtype[Any]
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
-    """Read the head of an array, and check the array's size by it."""
+    """Read the shape and type of an array; ValueError if its size or type is not allowed."""
     with archive.open(entry) as packed:
         file = io.BytesIO(packed.read(_HEAD_BYTES))
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
@@ -237,7 +228,7 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
     shape, _, kind = header
     if kind.hasobject or kind.itemsize == 0 or kind.fields or kind.subdtype:
         raise ValueError("an array of an unknown kind")
-    if any(type(each) is not int or each < 0 for each in shape):
+    if any(type(length) is not int or length < 0 for length in shape):
         raise ValueError("an array of an unknown shape")
     if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
         raise ValueError("an array of the wrong size")
@@ -245,8 +236,8 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """An array whose head is known to be sound; numpy unpacks it piece by piece into its place."""
+    """Unpack an array after :func:`_head`, directly into its memory."""
     with archive.open(entry) as packed:
-        found = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
-        packed.read(1)  # the end, where the sum is checked
-    return np.ascontiguousarray(found)
+        array = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
+        packed.read(1)  # reading the end makes zipfile compare the checksum
+    return np.ascontiguousarray(array)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of rasters, for any file format."""
+"""Rules and facts of rasters, for any file format."""
 
 from __future__ import annotations
 
@@ -12,17 +12,15 @@ from ...errors import InputError
 from ...files import limits
 
 _MOST_HZ: Final = 10**6
-_UNEVEN: Final = 0.01  # of a row that a time may be off
+_UNEVEN: Final = 0.01  # largest timing error, a share of a row
 _BLOCK_ROWS: Final = 1 << 16
 
 
 def refuse(raster: Raster, name: str) -> None:
-    """Refuse a raster that breaks a rule: finite values, rows evenly spaced in ascending time.
+    """Raise InputError, with file and field, for a raster that breaks a rule.
 
-    Raises
-    ------
-    InputError
-        It names the file and the field.
+    Rules: at least one row, finite values of the right shape, times ascending and evenly spaced,
+    and the limits of rate and duration.
     """
     times, rate = raster.times_s, raster.rate_hz
     if not len(times):
@@ -39,12 +37,12 @@ def refuse(raster: Raster, name: str) -> None:
     for key, array in (("times_s", times), ("values", raster.values), ("neutral", raster.neutral)):
         if not all(np.isfinite(array[part]).all() for part in parts):
             raise InputError(f"{name}: '{key}' has numbers that are not finite.")
-    with np.errstate(over="ignore"):  # endless gaps are uneven
+    with np.errstate(over="ignore"):  # an infinite gap fails the spacing rule below
         gaps = np.diff(times)
     if (gaps <= 0.0).any():
         row = int(np.flatnonzero(gaps <= 0.0)[0]) + 1
         raise InputError(f"{name}: 'times_s' does not ascend in row {row}.")
-    # A time far from 0 is rounded more: that is no uneven spacing.
+    # Rounding of times grows with their distance from 0, without making the spacing uneven.
     slack = _UNEVEN + 4.0 * float(rate) * float(np.spacing(np.abs(times[[0, -1]]).max()))
     with np.errstate(over="ignore"):
         off = np.abs(gaps * float(rate) - 1.0)
@@ -69,7 +67,7 @@ def refuse_large(raster: Raster, name: str) -> None:
 
 
 def facts(raster: Raster) -> dict[str, Any]:
-    """Short description of a raster."""
+    """Rows, rate, duration, actuators, columns and parameters of a raster."""
     return {
         "rows": len(raster.times_s),
         "rate_hz": float(raster.rate_hz),

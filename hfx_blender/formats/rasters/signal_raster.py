@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster of a device from vibration envelopes of a file."""
+"""Raster of a device from the vibration envelopes of a file."""
 
 from __future__ import annotations
 
@@ -20,43 +20,27 @@ from ..tact.tact_layouts import motors_of
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022
-"""Duration over which a tick fades, seconds, as long as those of HJIF's reference software."""
+"""Fade duration of a tick, seconds, as in HJIF's reference software."""
 
 
 def raster_of(
     signals: Sequence[Signal], device: DeviceConfig, name: str
 ) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
-    """Raster of a device that plays signals.
+    """Sample signals at ``RATE_HZ`` as the raster of a device; returns raster, losses and notes.
 
-    A signal goes to the vibration actuator of its name, or to the one whose bHaptics dot it is
-    named after; if it is the only one and there is no such actuator, to all of them. Full scale
-    is the largest amplitude of the actuator itself.
-
-    Parameters
-    ----------
-    name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    raster : Raster
-        ``RATE_HZ`` rows a second.
-    left_out : tuple of str
-        What the device cannot play.
-    notes : tuple of str
-
-    Raises
-    ------
-    InputError
-        The device has no such actuators, or the signals last too long.
+    A signal plays on the vibration actuator of its name, or on the actuator whose bHaptics dot has
+    its name. A single signal without such an actuator plays on all of them. Full scale is the
+    largest amplitude of each actuator. Raises InputError for a device without vibration actuators
+    or names that match none, and TooLargeError for too long signals; ``name`` is the file's name in
+    messages.
     """
     played = _played(signals, device, name)
     columns = [
         (actuator, control) for actuator in device.actuators for control in actuator.type.controls
     ]
     lasts_s = max(
-        max([each.duration_s, *(tick.time_s + TICK_S for tick in each.transients)])
-        for each in signals
+        max([signal.duration_s, *(tick.time_s + TICK_S for tick in signal.transients)])
+        for signal in signals
     )
     values_bytes = 8.0 * lasts_s * RATE_HZ * (len(columns) + 1)
     limits.MEMORY.check(values_bytes, name, f"values for '{device.id}' would take")
@@ -77,7 +61,7 @@ def raster_of(
             off = np.abs(values[:, k] - hertz)[amplitude > 0.0]
             is_limited |= bool((off > 1e-6).any())
     left_out = []
-    unused = [each.name for each in signals if each not in played.values()]
+    unused = [signal.name for signal in signals if signal not in played.values()]
     if unused:
         left_out.append(f"'{device.id}' has no actuators {', '.join(unused)}")
     if is_limited:
@@ -90,7 +74,7 @@ def raster_of(
     raster = Raster(
         device_id=device.id,
         body_id="",
-        actuators=tuple(each.id for each in device.actuators),
+        actuators=tuple(signal.id for signal in device.actuators),
         columns=tuple(
             Column(actuator.id, control.name, actuator.type.unit(control))
             for actuator, control in columns
@@ -106,33 +90,35 @@ def raster_of(
 
 
 def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
-    """The signal of each vibration actuator that has one."""
+    """Signal of each vibration actuator that has one, by actuator id."""
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
     named = {signal.name.casefold(): signal for signal in signals}
-    found = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
-    if not found:
+    matching = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
+    if not matching:
         dots = {key: f"{dot.position} {dot.index}" for key, dot in motors_of(device).items()}
-        found = {key: named[dot.casefold()] for key, dot in dots.items() if dot.casefold() in named}
-    if not found and len(signals) == 1:
+        matching = {
+            key: named[dot.casefold()] for key, dot in dots.items() if dot.casefold() in named
+        }
+    if not matching and len(signals) == 1:
         return {a.id: signals[0] for a in vibrating}
-    if not found:
+    if not matching:
         shown = ", ".join(signal.name for signal in signals[:6])
         raise InputError(
             f"{name}: holds signals for {shown}{', ...' * (len(signals) > 6)}; the vibration "
             f"actuators of '{device.id}' are {', '.join(a.id for a in vibrating)}."
         )
-    return found
+    return matching
 
 
 def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
-    """Amplitude (0..1) and frequency at some times, with the ticks; how many do not show."""
+    """Amplitude (0..1) and frequency at times with ticks; third, the number of hidden ticks."""
     hidden = 0
     amplitude = np.where(times < signal.amplitude.times_s[-1], signal.amplitude.at(times), 0.0)
     hertz = signal.frequency_hz.at(times)
     for tick in signal.transients:
-        # From the row at it or the next one on: its beginning is not to fall between two rows.
+        # A tick starts at the next row: its peak would otherwise fall between two rows.
         first = ceil(tick.time_s * RATE_HZ - 1e-6)
         fade = np.linspace(tick.amplitude, 0.0, ceil(TICK_S * RATE_HZ), endpoint=False)
         part = slice(first, first + len(fade))

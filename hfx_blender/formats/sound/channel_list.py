@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of the list of channels beside a WAV file: actuators of a device, or loudspeakers."""
+"""Rules of the channel list of a WAV file: actuators of a device, or loudspeakers."""
 
 from __future__ import annotations
 
@@ -49,20 +49,14 @@ _KINDS: Final = {
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON document.
-    """
-    found = parse(content, name)
+    """Return the findings of a file; InputError if it is not JSON."""
+    document = parse(content, name)
     report = Report("CHANNELS")
-    kind = found.get("format") if isinstance(found, dict) else None
+    kind = document.get("format") if isinstance(document, dict) else None
     first = next(iter(_KINDS.values()))
-    check(_KINDS.get(kind, first) if isinstance(kind, str) else first, found, report)
+    check(_KINDS.get(kind, first) if isinstance(kind, str) else first, document, report)
     if not report.has_errors:
-        for k, channel in enumerate(found["channels"]):
+        for k, channel in enumerate(document["channels"]):
             if channel["channel"] != k:
                 message = f"{channel['channel']} is not the channel's place in the sound, {k}"
                 report.error("ORDER", ((None, "channels"), k), message)
@@ -70,7 +64,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a valid file."""
-    found = parse(read_bytes(path), str(path))
-    of = {key: found[key] for key in ("device", "body", "layout") if key in found}
-    return {**of, "rate_hz": found["rate_hz"], "channels": len(found["channels"])}
+    """Device or layout, rate and channel count of a valid file for ``hfx info``."""
+    document = parse(read_bytes(path), str(path))
+    origin = {key: document[key] for key in ("device", "body", "layout") if key in document}
+    return {**origin, "rate_hz": document["rate_hz"], "channels": len(document["channels"])}

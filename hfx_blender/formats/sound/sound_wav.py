@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spatial sound as one multichannel WAV, a channel a loudspeaker, in step with rasters."""
+"""Spatial sound as one multichannel WAV, one channel per loudspeaker, in step with rasters."""
 
 from __future__ import annotations
 
@@ -21,25 +21,19 @@ from .wav import SIDECAR_SUFFIX, encoded, head
 SUFFIX: Final = ".sound.wav"
 RATE_HZ: Final = 48_000
 _BITS: Final = 24
-_HIGHEST: Final = 0.98  # of full scale
+_HIGHEST: Final = 0.98  # largest peak, a share of full scale
 _MAX_BYTES: Final = 2**32 - 1024
-_KEPT: Final = 1 << 26
-"""Samples over all channels up to which sound is made once and kept; beyond, it is made twice."""
+_CACHED: Final = 1 << 26
+"""Most samples over all channels to cache; longer sound is rendered twice, for peak and file."""
 
 
 def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
-    """Audio samples of a raster: as many as the WAV of a device has that plays it."""
+    """Audio samples of a raster, as many as in the WAV of a device with this raster."""
     return int(-(-rows * rate_hz // raster_hz))
 
 
 def refuse_large(layout: LoudspeakerLayout, path: Path, *, count: int) -> int:
-    """Reject sound that no WAV file holds; returns its bytes.
-
-    Raises
-    ------
-    InputError
-        The file would exceed 4 GiB.
-    """
+    """Return the size of sound in bytes; InputError beyond 4 GiB, the limit of WAV."""
     data_bytes = count * len(layout) * _BITS // 8
     if data_bytes > _MAX_BYTES:
         raise InputError(
@@ -57,36 +51,34 @@ def write(
     count: int,
     start_s: float,
 ) -> float:
-    """Write sound, 24 bits; reduces the level of the whole if it is too loud.
+    """Write sound with 24 bits and its channel list, and return the gain applied to all samples.
+
+    The gain is 1 or less: a peak above 0.98 of full scale is reduced to 0.98.
 
     Parameters
     ----------
     blocks : callable
-        Begins the sound anew; yields samples (n, C), ``count`` altogether.
+        Starts the rendering; yields samples (n, C), ``count`` in total. Called twice for long
+        sound.
     path : Path
-        Beside it ``path.channels.json`` names the loudspeakers.
+        The channel list is ``path.channels.json``.
     start_s : float
-        Time of the first sample, in the scene.
-
-    Returns
-    -------
-    float
-        The gain that everything got, 1 or less.
+        Time of the first sample in the scene.
 
     Raises
     ------
     InputError
         The file would exceed 4 GiB.
     OutputError
-        It cannot be written; nothing is left of it then.
+        A file cannot be written; no partial file remains.
     """
     data_bytes = refuse_large(layout, path, count=count)
-    kept: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _KEPT else None
+    cached: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _CACHED else None
     peak = 0.0
     for block in blocks():
         peak = max(peak, float(np.abs(block).max(initial=0.0)))
-        if kept is not None:
-            kept.append(block.astype(np.float32))
+        if cached is not None:
+            cached.append(block.astype(np.float32))
     gain = min(1.0, _HIGHEST / peak) if peak > 0.0 else 1.0
     sidecar = {
         "format": "hfx-sound-channels",
@@ -106,7 +98,7 @@ def write(
         file.write(json.dumps(sidecar, indent=2).encode() + b"\n")
     with atomic_file(path) as file:
         file.write(head(_BITS, len(layout), RATE_HZ, count))
-        again = blocks() if kept is None else (part.astype(np.float64) for part in kept)
+        again = blocks() if cached is None else (part.astype(np.float64) for part in cached)
         for block in again:
             file.write(encoded(block * gain, _BITS))
         file.write(b"\0" * (data_bytes % 2))

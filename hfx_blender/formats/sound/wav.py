@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A raster as a multichannel WAV: one channel for each vibration actuator.
+"""Raster as a multichannel WAV, one channel per vibration actuator.
 
-For actuators that are driven as sound. Each channel is a wave whose amplitude and frequency
-go linearly from one raster row to the next; its phase is the exact integral of the
-frequency, so it never jumps. An actuator that takes a waveform plays the sum of such waves, one
-for each effect: sines, or what its type names. A file ends in silence, faded over the last row.
+Each channel is a wave whose amplitude and frequency are linear between raster rows; its phase is
+the exact integral of the frequency and thus continuous. An actuator with waveform output plays
+the sum of one wave per effect, of the shape named by its type. A file ends in silence, faded over
+the last row.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ SIDECAR_SUFFIX: Final = FORMATS["channels"].suffix
 
 _BITS: Final = 16
 _PCM, _EXTENSIBLE = 1, 0xFFFE
-# The tail of KSDATAFORMAT_SUBTYPE_PCM, after the format's own number.
+# Tail of KSDATAFORMAT_SUBTYPE_PCM, after the number of the format.
 _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
@@ -54,37 +54,25 @@ BLOCK_SAMPLES = 1 << 18  # over all channels
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """Waves of the channels, at the raster's rows."""
+    """Waves of the channels at the rows of a raster."""
 
     actuators: tuple[str, ...]
     amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
     first_hz: F64  # (T, C) frequency at the beginning of each row
-    last_hz: F64  # (T, C) and at its end
-    cycles: F64  # (T, C) played before each row, modulo those after which a wave repeats
-    kinds: I64  # (C,) of the waves
+    last_hz: F64  # (T, C) frequency at the end of each row
+    cycles: F64  # (T, C) phase at each row in cycles, modulo the period of the wave shape
+    kinds: I64  # (C,) wave shapes
     full_scale: float  # m/s^2
-    first_row: int = 0  # of the raster, at which it begins
+    first_row: int = 0  # first raster row
 
 
 def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RATE_HZ) -> None:
-    """Write a raster as WAV of 16 bits, and beside it the list of channels and actuators.
+    """Write a raster as WAV of 16 bits, and its channel list ``path.channels.json``.
 
-    Full scale is the largest amplitude that any vibration actuator of the device may be
-    given. The sidecar is ``path`` + ``.channels.json``.
-
-    Parameters
-    ----------
-    raster : Raster
-        Rendered for ``device``.
-    rate_hz : int
-        Audio rate.
-
-    Raises
-    ------
-    InputError
-        The device has no vibration actuators, or the file would exceed 4 GiB.
-    OutputError
-        A file cannot be written; none is left half written.
+    Full scale is the largest amplitude of the device's vibration actuators; ``rate_hz`` is the
+    audio rate, 8000 to 384000. Raises InputError for a device without vibration actuators or a file
+    above 4 GiB, OutputError for an unwritable file (no partial file remains), and ValueError for a
+    raster of another device.
     """
     if raster.device_id != device.id:
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
@@ -92,7 +80,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
         raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
     drives = _drives(raster, device)
     channel_count = len(drives[0].actuators)
-    # A row lasts rate_hz / raster rate samples; the last one is played to its end.
+    # A row lasts rate_hz / raster.rate_hz samples; the last row has its full duration.
     sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
     data_bytes = sample_count * channel_count * _BITS // 8
     if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
@@ -112,7 +100,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write what a device plays as ``stem.wav``; it is sound, whatever the tolerance."""
+    """Write the output of a device as ``stem.wav``; ``tolerance`` is not used."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, device, path)
     files = path, path.with_name(path.name + SIDECAR_SUFFIX)
@@ -120,17 +108,15 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 
 
 def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:
-    """Blocks of audio samples (n, C) in -1..1, before they are rounded for a file.
+    """Yield blocks of audio samples (n, C) in -1..1, before quantization.
 
-    Raises
-    ------
-    InputError
-        The device has no vibration actuators.
+    Raises InputError for a device without vibration actuators.
     """
     return _waveforms(raster, _drives(raster, device), rate_hz)
 
 
 def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterator[F64]:
+    """Yield blocks of whole raster rows; sample counts of rows may alternate."""
     channel_count = len(drives[0].actuators)
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
@@ -144,7 +130,7 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
-    """The raster's own waves, and a set of waves for each effect on actuators that take them."""
+    """Waves of the raster's rows, and of each effect on actuators with waveform output."""
     vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
     full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
     if not vibrating or full_scale == 0.0:
@@ -152,7 +138,10 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
             f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
             "export it as CSV."
         )
-    column = {(each.actuator, each.parameter): i for i, each in enumerate(raster.columns)}
+    column = {
+        (waveform_actuator.actuator, waveform_actuator.parameter): i
+        for i, waveform_actuator in enumerate(raster.columns)
+    }
     amplitude_columns = [column[actuator.id, "amplitude_m_s2"] for actuator in vibrating]
     frequency_columns = [column[actuator.id, "frequency_hz"] for actuator in vibrating]
     pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
@@ -165,7 +154,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     for partial in raster.partials:
         rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
         totals[rows, sums] += partial.amplitudes
-    found = [_drive(_driven(pairs, curves, full_scale), names, kinds, full_scale, raster, 0)]
+    drives = [_drive(_driven(pairs, curves, full_scale), names, kinds, full_scale, raster, 0)]
     for partial in raster.partials:
         first = max(partial.first_row - 1, 0)  # it begins from silence
         lead = partial.first_row - first
@@ -173,8 +162,8 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
         pairs[lead:, sums, 0] = partial.amplitudes
         pairs[lead:, sums, 1] = partial.frequencies_hz
         pairs = _driven(pairs, curves, full_scale, totals[first : first + len(pairs)])
-        found.append(_drive(pairs, names, kinds, full_scale, raster, first))
-    return found
+        drives.append(_drive(pairs, names, kinds, full_scale, raster, first))
+    return drives
 
 
 def _driven(
@@ -183,13 +172,13 @@ def _driven(
     full_scale: float,
     totals: F64 | None = None,
 ) -> F64:
-    """Linearize the drive: amplitudes for a channel whose output is proportional to them."""
+    """Convert amplitudes (T, C, 2) to drive levels that linearize the actuators' output."""
     if not any(curves):
         return pairs
-    asked = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
-    asked[..., 0] = np.where(np.isfinite(pairs).all(axis=2), asked[..., 0], 0.0)
-    drive = driven(curves, asked[..., 0], asked[..., 1], full_scale, totals)
-    return np.stack([full_scale * drive, asked[..., 1]], axis=2)
+    safe = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
+    safe[..., 0] = np.where(np.isfinite(pairs).all(axis=2), safe[..., 0], 0.0)
+    drive = driven(curves, safe[..., 0], safe[..., 1], full_scale, totals)
+    return np.stack([full_scale * drive, safe[..., 1]], axis=2)
 
 
 def _drive(
@@ -200,7 +189,7 @@ def _drive(
     raster: Raster,
     first_row: int,
 ) -> _Drive:
-    """Waves of amplitudes and frequencies (T, C, 2)."""
+    """Create the waves of amplitudes and frequencies (T, C, 2)."""
     safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
@@ -208,6 +197,7 @@ def _drive(
     first_hz, last_hz = kept_through_silence(
         (amplitudes[:-1], amplitudes[1:]), (frequencies[:-1], frequencies[1:])
     )
+    # The phase of linear frequencies is the cumulative mean frequency times the row's duration.
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
     repeats = cycles_until_it_repeats(kinds)
     begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz), repeats)
@@ -226,20 +216,20 @@ def _drive(
 def _add_waveform(
     played: F64, drive: _Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
 ) -> None:
-    """Add a drive's output to audio samples (n, C) in -1..1; independent of the split into blocks.
+    """Add the output of a drive in place to audio samples (n, C); independent of the block size.
 
     Parameters
     ----------
     played : (n, C) float64
-        Samples of the raster's rows from ``first_row`` on.
+        Samples of the raster rows from ``first_row`` on, -1..1 of full scale.
     starts : (R + 1,) int64
-        First audio sample of each row, and the first one after the last row.
+        First audio sample of each row, and the sample after the last row.
     """
     skipped = max(drive.first_row - first_row, 0)
     start = first_row + skipped - drive.first_row
     stop = min(first_row + len(starts) - 1 - drive.first_row, len(drive.cycles))
     sounds = drive.amplitudes[start : max(stop, start) + 1] != 0.0
-    # Silence costs nothing: only channels that sound during a row are computed.
+    # Only (row, channel) pairs with sound are computed.
     row, channel = np.nonzero(sounds[:-1] | sounds[1:])
     if len(row) == 0:
         return
@@ -248,7 +238,7 @@ def _add_waveform(
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     longest = -(-denominator // numerator)  # samples of a row
     sample = np.arange(longest)
-    # How far into the row, 0..1; alike for all rows where they are whole numbers of samples.
+    # Position within the row, 0..1: equal for all rows of a whole number of samples.
     is_even = denominator % numerator == 0
     into = 0 if is_even else begin * numerator - (of_drive + drive.first_row) * denominator
     x = (np.reshape(into, (-1, 1)) + sample * numerator) / denominator
@@ -267,23 +257,23 @@ def _add_waveform(
 
 
 def encoded(waveform: F64, bits: int) -> bytes:
-    """Samples in -1..1 as whole numbers of 16 or 24 bits; ``waveform`` is overwritten."""
-    waveform *= 2 ** (bits - 1) - 1  # one less than there is: symmetric
+    """Quantize samples in -1..1 to 16 or 24 bits, little-endian; overwrites ``waveform``."""
+    waveform *= 2 ** (bits - 1) - 1  # symmetric: the lowest code is not used
     np.rint(waveform, out=waveform)
     if bits == 16:
         return waveform.astype("<i2").tobytes()
     whole: npt.NDArray[np.uint8] = waveform.astype("<i4").view(np.uint8).reshape(-1, 4)
-    kept = np.empty((len(whole), 3), np.uint8)  # the lowest bytes hold the number
-    for k in range(3):
-        kept[:, k] = whole[:, k]
-    return kept.tobytes()
+    lowest = np.empty((len(whole), 3), np.uint8)
+    for k in range(3):  # column copies: five times as fast as whole[:, :3].tobytes()
+        lowest[:, k] = whole[:, k]
+    return lowest.tobytes()
 
 
 def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> bytes:
-    """Head of a WAV file of 16 or 24 bits: RIFF and fmt (Microsoft, 1994).
+    """RIFF and fmt head of a WAV file of 16 or 24 bits (Microsoft, 1994).
 
-    More than two channels, or 24 bits, are WAVE_FORMAT_EXTENSIBLE with channel mask 0: channels
-    without loudspeaker positions.
+    More than two channels, or 24 bits, use WAVE_FORMAT_EXTENSIBLE with channel mask 0 (no
+    loudspeaker positions).
     """
     frame_bytes = channel_count * bits // 8
     is_extensible = channel_count > 2 or bits == 24
@@ -298,7 +288,7 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
     )
     if is_extensible:
         form += struct.pack("<HHIH", 22, bits, 0, _PCM) + _SUBTYPE_TAIL
-    data_bytes = sample_count * frame_bytes  # of odd size with a byte behind, not counted
+    data_bytes = sample_count * frame_bytes  # the pad byte of an odd size is not counted
     chunks = b"fmt " + struct.pack("<I", len(form)) + form
     chunks += b"data" + struct.pack("<I", data_bytes)
     riff_bytes = 4 + len(chunks) + data_bytes + data_bytes % 2
@@ -306,6 +296,7 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
 
 
 def _sidecar(raster: Raster, drive: _Drive, rate_hz: int) -> dict[str, Any]:
+    """Channel list with actuators and full scale."""
     return {
         "format": "hfx-wav-channels",
         "version": 1,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structure of a WAV file, and checks of its sizes."""
+"""Structure of WAV files, and checks of their sizes."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class WavForm:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file."""
+    """Return the findings of a file."""
     return inspect(content)[1]
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Short description of a valid file."""
+    """Channels, rate, sample type and duration of a valid file for ``hfx info``."""
     form, _ = inspect(mapped(path))
     assert form is not None
     return {
@@ -48,7 +48,7 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
-    """Storage format of a file (None without one), and its faults."""
+    """Return the storage format of a file (None without fmt or data chunk) and its findings."""
     report = Report("WAV")
     if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
         report.error("RIFF", None, "it does not begin with RIFF and WAVE")
@@ -75,6 +75,7 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
 
 
 def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) -> WavForm:
+    """Parse the fmt chunk and report contradictory sizes."""
     start, length = chunks[b"fmt "]
     tag, channels, rate, byte_rate, frame, bits = struct.unpack_from("<HHIIHH", content, start)
     is_extensible = tag == _EXTENSIBLE
@@ -104,6 +105,7 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
 
 
 def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:
+    """Test floating-point samples of ``width`` bytes for finite values, block by block."""
     end = begin + length - length % width
     parts = (content[at : min(at + _BLOCK_BYTES, end)] for at in range(begin, end, _BLOCK_BYTES))
     return all(np.isfinite(np.frombuffer(part, f"<f{width}")).all() for part in parts)

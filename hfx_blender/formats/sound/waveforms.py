@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Waveforms as envelopes: amplitude and frequency over time.
+"""Amplitude and frequency envelopes of waveforms.
 
-The analytic signal (D. Gabor, "Theory of communication", 1946) has the waveform's amplitude as
-its magnitude; its frequency is the mean of its spectrum at each time (L. Cohen, "Time-frequency
-distributions - a review", 1989, instantaneous frequency weighted by power).
+Amplitude is the magnitude of the analytic signal (D. Gabor, "Theory of communication", 1946).
+Frequency is the instantaneous frequency weighted by power (L. Cohen, "Time-frequency
+distributions - a review", 1989).
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..signals.curves import Curve
 from ..signals.signals import Piece, frequencies_through_silence
 
 ROWS_HZ: Final = 500.0
-AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
+AMPLITUDE_S: Final = 0.005  # averaging window of amplitudes, seconds
 FREQUENCY_S: Final = 0.02
-_SILENT: Final = 5e-4  # of full scale: below it a waveform is silent
+_SILENT: Final = 5e-4  # amplitudes below this share of full scale are 0
 _BLOCK_ROWS: Final = 4096
-_BESIDE_S: Final = 0.5  # of samples before and after a block, which its analytic signal needs
+_MARGIN_S: Final = 0.5  # samples before and after a block for its analytic signal, seconds
 BYTES: Final = 128.0
-"""Memory that a sample of a waveform counts for."""
+"""Memory per sample of a waveform while it is analysed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Waveform:
-    """Samples at a rate, from a time on."""
+    """Uniform samples from a start time on."""
 
     start_s: float
     rate_hz: float
@@ -44,18 +44,18 @@ class Waveform:
         return self.start_s + len(self.values) / self.rate_hz
 
     def until(self, end_s: float) -> Waveform:
-        """The part before a time, if that is after its start: blocks are filled up with silence."""
+        """Cut a waveform at a time; unchanged if the time is not after its start.
+
+        Formats pad their last block with silence, which this removes.
+        """
         count = round((end_s - self.start_s) * self.rate_hz)
         return Waveform(self.start_s, self.rate_hz, self.values[:count]) if count > 0 else self
 
 
 def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
-    """Sum of waveforms, at the highest of their rates; each is silent outside of its time.
+    """Sum of waveforms at the highest of their rates, with silence outside each.
 
-    Raises
-    ------
-    TooLargeError
-        It would have more samples than a file may ask for.
+    Raises TooLargeError beyond the memory limit of a file.
     """
     rate = max(waveform.rate_hz for waveform in waveforms)
     start = min(waveform.start_s for waveform in waveforms)
@@ -75,18 +75,17 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
 
 
 def piece_of(waveform: Waveform, gain: float) -> Piece:
-    """Amplitude and frequency of a waveform, as a piece of a signal.
+    """Analyse a waveform as a piece with amplitude and frequency at ``ROWS_HZ``.
 
-    A steady tone has exactly its amplitude; what changes within 5 ms has the tone's that has
-    the same power.
+    A steady tone has its exact amplitude. Changes within 5 ms are averaged by power.
     """
     rate = waveform.rate_hz
     rows = np.arange(int(len(waveform.values) * ROWS_HZ / rate) + 1) / ROWS_HZ
     amplitude, hertz = np.zeros((2, len(rows)))
-    for first in range(0, len(rows), _BLOCK_ROWS):  # a long waveform needs little memory
+    for first in range(0, len(rows), _BLOCK_ROWS):  # bounds the memory of long waveforms
         block = slice(first, first + _BLOCK_ROWS)
-        begin = max(int((rows[block][0] - _BESIDE_S) * rate), 0)
-        end = int((rows[block][-1] + _BESIDE_S) * rate) + 1
+        begin = max(int((rows[block][0] - _MARGIN_S) * rate), 0)
+        end = int((rows[block][-1] + _MARGIN_S) * rate) + 1
         part = gain * waveform.values[begin:end]
         at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
         amplitude[block], hertz[block] = _analysed(part, rate, at)
@@ -96,7 +95,7 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
 
 
 def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F64, F64]:
-    """Amplitude and frequency, Hz, of samples at some of their indices."""
+    """Amplitude and frequency, Hz, of samples at indices ``at``, (len(at),) each."""
     count = len(values)
     padded = 1 << (count + int(rate_hz * FREQUENCY_S)).bit_length()
     spectrum = np.fft.fft(values, padded)
@@ -105,7 +104,7 @@ def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F
     analytic = np.fft.ifft(spectrum)[: count + 1]
     power = np.abs(analytic[:count]) ** 2
     turned = analytic[1:] * np.conj(analytic[:-1])
-    # Turned by more than half a turn a sample cannot be; its power weights each turn.
+    # Phase advance per sample, at most half a turn, weighted by power.
     turns = np.angle(turned) * np.abs(turned)
     amplitude = np.sqrt(np.maximum(_averaged(power, AMPLITUDE_S * rate_hz)[at], 0.0))
     amplitude[amplitude < _SILENT] = 0.0
@@ -116,7 +115,7 @@ def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F
 
 
 def _averaged(values: F64, width: float) -> F64:
-    """Mean about each sample, weighted by a raised cosine over ``width`` samples."""
+    """Centred moving average, (n,), weighted by a raised cosine of ``width`` samples."""
     half = max(int(width / 2.0), 1)
     window = np.hanning(2 * half + 1)
     padded = np.concatenate([np.zeros(half), values, np.zeros(half)])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """bHaptics .tact: dots of a vest or of sleeves, switched every 20 ms.
 
-Source: haptic-library ``src/ProjectModel.cpp`` (what the player's own parser wants). Strengths
-are constant between switches; there is no frequency.
+Source: haptic-library ``src/ProjectModel.cpp`` (the player's own parser). Strengths are constant
+between switches; there is no frequency.
 """
 
 from __future__ import annotations
@@ -36,22 +36,20 @@ from .tact_rules import DOCUMENT, INTERVAL_MS, findings
 
 SUFFIX: Final = FORMATS["tact"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
-"""A vest's motors have one frequency that depends on the strength; about this."""
+"""Approximate frequency of a vest's motors, which depends on their strength."""
 
-_GAP_MS: Final = 500  # silence that ends an effect
+_GAP_MS: Final = 500  # longest silence within an effect
 
 
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
-    """Write one file for each kind of suit that has any of the signals.
+    """Write one file for each kind of suit with a motor for any of the signals.
 
     Parameters
     ----------
     signals : sequence of Signal
-        Not simplified: strengths are taken every 20 ms, the strongest of that time, in steps
-        of 0.01.
+        Not simplified: each interval of 20 ms stores its maximum in steps of 0.01.
     motors : mapping
-        The motor that plays each signal, by the signal's name; of several for one motor the
-        strongest counts.
+        Motor of each signal by its name; the maximum counts where signals share a motor.
     """
     files = []
     kinds = dict.fromkeys(motors[signal.name].kind for signal in signals if signal.name in motors)
@@ -62,18 +60,20 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         )
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
     played = [signal for signal in signals if signal.name in motors and not signal.is_silent]
-    share = Counter(motors[each.name] for each in played)
+    sharing = Counter(motors[signal.name] for signal in played)
     left_out = (
         *counted(
             [signal.name for signal in signals if signal.name not in motors],
             "no bHaptics motor is where these actuators are",
         ),
         *counted(
-            [each.name for each in played if share[motors[each.name]] > 1],
+            [signal.name for signal in played if sharing[motors[signal.name]] > 1],
             "of several actuators at one motor only the strongest at a time counts",
         ),
     )
-    weak = [each.name for each in played if np.rint(100.0 * each.amplitude.values.max()) < 1.0]
+    weak = [
+        signal.name for signal in played if np.rint(100.0 * signal.amplitude.values.max()) < 1.0
+    ]
     notes = (
         "strengths change every 20 ms, in steps of 1 %; a motor's frequency is its own",
         *counted(weak, "actuators too weak for steps of 1 % are silent"),
@@ -82,26 +82,23 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write the vibration that a device plays; strengths have steps, whatever the tolerance.
+    """Write the vibration of a device; steps of strength replace the tolerance.
 
-    Raises
-    ------
-    InputError
-        bHaptics' suits have no motor for the device.
+    Raises InputError for a device without a corresponding motor.
     """
     why = why_nothing(device)
     if why:
         raise InputError(f"D{why[1:]}.")
     signals, _ = signals_of(raster, device)
     written = write(signals, motors_of(device), stem)
-    # It has no frequencies that could be cut.
+    # The format has no frequencies, so none is clipped.
     return written + Written((), losses.beyond_limits(raster, device, highest_hz=np.inf))
 
 
 def document(
     signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
 ) -> dict[str, Any]:
-    """Signals as the content of a file for one kind of suit."""
+    """Document of the signals for one kind of suit; TooLargeError beyond the memory limit."""
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
@@ -147,20 +144,20 @@ def document(
 
 
 def _strongest(curve: Curve, steps: int) -> F64:
-    """The largest value of a curve in each interval, (steps,)."""
+    """Maximum of a curve in each interval of 20 ms, (steps,); 0 from the end of the curve."""
     edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
     strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
     inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
-    kept = (inside >= 0) & (inside < steps)
-    # A keyframe right at an edge counts for both sides only through its values there.
-    kept &= np.abs(curve.times_s - edges[np.clip(inside, 0, steps)]) > 1e-9
-    np.maximum.at(strongest, inside[kept], curve.values[kept])
+    is_inside = (inside >= 0) & (inside < steps)
+    # A keyframe on an edge already counts through the limits at both sides of the edge.
+    is_inside &= np.abs(curve.times_s - edges[np.clip(inside, 0, steps)]) > 1e-9
+    np.maximum.at(strongest, inside[is_inside], curve.values[is_inside])
     strongest[edges[:-1] >= curve.times_s[-1] - 1e-9] = 0.0  # a signal ends with its curve
     return np.asarray(np.clip(strongest, 0.0, 1.0))
 
 
 def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Spans of sound, first and last step, without longer silences."""
+    """Spans of sound as (first, stop) steps, separated by silences above 500 ms."""
     loud = np.flatnonzero(levels.any(axis=1))
     if not len(loud):
         return []
@@ -173,6 +170,7 @@ def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
+    """Effect of one span with the dots of all positions."""
     first, stop = span
     part = levels[first:stop]
     return {
@@ -198,7 +196,7 @@ def _effect(
 
 
 def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
-    """Intervals with constant dots of a position; silent ones are left out."""
+    """Yield intervals with constant dots of a position; silent intervals are omitted."""
     changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(levels)]
     for first, stop in pairwise(edges):
@@ -215,22 +213,20 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Signals of a file, one for each dot that is used, named ``VestFront 0``.
+    """Decode one signal per used dot, named like ``VestFront 0``, and the default frequency.
 
-    A point that moves on a path is played by the nearest dot.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or has errors.
+    Moving points are played by the nearest dot. Losses and notes are on the first signal. Raises
+    InputError for an unreadable file or one of another structure.
     """
-    found = without_nulls(parse(content, name))
-    # The player takes what has the form, and leaves out what is missing.
-    notes = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
-    found = known_members(DOCUMENT, found)
+    document = without_nulls(parse(content, name))
+    # The player requires only the right types, and skips missing members.
+    notes = refuse_but(
+        findings(document), name, lambda dot_pieces: dot_pieces.code != "TACT-TYPE", document
+    )
+    document = known_members(DOCUMENT, document)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
-    project = found.get("project", {})
+    project = document.get("project", {})
     layouts = project.get("layout", {}).get("layouts", {})
     for track in project.get("tracks", []):
         if not track.get("enable", True):
@@ -245,25 +241,26 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
                     played = _dot_pieces(effect, mode)
                 for index, piece in played:
                     pieces.setdefault((position, index), []).append(piece)
-    end_s = found.get("durationMillis", 0) / 1000.0
+    end_s = document.get("durationMillis", 0) / 1000.0
     signals = [
-        mixed(f"{position} {index}", each, (), end_s)
-        for (position, index), each in sorted(pieces.items())
+        mixed(f"{position} {index}", dot_pieces, (), end_s)
+        for (position, index), dot_pieces in sorted(pieces.items())
     ]
     credits = Credits(
-        project=text_of(project, "name") or text_of(found, "name"),
+        project=text_of(project, "name") or text_of(document, "name"),
         description=text_of(project, "description"),
     )
     signals = [replace(signal, credits=credits) for signal in signals]
     if signals:
-        left_out = tuple(f"{count} {what}" for what, count in lost.items())
+        left_out = tuple(f"{count} {loss}" for loss, count in lost.items())
         signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)
     return signals, DEFAULT_RANGE
 
 
 def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
-    return found
+    """Feedback list of a mode; empty if it is missing."""
+    feedbacks: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
+    return feedbacks
 
 
 _FADES: Final = {
@@ -275,6 +272,7 @@ _FADES: Final = {
 
 
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
+    """Piece of one dot between two times, with a fade."""
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
     times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
@@ -283,6 +281,7 @@ def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
 
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
+    """Yield motor number and piece of the dots of a mode."""
     begin = effect.get("startTime", 0)
     for feedback in _feedbacks(mode, "dotMode"):
         start = begin + feedback.get("startTime", 0)
@@ -300,9 +299,9 @@ def _path_pieces(
     dots: list[dict[str, Any]],
     lost: Counter[str],
 ) -> Iterator[tuple[int, Piece]]:
-    """Yield motor number and piece for the dots nearest to a path.
+    """Yield motor number and piece of the dots nearest to a path.
 
-    Counts deviations from bHaptics' own playback in ``lost``, by their description.
+    Differences from bHaptics' own playback are counted in ``lost`` by description.
     """
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
@@ -328,4 +327,5 @@ def _path_pieces(
 
 
 def _time_of(point: dict[str, Any]) -> float:
+    """Time of a path point, ms; 0 if it is missing."""
     return float(point.get("time", 0))

@@ -22,7 +22,7 @@ MAX_DOTS: Final = 20
 
 @dataclass(frozen=True)
 class Layout:
-    """Kind of suit: its positions have the same dots each."""
+    """Kind of suit, with the same dots at each of its positions."""
 
     type: str
     name: str
@@ -40,6 +40,7 @@ class Motor:
 
 
 def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
+    """Dots of a grid, row by row from the top left."""
     return tuple(
         (round(column / (columns - 1), 3), round(row / (rows - 1), 3))
         for row in range(rows)
@@ -48,6 +49,7 @@ def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
 
 
 def _row(columns: int) -> tuple[tuple[float, float], ...]:
+    """Dots of one row."""
     return tuple((round(column / (columns - 1), 3), 0.5) for column in range(columns))
 
 
@@ -61,23 +63,22 @@ LAYOUTS: Final = {
 }
 _KIND_OF: Final = {position: kind for kind, each in LAYOUTS.items() for position in each.positions}
 
-# The motors of the vest on the body in its rest pose: the wearer's left is +X. Dot 0 of the
-# front and of the back is at the wearer's left shoulder (two independent maps of the vest say
-# so, and the shipped configuration of the vest).
+# Motors of the vest in rest pose; the wearer's left is +X. Dot 0 of front and back is at the left
+# shoulder (two independent maps of the vest, and the shipped configuration).
 _VEST_X_M: Final = (0.105, 0.035, -0.035, -0.105)
 _VEST_Z_M: Final = (1.40, 1.31, 1.22, 1.13, 1.04)
 
 
 def motors_of(device: DeviceConfig) -> dict[str, Motor]:
-    """Motor for each vibration actuator, by the actuator's id.
+    """Motor for each vibration actuator, by actuator id.
 
-    A device that the bHaptics Player drives has the dots of its configuration, as when it is
-    played live. For others the nearest motor in front or behind on the torso, and the motors of
-    a forearm in the order of the configuration; actuators elsewhere have none.
+    A device of the bHaptics Player has the dots of its configuration, as in live playback.
+    Otherwise the nearest motor on the torso, front or back, is used, and on each forearm the motors
+    in the order of the configuration; actuators elsewhere are missing.
     """
-    how = device.output.encoder if device.output is not None else None
-    if isinstance(how, BhapticsEncoder):
-        dots = how.worn_dots(is_mirrored=device.is_mirrored)
+    encoder = device.output.encoder if device.output is not None else None
+    if isinstance(encoder, BhapticsEncoder):
+        dots = encoder.worn_dots(is_mirrored=device.is_mirrored)
         return {
             actuator.id: Motor(_KIND_OF[position], position, index)
             for actuator, (position, index) in zip(device.actuators, dots, strict=True)
@@ -87,14 +88,14 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
 
 
 def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
-    """Motors at the places of the actuators."""
+    """Motors nearest to the actuators, by actuator id, see :func:`motors_of`."""
     motors = {}
     taken = {"ForearmL": 0, "ForearmR": 0}
     for actuator in device.actuators:
         if actuator.type.modality != "vibration":
             continue
-        place = actuator.place
-        parts = place.parts if isinstance(place, BodyPlace) else ("torso",)
+        position_on_body = actuator.place
+        parts = position_on_body.parts if isinstance(position_on_body, BodyPlace) else ("torso",)
         centre = _centre(device, actuator)
         if centre is None:
             continue
@@ -113,12 +114,12 @@ def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
 
 
 def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, float] | None:
-    """Place of an actuator in rest space; None for one in the room."""
-    place = actuator.place
-    if isinstance(place, BodyPlace):
-        x, y, z = place.centre_m
-    elif isinstance(place, VertexPlace):
-        first = place.sets[0]
+    """Centre of an actuator in rest space, m; None for an actuator in the room."""
+    position = actuator.place
+    if isinstance(position, BodyPlace):
+        x, y, z = position.centre_m
+    elif isinstance(position, VertexPlace):
+        first = position.sets[0]
         x, y, z = load_model(first.model_id).vertices[list(first.vertices)].mean(axis=0).tolist()
     else:
         return None
@@ -126,7 +127,7 @@ def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, flo
 
 
 def why_nothing(device: DeviceConfig) -> str:
-    """Reason that bHaptics' suits have no motor for a device; empty: they have."""
+    """Reason that no bHaptics motor corresponds to a device; empty: one does."""
     if motors_of(device):
         return ""
     return (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of bHaptics .tact files, as far as the player's own parser shows them."""
+"""Rules of bHaptics .tact files, derived from the player's own parser."""
 
 from __future__ import annotations
 
@@ -99,23 +99,23 @@ DOCUMENT = Record(
 )
 
 
-def findings(found: Any) -> list[Finding]:
-    """Faults of a parsed document."""
+def findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document; value rules only without schema errors."""
     report = Report("TACT")
-    check(DOCUMENT, found, report)
+    check(DOCUMENT, document, report)
     if report.has_errors:
         return report.findings
-    project = found["project"]
+    project = document["project"]
     layouts = project["layout"]["layouts"]
     for t, track in enumerate(project["tracks"]):
         for e, effect in enumerate(track["effects"]):
-            place: Place = (((((None, "project"), "tracks"), t), "effects"), e)
+            location: Place = (((((None, "project"), "tracks"), t), "effects"), e)
             end = effect["startTime"] + effect["offsetTime"]
-            if found["durationMillis"] and end > found["durationMillis"]:
-                message = f"ends at {end} ms, after the file ({found['durationMillis']} ms)"
-                report.warn("DURATION", place, message)
+            if document["durationMillis"] and end > document["durationMillis"]:
+                message = f"ends at {end} ms, after the file ({document['durationMillis']} ms)"
+                report.warn("DURATION", location, message)
             for position, mode in effect["modes"].items():
-                here = ((place, "modes"), position)
+                here = ((location, "modes"), position)
                 if position not in layouts:
                     message = f"the layout has no position '{position[:40]}'"
                     report.error("POSITION", here, message)
