@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
 from . import sources
 from .declarations import declare
 
@@ -43,21 +42,6 @@ def loaded() -> ctypes.CDLL:
 def is_there() -> bool:
     """Test for the library; without it :mod:`..reference` computes contacts."""
     return library() is not None
-
-
-def require_in_time() -> None:
-    """Refuse live evaluation of volumes without the library.
-
-    Raises
-    ------
-    InputError
-        There is no library.
-    """
-    if not is_there():
-        raise InputError(
-            "Live playback and preview of haptic volumes need the compiled part of HFX, which is "
-            "missing here; only exports work without it, far more slowly (docs/native.md)."
-        )
 
 
 def state() -> str:

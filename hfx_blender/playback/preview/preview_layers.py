@@ -93,6 +93,11 @@ class Preview:
         self.fault = ""
         self.notes: list[str] = []  # differences of the glow from the real output
 
+    @property
+    def is_slow(self) -> bool:
+        """Test for volumes in the scene that are evaluated without the compiled library."""
+        return self._scene is not None and bool(self._scene.engine.notes)
+
     def forget(self) -> None:
         """Discard everything: another file, or an undo."""
         self.__init__()  # type: ignore[misc]

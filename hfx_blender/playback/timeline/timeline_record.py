@@ -161,8 +161,7 @@ def record(
     NeedsSteppingError
         They would have to be, and may not.
     InputError
-        There is nothing to feel, the timeline is too long, or there are volumes and no compiled
-        part.
+        There is nothing to feel, or the timeline is too long.
     """
     if not may_step and sources_of(scene):  # a reader looks for their instances at each frame
         raise NeedsSteppingError(_MUST_STEP)
@@ -177,8 +176,8 @@ def record(
     if not may_step and reader.steps():
         raise NeedsSteppingError(_MUST_STEP)
     described = reader.description
-    if described.has_volumes:
-        library.require_in_time()
+    if not may_step and described.has_volumes and not library.is_there():
+        raise NeedsSteppingError("Without the compiled part of HFX, this takes minutes.")
     header = TrackHeader.of(
         described,
         {each.model_id: load_model(each.model_id) for each in described.effects},

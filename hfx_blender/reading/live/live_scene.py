@@ -21,7 +21,6 @@ from ...authoring.responses import responses
 from ...authoring.surfaces import surfaces
 from ...blender.scene_units import fps_of
 from ...engine.evaluate import Engine
-from ...engine.native import library
 from ...engine.samples import SampleRun
 from ...engine.scene import AnimationBlock, HapticVolume
 from ...engine.tolerance import Tolerance
@@ -93,8 +92,7 @@ class LiveScene:
     Raises
     ------
     InputError
-        Nothing can be felt: no body, no effect without a fault, or a volume without the compiled
-        part.
+        Nothing can be felt: no body, or no effect without a fault.
     """
 
     def __init__(
@@ -117,8 +115,6 @@ class LiveScene:
         self.objects, self.description = scene_description.describe(
             found, time, shapes, always_posed=False, more=more
         )
-        if self.description.has_volumes:
-            library.require_in_time()
         self.faults = self.objects.left_out
         self.tolerance = tolerance
         self.record = ("positions",) if with_positions else ()

@@ -9,12 +9,17 @@ from ...authoring.clips import clips
 from ...authoring.effects import effects, swarms
 from ...operators.effects.clips import draw_clip_buttons
 from ...operators.shared import active_armature, active_effect
+from ...playback.preview.preview import preview
 from .. import next_step
 from ..sidebar import HfxPanel, draw_text
 from . import clip_rows, effect_list
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
+SLOW = (
+    "Volumes are evaluated slowly: this installation lacks the compiled part of HFX. Install the "
+    "extension's zip for your computer, or see docs/native.md"
+)
 _OUTSIDE = {
     "after": "After the scene's last frame: not felt",
     "before": "Before the scene's first frame: not felt",
@@ -50,6 +55,16 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
         move.which, move.body = which, bodies[0].name
 
 
+def draw_preview_state(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw why the viewport shows no colours, and why it is slow, with the cure."""
+    if not effects.bodies_of(context.scene):
+        return  # the panel asks for one
+    if preview.content.fault:
+        draw_text(context, layout, preview.content.fault, "ERROR")
+    if preview.content.is_slow:
+        draw_text(context, layout, SLOW, "INFO")
+
+
 class HFX_PT_effects(HfxPanel, bpy.types.Panel):
     """List of all effects: select, mute, solo; switches for the preview in the viewport"""
 
@@ -71,6 +86,8 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             effect_list.draw(context, layout)
         if effects.without_body(context.scene):
             draw_moving(context, layout, "GONE")
+        elif context.window_manager.hfx_preview and found:
+            draw_preview_state(context, layout)
         has_body = bool(effects.bodies_of(context.scene))
         if not has_body and active_armature(context) is None:
             draw_text(context, layout, _NO_BODY, "INFO")

@@ -11,9 +11,11 @@ import bpy.utils.previews
 
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
+from ...playback.preview.preview import preview
 from ...playback.timeline.timeline_recorder import recorder
 from ...properties.scenes import SCHEMES
 from ..sidebar import HfxPanel, draw_text
+from .effects_panel import SLOW
 
 if TYPE_CHECKING:
     from ...devices.configurations.device_facts import DeviceFacts
@@ -59,6 +61,8 @@ def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
             text="Tolerance as Exported" if is_coarse else "Preview Tolerance",
         )
         column.operator("hfx.record_track", text="Play a Recorded Track Instead", icon="REC")
+    if preview.content.is_slow:
+        draw_text(context, box, SLOW, "INFO")
     column.operator("hfx.hide_meshes", icon="HIDE_ON")
     manager = context.window_manager
     for name, what in (("hfx_preview", "What Is Felt"), ("hfx_show_actuators", "Actuators")):

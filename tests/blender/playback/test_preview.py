@@ -12,13 +12,18 @@ import pytest
 
 from hfx_blender.authoring.clips import clips
 from hfx_blender.authoring.effects import effects
-from hfx_blender.engine.body.model import load_avatar
+from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, overlay
+from hfx_blender.engine.native import library
 from hfx_blender.engine.samples import Sample, Stream
+from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.coloured_mesh import Layer
+from hfx_blender.playback.preview.preview import preview
 from hfx_blender.playback.preview.preview_layers import Preview
 from hfx_blender.playback.preview.skin_colours import SkinColours
+from hfx_blender.playback.timeline.timeline_record import NeedsSteppingError, record
+from hfx_blender.ui.panels import effects_panel
 from hfx_tools.felt_shares import felt_shares
 
 BYTE = 0.51 / 255.0  # colours are kept as bytes
@@ -195,3 +200,51 @@ def test_colours_of_what_shows_are_those_that_the_engine_gives_to_every_vertex()
     assert np.array_equal(shown, np.flatnonzero(every[:, 3]))
     assert found == pytest.approx(every[shown], abs=1e-5)
     assert 0 < len(shown) < 200
+
+
+def test_volumes_are_shown_by_the_reference_without_the_compiled_library(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(library, "is_there", lambda: False)
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", radius=0.2)
+    ball = bpy.context.object
+    ball.location = 0.0, 0.0, 1.2
+    shown = preview.content
+    shown.describe(bpy.context)
+    assert shown.fault == "" and shown.is_slow
+    (run,) = evaluation.runs()
+    away = np.linalg.norm(load_model("hfx-pressure-1").vertices - ball.location, axis=1)
+    felt = np.zeros(len(away), bool)
+    felt[run.vertices] = True
+    spacing = 0.02
+    assert felt[away < 0.2 - spacing].all() and not felt[away > 0.2 + spacing].any()
+    assert shown.layers("PAPER"), "the skin is coloured"
+    with pytest.raises(NeedsSteppingError, match="compiled part"):
+        list(record(scene, may_step=False))
+    scene.frame_end, scene.hfx.rate = 2, 24
+    assert bpy.ops.hfx.update_values() == {"FINISHED"}
+
+
+def test_the_list_of_effects_says_why_nothing_is_coloured(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts: list[str] = []
+    monkeypatch.setattr(effects_panel, "draw_text", lambda *a: texts.append(a[2]))
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE")
+    preview.content.describe(bpy.context)
+    effects_panel.draw_preview_state(bpy.context, None)
+    assert texts == []
+    bpy.context.object.hide_viewport = True
+    bpy.context.view_layer.update()
+    preview.content.describe(bpy.context)
+    effects_panel.draw_preview_state(bpy.context, None)
+    assert len(texts) == 1 and "disabled in viewports" in texts[0]
+    bpy.context.object.hide_viewport = False
+    bpy.context.view_layer.update()
+    monkeypatch.setattr(library, "is_there", lambda: False)
+    preview.forget()
+    preview.content.describe(bpy.context)
+    effects_panel.draw_preview_state(bpy.context, None)
+    assert "compiled part" in texts[-1] and "Install" in texts[-1]

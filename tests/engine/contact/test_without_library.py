@@ -14,7 +14,6 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.native import library
 from hfx_blender.engine.tolerance import EXACT, PAPER
 from hfx_blender.engine.volume.analytic import Sphere
-from hfx_blender.errors import InputError
 
 
 def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
@@ -58,8 +57,3 @@ def test_a_report_says_so_once_and_only_then() -> None:
         (note,) = Engine(scene).notes
     assert "without the compiled part" in note
     assert library.is_there() == (not Engine(scene).notes)
-
-
-def test_nobody_is_made_to_wait_for_the_definition() -> None:
-    with by_reference(), pytest.raises(InputError, match="need the compiled part of HFX"):
-        library.require_in_time()
