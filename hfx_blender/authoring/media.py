@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..blender import compat
-from ..blender.scene_units import fps_of, metres_of
+from ..blender.scene_info import fps_of, metres_of
 from ..errors import InputError, refuse_no_file
 from .effects import effects
 

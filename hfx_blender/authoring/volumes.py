@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..blender.stored_values import limited, limited_row
+from ..blender.stored_values import limited, limited_vector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,7 +58,7 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
     import numpy as np
 
     if hfx.shape == "CUBOID":
-        return np.array(limited_row(hfx, "size")) / 2
+        return np.array(limited_vector(hfx, "size")) / 2
     if hfx.shape == "MESH":
         return np.ones(3)
     radius = limited(hfx, "radius")

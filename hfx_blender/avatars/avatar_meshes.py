@@ -15,7 +15,7 @@ import bpy
 from mathutils import Matrix
 
 from ..blender import compat
-from ..blender.scene_units import metres_of
+from ..blender.scene_info import metres_of
 from ..engine.stepwise import within
 from ..errors import InputError
 

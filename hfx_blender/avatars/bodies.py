@@ -14,7 +14,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..blender import compat, mesh_arrays
-from ..blender.scene_units import fps_of, metres_of
+from ..blender.scene_info import fps_of, metres_of
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping

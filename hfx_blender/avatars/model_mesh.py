@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ..blender import mesh_arrays
-from ..blender.scene_units import metres_of
+from ..blender.scene_info import metres_of
 from ..engine.body.model import PerceptualModel, SkinWeights
 from ..engine.body.parts import PARTS
 from . import stored_fits

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths that a .blend holds, read without Blender, which opens some of them with the file itself.
+"""File paths in a .blend, read without Blender, which opens some files while loading.
 
-A .blend is a row of blocks, each a memory image of one C structure; its last but one block, DNA1,
-describes all structures. Blender 5 has wider block heads.
+A .blend is a sequence of blocks, each a memory image of C structures of one type. The block DNA1
+near the end describes the fields of all structures. Blender 5 has wider block heads.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _TITLES: Final = {
     "CustomDataExternal": "external data",
     "bNodeSocketValueString": "node",
 }
-"""Structures with paths of files that Blender reads by itself, as messages name them."""
+"""Titles for messages of the structures with paths that Blender may open while loading."""
 
 _SHORTEST: Final = 768  # bytes of a path's field: Blender's FILE_MAXDIR
 _PACKED: Final = ("*packedfile", "packedfiles")
 _LARGEST: Final = 1 << 24
-"""Bytes of a block that is looked into: DNA1 has a tenth of it."""
+"""Largest size of a parsed block, bytes: ten times that of DNA1."""
 
 _FAULTS: Final = (
     *(OSError, EOFError, ValueError, LookupError, StopIteration),
@@ -49,15 +49,15 @@ _FAULTS: Final = (
 
 
 def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
-    """Refuse a .blend that names a pipe, a device or a socket, also by the libraries it links.
+    """Raise InputError if a .blend, or a library linked from it, names a pipe, device or socket.
 
-    Blender would wait for it for ever. A file that is damaged, or compressed in a way that is
-    unknown here, is left to Blender; what is packed is not read from its path.
+    Blender would wait forever on opening such a path. Paths of packed files are not opened. A
+    damaged file, or unknown compression, passes here and is reported by Blender.
 
-    Raises
-    ------
-    InputError
-        Names the file, the path and its user.
+    Parameters
+    ----------
+    checked : set of Path, optional
+        Files checked before; ``blend`` and its libraries are added.
     """
     checked = set() if checked is None else checked
     checked.add(blend)
@@ -72,31 +72,31 @@ def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
 
 
 def _paths_of(blend: Path) -> list[tuple[str, Path]]:
-    """Kind and full path of each file that a .blend names; none where it cannot be read here."""
+    """Structure and absolute path of each file in a .blend; empty for an unreadable .blend."""
     faults: tuple[type[Exception], ...] = _FAULTS
-    with suppress(ImportError):  # it comes with Blender, but not with that of every distribution
+    with suppress(ImportError):  # bundled with Blender, except by some Linux distributions
         import zstandard
 
         faults = (*faults, zstandard.ZstdError)
     try:
         with _opened(blend) as file:
             dna = next(content for code, _, content in _blocks(file, ()) if code == b"DNA1")
-        wanted = _structures(dna)
+        structures = _structures(dna)
         with _opened(blend) as file:
-            found = [
-                (wanted[number].kind, os.fsdecode(raw))
-                for code, number, content in _blocks(file, wanted)
+            paths = [
+                (structures[number].kind, os.fsdecode(raw))
+                for code, number, content in _blocks(file, structures)
                 if code != b"DNA1"
-                for raw in _texts(content, wanted[number])
+                for raw in _raw_paths(content, structures[number])
             ]
     except faults:
         return []
     folder = os.path.dirname(os.path.abspath(blend))
-    return [(kind, Path(_absolute(path, folder))) for kind, path in found]
+    return [(kind, Path(_absolute(path, folder))) for kind, path in paths]
 
 
 def _absolute(path: str, folder: str) -> str:
-    """Full path of a stored one; ``//`` begins one that is relative to the .blend."""
+    """Absolute form of a stored path; ``//`` begins a path relative to the .blend."""
     return os.path.normpath(os.path.join(folder, path[2:]) if path.startswith("//") else path)
 
 
@@ -113,25 +113,25 @@ def _opened(blend: Path) -> BinaryIO:
     return gzip.GzipFile(fileobj=file) if start[:2] == b"\x1f\x8b" else file  # type: ignore[return-value]
 
 
-def _blocks(file: BinaryIO, wanted: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
-    """Code, structure and content of the blocks of some structures, and of DNA1."""
-    start = _exactly(file, 12)
-    if start == b"BLENDER17-01":
+def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
+    """Yield code, structure number and content of DNA1 and of blocks of the given structures."""
+    magic = _exactly(file, 12)
+    if magic == b"BLENDER17-01":
         _exactly(file, 5)
-        head, order = struct.Struct("<4siQqq"), (0, 1, 3)
-    elif re.fullmatch(rb"BLENDER[-_]v\d{3}", start):
-        head = struct.Struct("<4siQii" if start[7:8] == b"-" else "<4siIii")
+        header, order = struct.Struct("<4siQqq"), (0, 1, 3)
+    elif re.fullmatch(rb"BLENDER[-_]v\d{3}", magic):
+        header = struct.Struct("<4siQii" if magic[7:8] == b"-" else "<4siIii")
         order = (0, 3, 1)
     else:
-        raise ValueError("neither of today's formats")
+        raise ValueError("unknown .blend format")
     while True:
-        values = head.unpack(_exactly(file, head.size))
+        values = header.unpack(_exactly(file, header.size))
         code, number, size = (values[k] for k in order)
         if code == b"ENDB":
             return
         if size < 0:
-            raise ValueError("no block is so short")
-        if code == b"DNA1" or (number in wanted and size <= _LARGEST):
+            raise ValueError("negative block size")
+        if code == b"DNA1" or (number in structures and size <= _LARGEST):
             yield code, number, _exactly(file, size)
         elif file.seekable():
             file.seek(size, os.SEEK_CUR)
@@ -148,29 +148,31 @@ def _exactly(file: BinaryIO, count: int) -> bytes:
 
 
 class _Structure(NamedTuple):
-    """Places of paths in a structure."""
+    """Offsets of paths in a C structure."""
 
     kind: str
     size: int  # bytes of the structure
-    paths: list[tuple[int, int]]  # (offset, bytes) each
-    packed: list[int]  # offsets of pointers that are not zero where the file is packed
+    paths: list[tuple[int, int]]  # (offset, size in bytes)
+    packed: list[int]  # offsets of pointers that are non-zero for a packed file
 
 
 def _structures(dna: bytes) -> dict[int, _Structure]:
-    """Structures of :data:`_TITLES` by their number, from the block DNA1."""
+    """Structures of :data:`_TITLES` by number, from the content of DNA1."""
     file = io.BytesIO(dna[4:])
     names = _strings(file, b"NAME")
     types = _strings(file, b"TYPE")
     sizes = _numbers(file, b"TLEN", f"<{len(types)}H")
     (count,) = _numbers(file, b"STRC", "<i")
     pointer = 8 if sizes[types.index("ListBase")] == 16 else 4
-    found = {}
+    structures = {}
     for number in range(count):
         kind, fields = struct.unpack("<HH", _exactly(file, 4))
         members = _exactly(file, 4 * fields)
         if types[kind] not in _TITLES:
             continue
-        structure = found[number] = _Structure(types[kind], sizes[kind], [], [])
+        structure = structures[number] = _Structure(types[kind], sizes[kind], [], [])
+        # DNA1 gives field sizes but no offsets. They are sums of sizes, as Blender's structures
+        # have explicit padding.
         offset = 0
         for type_number, name_number in struct.iter_unpack("<HH", members):
             name = names[name_number]
@@ -181,11 +183,11 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
             if name in _PACKED:
                 structure.packed.append(offset)
             offset += size
-    return found
+    return structures
 
 
 def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
-    """Numbers at the beginning of a part of DNA1; parts begin at multiples of four bytes."""
+    """Numbers at the start of a part of DNA1; parts are aligned to four bytes."""
     file.seek(-file.tell() % 4, os.SEEK_CUR)
     if _exactly(file, 4) != mark:
         raise ValueError(f"DNA1 has no {mark!r}")
@@ -193,7 +195,7 @@ def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
 
 
 def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
-    """Texts of a part of DNA1."""
+    """Null-terminated strings of a part of DNA1."""
     (count,) = _numbers(file, mark, "<i")
     texts = re.match(rb"(?:[^\0]*\0){%d}" % count, file.getbuffer()[file.tell() :])
     if texts is None:
@@ -202,12 +204,14 @@ def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
     return texts[0].decode("ascii").split("\0")[:-1]
 
 
-def _texts(content: bytes, where: _Structure) -> Iterator[bytes]:
-    """Paths of the structures in a block, but of those whose files are packed."""
-    for start in range(0, len(content) - where.size + 1, where.size):
-        if any(content[start + at : start + at + 4] != bytes(4) for at in where.packed):
+def _raw_paths(content: bytes, structure: _Structure) -> Iterator[bytes]:
+    """Non-empty paths of unpacked files in the structures of a block."""
+    for start in range(0, len(content) - structure.size + 1, structure.size):
+        if any(
+            content[start + offset : start + offset + 4] != bytes(4) for offset in structure.packed
+        ):
             continue
-        for at, size in where.paths:
-            raw = content[start + at : start + at + size].split(b"\0", 1)[0]
+        for offset, size in structure.paths:
+            raw = content[start + offset : start + offset + size].split(b"\0", 1)[0]
             if raw:
                 yield raw

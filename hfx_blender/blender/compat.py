@@ -14,17 +14,16 @@ from bpy_extras import anim_utils
 TELLS_OWNERS_OF_PATHS = hasattr(bpy.types.BlendData, "file_path_map")
 
 CAN_JOIN_AREAS = bpy.app.version >= (4, 3)
-"""Support of joining areas of a window by their places."""
+"""Support for joining areas of a window by their positions."""
 
 GIZMOS_MAKE_UNDO_STEPS = "use_undo" in bpy.types.Gizmo.bl_rna.properties
-"""Support of undo steps that Blender makes when a gizmo is let go."""
+"""Support for Blender's own undo steps after a gizmo is dragged."""
 
 
 def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
-    """F-curves of the action that is assigned to a datablock.
+    """F-curves of a datablock's assigned action and slot; empty without an action.
 
-    ``Action.fcurves`` shows the first slot only in 4.4 and is gone in 5.0; the slot that is
-    assigned to this datablock is the right one.
+    ``Action.fcurves`` shows only the first slot in 4.4 and is removed in 5.0.
     """
     data = owner.animation_data
     if data is None or data.action is None:
@@ -33,7 +32,7 @@ def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
 
 
 def fcurve_of(owner: bpy.types.ID, data_path: str) -> bpy.types.FCurve | None:
-    """F-curve of a datablock's property in its assigned action; of several numbers, the first."""
+    """First F-curve of a property in a datablock's assigned action; None without one."""
     return next((curve for curve in fcurves(owner) if curve.data_path == data_path), None)
 
 
@@ -54,29 +53,29 @@ def _curves_of(
 
 
 def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
-    """F-curves that an NLA strip plays."""
+    """F-curves of an NLA strip's action and slot."""
     if strip.action is None:
         return []
     return action_fcurves(strip.action, getattr(strip, "action_slot", None))
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """F-curves of each action that a datablock has assigned or plays; they can be removed."""
+    """Collections of F-curves of all actions used by a datablock and its NLA strips."""
     data = owner.animation_data
     if data is None:
         return []
     strips = [strip for track in data.nla_tracks for strip in with_grouped(track.strips)]
-    found: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
+    collections: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
     for user in (data, *strips):
         action, slot = user.action, getattr(user, "action_slot", None)
         curves = None if action is None else _curves_of(action, slot)
         if curves is not None:
-            found[action.name, getattr(slot, "handle", 0)] = curves
-    return list(found.values())
+            collections[action.name, getattr(slot, "handle", 0)] = curves
+    return list(collections.values())
 
 
 def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
-    """Strips, including those in meta strips."""
+    """Yield strips, including the strips inside meta strips."""
     for strip in strips:
         yield strip
         yield from with_grouped(strip.strips)
@@ -85,15 +84,15 @@ def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.Nla
 def new_fcurve(
     owner: bpy.types.ID, action: bpy.types.Action, data_path: str, index: int = 0
 ) -> bpy.types.FCurve:
-    """An F-curve for a datablock's property in an action that is assigned to it."""
+    """F-curve of a property in an action assigned to its datablock; created if missing."""
     if hasattr(action, "fcurve_ensure_for_datablock"):  # 4.4 and later
         return action.fcurve_ensure_for_datablock(owner, data_path, index=index)
-    found = action.fcurves.find(data_path, index=index)
-    return found or action.fcurves.new(data_path, index=index)
+    curve = action.fcurves.find(data_path, index=index)
+    return curve or action.fcurves.new(data_path, index=index)
 
 
 def own_fcurve(owner: bpy.types.ID, data_path: str, title: str, index: int = 0) -> bpy.types.FCurve:
-    """An F-curve in a datablock's own action; without one an action of that title is made."""
+    """F-curve of a property in a datablock's own action; both are created if missing."""
     data = owner.animation_data or owner.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(f"{owner.name} {title}".rstrip())
@@ -103,7 +102,7 @@ def own_fcurve(owner: bpy.types.ID, data_path: str, title: str, index: int = 0) 
 def set_keys(
     curve: bpy.types.FCurve, keys: Iterable[tuple[float, float]], interpolation: str = "LINEAR"
 ) -> None:
-    """Replace an F-curve's keys by (frame, value) pairs."""
+    """Replace the keyframes of an F-curve by (frame, value) pairs."""
     flat = [number for key in keys for number in key]
     curve.keyframe_points.clear()
     curve.keyframe_points.add(len(flat) // 2)
@@ -114,14 +113,14 @@ def set_keys(
 
 
 def place_along_parent_bone(obj: bpy.types.Object) -> float:
-    """Place along its parent bone that an object hangs on: 0 the head, 1 (before 5.2) the tail."""
+    """Position of an object along its parent bone: 0 head, 1 tail (always 1 before 5.2)."""
     return float(getattr(obj, "parent_bone_head_tail_factor", 1.0))
 
 
 def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
-    """Settings that Weight Paint's brushes share, and whether their size is a diameter.
+    """Settings shared by brushes of Weight Paint, and True if their size is a diameter.
 
-    They are settings of the scene before 5.0, which also made sizes diameters.
+    Before 5.0 they are settings of the scene, and sizes are radii.
     """
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
@@ -129,7 +128,7 @@ def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
 
 
 def set_brush_weight(context: bpy.types.Context, weight: float) -> None:
-    """Set the weight that Weight Paint's brushes paint, and have them share one size."""
+    """Set the weight of Weight Paint's brushes, and let all brushes share one size."""
     unified, _ = _brush_settings(context)
     unified.weight = weight
     unified.use_unified_size = True
@@ -153,12 +152,12 @@ def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:
 
 
 def properties(owner: bpy.types.ID) -> object:
-    """The add-on's properties of a datablock as plain values that can be compared."""
+    """The add-on's properties of a datablock as comparable plain values; None without any."""
     return _plain(stored_properties(owner).get("hfx")) or None
 
 
 def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
-    """Raw values that Blender stores behind the registered properties of a datablock or a bone.
+    """Raw stored values of the registered properties of a datablock or bone, by name.
 
     Before 5.0 they are custom properties.
     """
@@ -171,18 +170,19 @@ def _plain(value: Any) -> object:
     if isinstance(value, bpy.types.ID):
         return value.name_full
     if hasattr(value, "items"):
-        found = {key: _plain(each) for key, each in value.items()}
-        return {key: each for key, each in found.items() if each or each == 0}  # asked for only
+        entries = {key: _plain(entry) for key, entry in value.items()}
+        # Reading an unset group or pointer stores an empty one, which is no difference.
+        return {key: entry for key, entry in entries.items() if entry or entry == 0}
     if hasattr(value, "to_list"):
         return value.to_list()
-    return [_plain(each) for each in value] if isinstance(value, list) else value
+    return [_plain(entry) for entry in value] if isinstance(value, list) else value
 
 
 def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
-    """Paths of external files, by the datablocks that they are stored in.
+    """Paths of external files as stored, by datablock.
 
-    Before 4.4 Blender tells the paths, but not whose they are: those of what has a path of its
-    own are found, all others (of modifiers and particles) stand with the first of the objects.
+    Before 4.4 Blender lists paths without owners: owners are found by their ``filepath``, and
+    further paths (of modifiers and particles) are assigned to the first object.
     """
     if TELLS_OWNERS_OF_PATHS:
         return bpy.data.file_path_map()
@@ -190,28 +190,22 @@ def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
         *(bpy.data.libraries, bpy.data.images, bpy.data.sounds, bpy.data.movieclips),
         *(bpy.data.cache_files, bpy.data.volumes, bpy.data.fonts, bpy.data.texts),
     )
-    found = {each: {each.filepath} for each in owners if each.filepath not in ("", "<builtin>")}
-    known = {
-        bpy.path.abspath(raw, library=owner.library)
-        for owner, paths in found.items()
-        for raw in paths
-    }
+    paths = {id: {id.filepath} for id in owners if id.filepath not in ("", "<builtin>")}
+    owned = {bpy.path.abspath(id.filepath, library=id.library) for id in paths}
     for path in bpy.utils.blend_paths(absolute=True, packed=True):
-        if path not in known and bpy.data.objects:
+        if path not in owned and bpy.data.objects:
             raw = bpy.path.relpath(path) if bpy.data.filepath else path
             is_below = raw.startswith("//") and not raw.startswith("//..")
-            found.setdefault(bpy.data.objects[0], set()).add(raw if is_below else path)
-    return found
+            paths.setdefault(bpy.data.objects[0], set()).add(raw if is_below else path)
+    return paths
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[Callable[[Any], None], Any]]:
-    """Values of a Geometry Nodes modifier's inputs, each with a function that sets it."""
+    """Input values of a Geometry Nodes modifier, each after a function that sets it."""
     holder = getattr(getattr(modifier, "properties", None), "inputs", None)
     if holder is None:  # before Blender 5.2
         return [(partial(modifier.__setitem__, key), modifier[key]) for key in modifier.keys()]
     sockets = modifier.node_group.interface.items_tree if modifier.node_group is not None else ()
     names = (getattr(socket, "identifier", "") for socket in sockets)
     inputs = [getattr(holder, name) for name in names if hasattr(holder, name)]
-    return [
-        (partial(setattr, each, "value"), each.value) for each in inputs if hasattr(each, "value")
-    ]
+    return [(partial(setattr, i, "value"), i.value) for i in inputs if hasattr(i, "value")]

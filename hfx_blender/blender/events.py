@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handlers and timers of ours in Blender, and redrawing."""
+"""Blender handlers and timers of the add-on, events between its packages, and redrawing."""
 
 from __future__ import annotations
 
@@ -14,57 +14,57 @@ _changed_s = 0.0
 _listeners: dict[str, Callable[..., None]] = {}  # by event
 
 Handlers = Mapping[str, Callable[..., None]]
-"""Functions by the names of their lists in ``bpy.app.handlers``."""
+"""Functions by the name of their list in ``bpy.app.handlers``."""
 
 
 def add_handlers(handlers: Handlers) -> None:
-    """Append handlers that are not there yet."""
+    """Append handlers that are not installed yet."""
     for name, handler in handlers.items():
-        there = getattr(bpy.app.handlers, name)
-        if handler not in there:
-            there.append(handler)
+        installed = getattr(bpy.app.handlers, name)
+        if handler not in installed:
+            installed.append(handler)
 
 
 def remove_handlers(handlers: Handlers) -> None:
-    """Remove handlers that are there."""
+    """Remove installed handlers."""
     for name, handler in handlers.items():
-        there = getattr(bpy.app.handlers, name)
-        if handler in there:
-            there.remove(handler)
+        installed = getattr(bpy.app.handlers, name)
+        if handler in installed:
+            installed.remove(handler)
 
 
 def call_soon(
     function: Callable[[], Any], delay_s: float = 0.0, *, outlives_load: bool = False
 ) -> None:
-    """Call a function by a timer, unless it waits for that already.
+    """Call a function once by a timer, unless a timer for it is pending.
 
     Parameters
     ----------
     function : callable
-        A method, too: methods of one object are the same if they are equal.
-    delay_s : float
+        May return seconds to be called again, as Blender's timers; equal methods count as one.
     outlives_load : bool
-        Call it even if a file is loaded before.
+        Keep the timer when a file is loaded.
     """
     if is_waiting(function):
         return
-    for ended in [each for each in _timers if not is_waiting(each)]:
+    for ended in [timed for timed in _timers if not is_waiting(timed)]:
         del _timers[ended]
     bpy.app.timers.register(function, first_interval=delay_s, persistent=outlives_load)
     _timers[function] = function, outlives_load
 
 
 def is_waiting(function: Callable[[], Any]) -> bool:
-    """Test for a function that a timer is to call."""
-    # Blender knows the very object that was registered; a method is another one each time.
+    """Test for a function with a pending timer."""
+    # Blender compares identities, and each access to a bound method creates a new object.
     registered, _ = _timers.get(function, (function, False))
     return bpy.app.timers.is_registered(registered)
 
 
 def push_undo_soon() -> None:
-    """Make an undo step once a value is no longer changed.
+    """Add an undo step half a second after the last call.
 
-    For properties of the window manager that change the scene: Blender makes none for these.
+    For properties of the window manager that change the scene, as Blender adds no step for these.
+    Nothing happens in background mode.
     """
     global _changed_s
     _changed_s = time.monotonic()
@@ -83,24 +83,24 @@ def _push_undo() -> float | None:
 
 
 def listen(event: str, function: Callable[..., None]) -> None:
-    """Call a function whenever :func:`announce` names the event; one function an event."""
+    """Set the function that :func:`announce` calls for an event; an event has one function."""
     _listeners[event] = function
 
 
 def stop_listening(*events: str) -> None:
-    """Remove the functions of events."""
+    """Remove the functions of events, if set."""
     for event in events:
         _listeners.pop(event, None)
 
 
 def announce(event: str, *arguments: Any) -> None:
-    """Call the function that listens to an event, if there is one."""
+    """Call the function set for an event by :func:`listen`, if any."""
     if event in _listeners:
         _listeners[event](*arguments)
 
 
 def redraw(*kinds: str) -> None:
-    """Have all areas of these types, such as ``VIEW_3D``, drawn again, their sidebars too."""
+    """Redraw all areas of the given types, such as ``VIEW_3D``, with their sidebars."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in kinds:
@@ -108,22 +108,24 @@ def redraw(*kinds: str) -> None:
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:
-    """Remove the timers of functions that wait for theirs."""
+    """Cancel the pending timers of functions."""
     for function in functions:
         if is_waiting(function):
             bpy.app.timers.unregister(_timers.pop(function, (function, False))[0])
 
 
 _timers: dict[Callable[[], Any], tuple[Callable[[], Any], bool]] = {}
-"""Functions that were given to timers, as they were registered; whether they outlive a load."""
+"""Registered objects of timed functions, with True if they outlive loading a file."""
 
 
 @bpy.app.handlers.persistent
 def _before_loading(*_: object) -> None:
-    """Remove timers: Blender only marks them, and its Python module 4.5 hangs at exit over those
-    that it marked and never came to remove.
+    """Remove timers that do not outlive loading a file.
+
+    Blender itself only marks them for removal, and its Python module 4.5 hangs at exit if marked
+    timers remain.
     """
-    remove_timers(*[each for each, (_, outlives_load) in _timers.items() if not outlives_load])
+    remove_timers(*[timed for timed, (_, outlives_load) in _timers.items() if not outlives_load])
 
 
 def register() -> None:

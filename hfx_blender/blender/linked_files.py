@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files besides the .blend that the open scene is made of: whatever it reaches by a path.
+"""External files of the open .blend: all files that its datablocks refer to by path.
 
-Blender is asked for them, so that no kind is forgotten; what it does not tell (folders of baked
-simulations and external caches, files that geometry nodes import, our scans) is added.
+Most paths come from Blender's own list. Added are folders of baked simulations and of external
+caches, files imported by geometry nodes, and scans.
 """
 
 from __future__ import annotations
@@ -22,106 +22,94 @@ from . import compat, stored_values
 
 @dataclass(frozen=True)
 class LinkedFile:
-    """A file, a folder or a row of files."""
+    """External file, folder or numbered sequence of files."""
 
     path: Path
-    user: str  # as messages name it
-    must_be: bool  # nothing of it is in the .blend, and Blender does not make it by itself
+    user: str  # type and name of the datablock, for messages
+    must_be: bool  # False for optional files: caches, and files with a copy in the .blend
 
 
 def linked_files() -> dict[str, LinkedFile]:
-    """External files of the open file, by name.
+    """External files of the open .blend, sorted by name.
 
-    A name begins with ``//``, the folder of the .blend, where the path is relative: so it means
-    the same where that folder was moved as a whole. A path that is not is the name itself.
+    A relative path is named from ``//``, the folder of the .blend, so names stay valid if the
+    folder is moved as a whole. An absolute path is its own name.
     """
-    found: dict[str, LinkedFile] = {}
+    files: dict[str, LinkedFile] = {}
     for owner, raw, must_be in _paths():
         path = Path(bpy.path.abspath(raw, library=owner.library))
-        if _is_row(owner, path):
+        if _is_sequence(owner, path):
             path = path.with_name(re.sub(r"\d+(?=\D*$)", FRAMES, path.name, count=1))
         user = f"{owner.bl_rna.name.lower()} '{owner.name}'"
         name = _name_of(raw, path)
-        must_be = must_be or (name in found and found[name].must_be)
-        found[name] = LinkedFile(path, user, must_be)
-    return dict(sorted(found.items()))
+        must_be = must_be or (name in files and files[name].must_be)
+        files[name] = LinkedFile(path, user, must_be)
+    return dict(sorted(files.items()))
 
 
 def files_read() -> list[Path]:
-    """The .blend that is open, and all files that it is made of."""
+    """Paths of the open .blend, if saved, and of its external files on this machine."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
-    linked = [each.path for each in linked_files().values()]
-    return [*filter(None, [source]), *(path for path in linked if not is_elsewhere(path, source))]
+    paths = [file.path for file in linked_files().values()]
+    return [*filter(None, [source]), *(path for path in paths if not is_elsewhere(path, source))]
 
 
 def refuse_endless() -> None:
-    """Refuse an open file that names a pipe, a device or a socket as one of its files.
-
-    Raises
-    ------
-    InputError
-        Reading it might never end.
-    """
+    """Raise InputError if an external file is a pipe, device or socket: reading may never end."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
-    for name, each in linked_files().items():
-        if not is_elsewhere(each.path, source) and is_endless(each.path):
-            raise InputError(f"'{name}' of {each.user} is a pipe, a device or a socket, no file.")
+    for name, file in linked_files().items():
+        if not is_elsewhere(file.path, source) and is_endless(file.path):
+            raise InputError(f"'{name}' of {file.user} is a pipe, a device or a socket, no file.")
 
 
-def missing() -> list[str]:
-    """Warnings for files that should exist and do not, and for folders that are none of ours."""
-    found = []
+def warnings_of_files() -> list[str]:
+    """Warnings about missing files, and about files that --resume cannot compare."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
-    for name, each in linked_files().items():
-        if is_elsewhere(each.path, source):
-            found.append(
-                f"'{name}' of {each.user} is on another machine: it is not compared, and --resume "
-                "exports the scene again"
-            )
-        elif each.path.is_file() and not is_of_a_kind(each.path):
-            found.append(
-                f"'{name}' of {each.user} is of no kind of file that a scene is made of: it is "
-                "not read, and --resume exports the scene again"
-            )
-        elif each.must_be and each.path.is_dir():
-            found.append(f"'{name}' of {each.user} is a folder, not a file: nothing of it is used")
-        elif each.must_be and _is_gone(each):
-            found.append(
-                f"'{name}' of {each.user} is not there: what it holds is not in the export"
-            )
-        elif holds_too_many(each.path):
-            found.append(
-                f"'{name}' of {each.user} holds more than {MOST_FILES} files: they are not "
-                "compared, and --resume exports the scene again"
-            )
-    return found
+    again = "--resume exports the scene again"
+    warnings = []
+    for name, file in linked_files().items():
+        fault = None
+        if is_elsewhere(file.path, source):
+            fault = f"is on another machine: it is not compared, and {again}"
+        elif file.path.is_file() and not is_of_a_kind(file.path):
+            fault = f"has an unknown file type: it is not read, and {again}"
+        elif file.must_be and file.path.is_dir():
+            fault = "is a folder, not a file: it is not used"
+        elif file.must_be and _is_missing(file.path):
+            fault = "is missing: its content is not in the export"
+        elif holds_too_many(file.path):
+            fault = f"holds more than {MOST_FILES} files: they are not compared, and {again}"
+        if fault is not None:
+            warnings.append(f"'{name}' of {file.user} {fault}")
+    return warnings
 
 
-def _is_gone(each: LinkedFile) -> bool:
-    if each.path.exists():
+def _is_missing(path: Path) -> bool:
+    """Test for a path without a file, or a sequence or tiles without any file."""
+    if path.exists():
         return False
-    start = re.split(f"{FRAMES}|<UDIM>|<UVTILE>", each.path.name)[0]
-    if start == each.path.name:
+    start = re.split(f"{FRAMES}|<UDIM>|<UVTILE>", path.name)[0]
+    if start == path.name:
         return True
     try:
-        return not any(p.name.startswith(start) for p in each.path.parent.iterdir())
+        return not any(file.name.startswith(start) for file in path.parent.iterdir())
     except OSError:
         return True
 
 
 _Path = tuple[bpy.types.ID, str, bool]
-"""Owner of a path, the path as it is stored, and whether the file must exist."""
+"""Datablock with a path, the path as stored, and a flag for files that must exist."""
 
 
 def _paths() -> Iterator[_Path]:
-    """Paths of all external files: those that Blender tells, and those that it does not."""
-    yield from _told_paths()
+    """Paths of all external files, with repetitions."""
+    yield from _paths_listed_by_blender()
     yield from _paths_of_objects()
     yield from _paths_of_nodes()
     yield from _paths_of_caches()
 
 
-def _told_paths() -> Iterator[_Path]:
+def _paths_listed_by_blender() -> Iterator[_Path]:
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj in bpy.data.objects
@@ -129,29 +117,29 @@ def _told_paths() -> Iterator[_Path]:
     }
     for owner, paths in compat.file_path_map().items():
         if isinstance(owner, bpy.types.Text) or _is_packed(owner):
-            continue  # the .blend holds them
+            continue  # the .blend contains the data
         for raw in paths:
             path = bpy.path.abspath(raw, library=owner.library)
-            # Blender 5 names the folder of point caches, whether anything is cached on disk or not.
+            # Blender 5 lists the folder of point caches even if it does not exist.
             is_cache = Path(path).name.startswith("blendcache_")
             yield owner, raw, path not in folders and not is_cache
 
 
 def _paths_of_objects() -> Iterator[_Path]:
-    """Folders of modifiers and particles, and scans that surfaces were made from."""
+    """Folders of modifiers and particles, and scans of surfaces."""
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False
-        # As it is stored: Blender forgets a value of another type where a property is read.
+        # The raw stored value: reading the property erases a value of another type.
         if not stored_values.stored_at(obj, "surface", "scan_path"):
             continue
         surface = obj.hfx.surface
         if obj.hfx.kind == "SURFACE" and surface.source == "SCAN" and surface.scan_path:
-            yield obj, surface.scan_path, False  # its relief is in the .blend
+            yield obj, surface.scan_path, False  # the .blend contains the relief
 
 
 def _paths_of_nodes() -> Iterator[_Path]:
-    """Files that geometry nodes import."""
+    """Files imported by geometry nodes."""
     for tree in bpy.data.node_groups:
         for node in tree.nodes:
             for socket in node.inputs if node.bl_idname.startswith("GeometryNodeImport") else ():
@@ -161,7 +149,7 @@ def _paths_of_nodes() -> Iterator[_Path]:
 
 
 def _paths_of_caches() -> Iterator[_Path]:
-    """Folders of point caches beside the file, and beside its libraries."""
+    """Folders of point caches next to the .blend and its libraries."""
     source = Path(bpy.data.filepath)
     if bpy.data.filepath and bpy.data.objects:
         yield bpy.data.objects[0], f"//blendcache_{source.stem}", False
@@ -174,23 +162,23 @@ def _paths_of_caches() -> Iterator[_Path]:
 
 
 def _folders_of(obj: bpy.types.Object) -> set[str]:
-    """Folders in which Blender bakes or has baked; they need not exist."""
-    found = set()
+    """Folders of baked simulations and external caches of an object; they may not exist."""
+    folders = set()
     for modifier in obj.modifiers:
         if modifier.type == "NODES":
-            found |= {modifier.bake_directory}
-            found |= {bake.directory for bake in modifier.bakes if bake.use_custom_path}
+            folders |= {modifier.bake_directory}
+            folders |= {bake.directory for bake in modifier.bakes if bake.use_custom_path}
         elif modifier.type == "OCEAN":
-            found.add(modifier.filepath)
+            folders.add(modifier.filepath)
         elif modifier.type == "FLUID" and modifier.domain_settings is not None:
-            found.add(modifier.domain_settings.cache_directory)
+            folders.add(modifier.domain_settings.cache_directory)
         cache = getattr(modifier, "point_cache", None)
         if cache is not None and cache.use_external:
-            found.add(cache.filepath)
+            folders.add(cache.filepath)
     for system in obj.particle_systems:
         if system.point_cache.use_external:
-            found.add(system.point_cache.filepath)
-    return found - {""}
+            folders.add(system.point_cache.filepath)
+    return folders - {""}
 
 
 def _is_packed(owner: bpy.types.ID) -> bool:
@@ -198,8 +186,8 @@ def _is_packed(owner: bpy.types.ID) -> bool:
     return getattr(owner, "packed_file", None) is not None or len(files) > 0
 
 
-def _is_row(owner: bpy.types.ID, path: Path) -> bool:
-    """Test a path for a numbered row of files, of which it names one."""
+def _is_sequence(owner: bpy.types.ID, path: Path) -> bool:
+    """Test for a path into a numbered sequence of files."""
     is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
     return bool(is_row) and re.search(r"\d", path.name) is not None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes and their items as arrays, and back."""
+"""Conversion between Blender's meshes and arrays."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ def values(
     width: int = 1,
     kind: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """Property of all items of a collection: (n,), or (n, width) of one that holds several."""
-    found = np.zeros(len(items) * width, kind)
-    items.foreach_get(name, found)
-    return found if width == 1 else found.reshape(-1, width)
+    """Property of all items of a collection: (n,), or (n, width) for a vector property."""
+    array = np.zeros(len(items) * width, kind)
+    items.foreach_get(name, array)
+    return array if width == 1 else array.reshape(-1, width)
 
 
 def positions(mesh: bpy.types.Mesh) -> npt.NDArray[np.float32]:
-    """Vertices (V, 3) of a mesh, local space; quicker than ``MeshVertex.co`` of evaluated ones."""
-    if not len(mesh.vertices):  # it has no attribute then
+    """Vertices (V, 3) of a mesh, local space; faster than ``MeshVertex.co`` once evaluated."""
+    if not len(mesh.vertices):  # an empty mesh has no attribute "position"
         return np.zeros((0, 3), np.float32)
     return values(mesh.attributes["position"].data, "vector", 3)
 
@@ -35,7 +35,7 @@ def points(mesh: bpy.types.Mesh) -> npt.NDArray[np.float64]:
 
 
 def triangles(mesh: bpy.types.Mesh, name: str = "vertices") -> npt.NDArray[np.int32]:
-    """Vertices, or another property such as "loops", of a mesh's triangles, (F, 3)."""
+    """Vertex indices, or another property such as "loops", of a mesh's triangles, (F, 3)."""
     mesh.calc_loop_triangles()
     return values(mesh.loop_triangles, name, 3, np.int32)
 
@@ -43,7 +43,7 @@ def triangles(mesh: bpy.types.Mesh, name: str = "vertices") -> npt.NDArray[np.in
 def mesh_of(
     name: str, vertices: npt.NDArray[np.floating], faces: npt.NDArray[np.int32]
 ) -> bpy.types.Mesh:
-    """Mesh of vertices (N, 3) and faces (F, 3 or 4), a missing last corner being -1."""
+    """New mesh of vertices (N, 3) and faces (F, 3 or 4); -1 marks a missing last corner."""
     mesh = bpy.data.meshes.new(name)
     is_corner = faces >= 0
     corners = is_corner.sum(axis=1)

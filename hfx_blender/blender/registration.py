@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registering modules with Blender, in order, and taking them back in reverse."""
+"""Registration of modules with Blender, and unregistration in reverse order."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Registration = tuple[Callable[[], None], Callable[[], None]]
 
 
 def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
-    """``register`` and ``unregister`` for modules that have both.
+    """Functions ``register`` and ``unregister`` for modules that define both.
 
     Parameters
     ----------
     modules : callable
-        Imports them and returns them in order; called no earlier than ``register`` is, so that
-        importing the package imports no ``bpy``.
+        Imports and returns the modules in order. It is called by ``register``, not before:
+        importing the package must not import ``bpy``.
     """
 
     def register() -> None:
@@ -36,26 +36,25 @@ def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
 
 
 def of_package(name: str, path: Iterable[str]) -> Registration:
-    """``register`` and ``unregister`` for all modules of a package, by name.
+    """Functions ``register`` and ``unregister`` for all modules of a package, sorted by name.
 
-    Blender gets the classes that a module defines, in their order, and then the module's own
-    ``register`` is called, if it has one. Base classes are left out by their names: those that
-    Blender knows begin with ``HFX_``, but for groups of properties.
+    The classes defined in a module are registered in order: property groups, and classes named
+    ``HFX_...``. Then the module's own ``register`` is called, if it has one.
 
     Parameters
     ----------
     name, path
-        ``__name__`` and ``__path__`` of the package; its packages are searched, too.
+        ``__name__`` and ``__path__`` of the package; subpackages are included.
     """
 
     def modules() -> list[ModuleType]:
-        found = [each for each in walk_packages(path, f"{name}.") if not each.ispkg]
-        return [import_module(each) for each in sorted(each.name for each in found)]
+        infos = walk_packages(path, f"{name}.")
+        return [import_module(name) for name in sorted(i.name for i in infos if not i.ispkg)]
 
     def register() -> None:
         for module in modules():
-            for each in _classes_of(module):
-                bpy.utils.register_class(each)
+            for cls in _classes_of(module):
+                bpy.utils.register_class(cls)
             if hasattr(module, "register"):
                 module.register()
 
@@ -63,17 +62,17 @@ def of_package(name: str, path: Iterable[str]) -> Registration:
         for module in reversed(modules()):
             if hasattr(module, "unregister"):
                 module.unregister()
-            for each in reversed(_classes_of(module)):
-                bpy.utils.unregister_class(each)
+            for cls in reversed(_classes_of(module)):
+                bpy.utils.unregister_class(cls)
 
     return register, unregister
 
 
 def _classes_of(module: ModuleType) -> list[type]:
-    classes = [each for each in vars(module).values() if isinstance(each, type)]
     return [
-        each
-        for each in classes
-        if each.__module__ == module.__name__
-        and (each.__name__.startswith("HFX_") or issubclass(each, bpy.types.PropertyGroup))
+        cls
+        for cls in vars(module).values()
+        if isinstance(cls, type)
+        and cls.__module__ == module.__name__
+        and (cls.__name__.startswith("HFX_") or issubclass(cls, bpy.types.PropertyGroup))
     ]

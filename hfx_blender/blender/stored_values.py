@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values of our property groups as stored in a file, possibly beyond all limits.
+"""Raw stored values of the add-on's property groups, and checks of their ranges.
 
-Blender keeps to a property's range where somebody sets it. What a file holds, or a script writes
-past the property, comes as it is: NaN, negative lengths, items that no menu has, text in place of
-a number. Every property is looked at here, whatever it is called.
+Blender limits a property only when the user interface or a script assigns it. A file, or a write
+past the property, may store NaN, negative lengths, unknown menu items, or text in place of a
+number. Every property is checked, including properties of later versions.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from . import compat
 _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (int,)}
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
 _ENDLESS = 3e38
-"""Limits beyond it are those of the number's type: there are none."""
+"""Bound of a float property without limits."""
 
 
 @dataclass(frozen=True)
 class BadValue:
-    """Stored value that its property does not allow."""
+    """Stored value outside its property's allowed values."""
 
     path: str  # below Object.hfx or Scene.hfx, such as ``response[2].decay``
     found: str
     allowed: str
-    taken: str | None  # value read in its place; None if there is no sensible one
+    taken: str | None  # replacement value of readers; None if no value is sensible
 
     def __str__(self) -> str:
         return f"hfx.{self.path} is {self.found}, allowed is {self.allowed}"
 
     @property
     def top(self) -> str:
-        """Property of Object.hfx or Scene.hfx that holds the value."""
+        """Property of Object.hfx or Scene.hfx that contains the value."""
         return self.path.partition(".")[0].partition("[")[0]
 
 
 def bad_values(owner: bpy.types.ID) -> list[BadValue]:
-    """The values of ``owner.hfx``, with all that is below it, that are not allowed."""
+    """Values of ``owner.hfx`` and its nested groups that are not allowed."""
     stored = compat.stored_properties(owner).get("hfx")
     if stored is None:
         return []
@@ -52,7 +52,7 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
 
 
 def stored_at(owner: bpy.types.ID, *names: str) -> Any:
-    """Value below ``owner.hfx`` as it is stored; None where nothing is."""
+    """Raw stored value at a path of names below ``owner.hfx``; None if nothing is stored."""
     value: Any = compat.stored_properties(owner).get("hfx")
     for name in names:
         value = value.get(name) if hasattr(value, "keys") else None
@@ -60,29 +60,29 @@ def stored_at(owner: bpy.types.ID, *names: str) -> Any:
 
 
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
-    """Numeric property, within its limits; NaN stays NaN."""
+    """Numeric property clamped to its hard limits; NaN stays NaN."""
     limits = group.bl_rna.properties[name]
     return float(min(max(getattr(group, name), limits.hard_min), limits.hard_max))
 
 
-def limited_row(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
-    """A property of several numbers, each within its limits."""
+def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
+    """Array property with each number clamped to its hard limits."""
     limits = group.bl_rna.properties[name]
     return tuple(min(max(v, limits.hard_min), limits.hard_max) for v in getattr(group, name))
 
 
 def _bad_of(
-    group: bpy.types.PropertyGroup, stored: Mapping[str, Any], above: str
+    group: bpy.types.PropertyGroup, stored: Mapping[str, Any], prefix: str
 ) -> Iterator[BadValue]:
     for definition in group.bl_rna.properties:
         name, kind = definition.identifier, definition.type
         if name == "rna_type" or name not in stored:
             continue
-        value, path = stored[name], above + name
+        value, path = stored[name], prefix + name
         if kind in _NUMBERS:
-            found = _bad_number(definition, value, path)
-            if found is not None:
-                yield found
+            bad = _bad_number(definition, value, path)
+            if bad is not None:
+                yield bad
         elif kind == "STRING":
             if not isinstance(value, str | bytes):
                 yield BadValue(path, _described(value), "a text", "an empty text")
@@ -92,14 +92,12 @@ def _bad_of(
             else:
                 yield BadValue(path, _described(value), "a group of properties", None)
         elif kind == "POINTER":
-            what = definition.fixed_type.identifier
-            # 4.5 stores an empty group when code asks for a pointer that was never set.
+            id_type = definition.fixed_type.identifier
+            # Blender 4.5 stores an empty group when an unset pointer is read.
             is_unset = value is None or (hasattr(value, "keys") and not value.keys())
-            if not is_unset and not isinstance(value, getattr(bpy.types, what)):
-                is_other = isinstance(value, bpy.types.ID)
-                yield BadValue(
-                    path, _described(value), f"a datablock {what}", None if is_other else "none"
-                )
+            if not is_unset and not isinstance(value, getattr(bpy.types, id_type)):
+                taken = None if isinstance(value, bpy.types.ID) else "none"
+                yield BadValue(path, _described(value), f"a datablock {id_type}", taken)
         elif kind == "COLLECTION":
             yield from _bad_entries(getattr(group, name), value, path)
 
@@ -108,33 +106,33 @@ def _bad_entries(entries: Any, stored: Any, path: str) -> Iterator[BadValue]:
     if not isinstance(stored, list) or len(stored) != len(entries):
         yield BadValue(path, _described(stored), "a list of entries", "an empty list")
         return
-    for k, (entry, each) in enumerate(zip(entries, stored, strict=True)):
-        yield from _bad_of(entry, each, f"{path}[{k}].")
+    for k, (entry, stored_entry) in enumerate(zip(entries, stored, strict=True)):
+        yield from _bad_of(entry, stored_entry, f"{path}[{k}].")
 
 
 def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadValue | None:
-    """A number, a row of numbers or an item of a menu that is not allowed."""
+    """Fault of a stored number, array or menu item; None if it is allowed."""
     allowed = _allowed(definition)
     count = 0 if definition.type == "ENUM" else definition.array_length
     if count:
         if getattr(value, "typecode", "none") not in _ARRAYS[definition.type]:
             return BadValue(path, _described(value), f"{count} times {allowed}", None)
         if len(value) != count:
-            default = ", ".join(f"{each:g}" for each in definition.default_array)
+            default = ", ".join(f"{number:g}" for number in definition.default_array)
             return BadValue(path, f"{len(value)} numbers", f"{count} times {allowed}", default)
-        row = list(value)
-        if all(_is_within(definition, each) for each in row):
+        numbers = list(value)
+        if all(_is_within(definition, number) for number in numbers):
             return None
-        described = ", ".join(f"{each:g}" for each in row)
         taken = None
-        if all(map(math.isfinite, row)):
-            taken = ", ".join(f"{_nearest(definition, each):g}" for each in row)
+        if all(map(math.isfinite, numbers)):
+            taken = ", ".join(f"{_nearest(definition, number):g}" for number in numbers)
+        described = ", ".join(f"{number:g}" for number in numbers)
         return BadValue(path, described, f"{count} times {allowed}", taken)
     if not isinstance(value, _NUMBERS[definition.type]):
         return BadValue(path, _described(value), allowed, str(definition.default))
     if definition.type == "ENUM":
-        known = any(item.value == value for item in definition.enum_items)
-        return None if known else BadValue(path, f"item {value}", allowed, None)
+        is_known = any(item.value == value for item in definition.enum_items)
+        return None if is_known else BadValue(path, f"item {value}", allowed, None)
     if definition.type == "BOOLEAN" or _is_within(definition, value):
         return None
     taken = f"{_nearest(definition, value):g}" if math.isfinite(value) else None

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..blender.scene_units import fps_of
+from ..blender.scene_info import fps_of
 from ..errors import InputError, refuse_no_file
 from ..files.kinds import title_of
 from ..processes import blender_session

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Properties of objects that a .blend stores: ``Object.hfx`` of effects and bodies."""
+"""Object properties stored in a .blend: ``Object.hfx`` of effects and bodies."""
 
 from __future__ import annotations
 
@@ -16,55 +16,55 @@ from bpy.props import (
 )
 
 from ..engine.modality import MODALITIES, MODALITY_ITEMS
-from . import generation, scenes, surfaces
-from .responses import HfxResponseFilter
+from . import scenes, surface_properties
+from .response_properties import HfxResponseFilter
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
 ROLES = (
     ("NONE", "None", "A normal object"),
     ("EFFECT", "Effect", "A haptic effect, painted on a body or placed in the scene"),
-    ("BODY", "Body", "An armature whose wearer feels the effects"),
+    ("BODY", "Body", "An armature with a haptic body"),
 )
 KINDS = (
-    ("PAINTED", "Painted", "Felt where it is painted on the body (egocentric)"),
-    ("VOLUME", "Volume", "Felt by what is inside it (allocentric)"),
-    ("SURFACE", "Surface", "Felt by moving over the object (a haptic texture)"),
-    ("SPOT", "Point on the Skin", "A disc that may move along a path on the body"),
-    ("ACTUATORS", "Vector", "A curve for each actuator of one device"),
+    ("PAINTED", "Painted", "Acts on skin painted on the body (egocentric)"),
+    ("VOLUME", "Volume", "Acts on skin inside the volume (allocentric)"),
+    ("SURFACE", "Surface", "Acts on skin that moves over the object (haptic texture)"),
+    ("SPOT", "Point on the Skin", "A disc on the skin, still or moving along a path"),
+    ("ACTUATORS", "Vector", "One curve per actuator of a device"),
 )
 SHAPES = (
     ("CUBOID", "Box", "A box of the given size"),
     ("SPHERE", "Sphere", "A sphere of the given radius"),
     ("CYLINDER", "Cylinder", "A cylinder along the local Z axis"),
     ("CAPSULE", "Capsule", "A cylinder with round ends along the local Z axis"),
-    ("MESH", "Mesh", "Exactly the shape of the object's own closed mesh"),
+    ("MESH", "Mesh", "The closed mesh of the object"),
 )
 FALLOFFS = (
-    ("none", "None", "Full strength everywhere inside"),
-    ("linear", "Linear", "Strength rises evenly from the boundary inwards"),
+    ("none", "None", "Full strength in the whole volume"),
+    ("linear", "Linear", "Strength rises linearly from the boundary inwards"),
     ("smooth", "Smooth", "Strength rises with a soft start and end"),
 )
 FELT_LAYERS = (
-    ("VISIBLE", "Visible", "The outermost layer: clothes where there are any, else skin"),
-    ("SKIN", "Skin", "The innermost layer: skin under clothes, where it is modelled"),
+    ("VISIBLE", "Visible", "The outermost layer: clothes, or uncovered skin"),
+    ("SKIN", "Skin", "The innermost layer: modelled skin under clothes"),
 )
-"""Layers of an avatar that its body may be fitted to."""
+"""Layers of an avatar to fit a body to."""
 
 FOLLOWS = (
-    ("AUTO", "Automatic", "The bones; the evaluated surface if more than bones deforms the avatar"),
-    ("BONES", "Bones", "Fast: only the bones move the skin; other deformation is ignored"),
+    ("AUTO", "Automatic", "Bones, or the evaluated surface if further modifiers deform the avatar"),
+    ("BONES", "Bones", "Bones only: fast, without further deformation"),
     ("SURFACE", "Surface", "The avatar's evaluated surface: shape keys, cloth, any modifier"),
 )
 BONE_REGIONS = (
     ("BODY", "Body", "Torso, head, arms and legs"),
     ("HANDS", "Hands", "Fingers and palms"),
     ("FEET", "Toes", "Single toes"),
-    ("FACE", "Face", "Jaw, eyes and muscles of the face, which hardly any rig has"),
+    ("FACE", "Face", "Jaw, eyes and facial muscles, missing in most rigs"),
 )
 TEMPERATURE_REFERENCES = (
-    ("AMBIENT", "Ambient", "Air, sun, fire: neutral at 24 degrees Celsius"),
-    ("CONTACT", "Contact", "A touched object: neutral at the skin's 33 degrees Celsius"),
+    ("AMBIENT", "Ambient", "Air, sun, fire. Neutral at 24 degrees Celsius"),
+    ("CONTACT", "Contact", "A touched object. Neutral at skin temperature, 33 degrees Celsius"),
 )
 
 
@@ -74,7 +74,7 @@ def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> No
     volumes.refresh_display(self.id_data)
 
 
-def _remember_body(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+def _store_body_name(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
     self.body_name = "" if self.body is None else self.body.name
 
 
@@ -85,21 +85,21 @@ def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
 
 
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
-    """A property with the range and the default that the engine states for a parameter."""
-    found = {p.name: p for p in MODALITIES[modality].parameters}[name]
+    """Float property with the range, default and unit of a modality's parameter."""
+    parameter = {p.name: p for p in MODALITIES[modality].parameters}[name]
     return FloatProperty(
         name=label,
-        description=f"{tip} ({found.unit})",
-        default=found.default,
-        min=found.minimum,
-        max=found.maximum,
+        description=f"{tip} ({parameter.unit})",
+        default=parameter.default,
+        min=parameter.minimum,
+        max=parameter.maximum,
         **_OVERRIDABLE,
         **options,
     )
 
 
 def _share(name: str, tip: str, default: float, **options: object) -> FloatProperty:
-    """A property for a share in 0..1 that library overrides may change."""
+    """Float property for a factor from 0 to 1, editable in library overrides."""
     return FloatProperty(
         name=name,
         description=tip,
@@ -113,71 +113,72 @@ def _share(name: str, tip: str, default: float, **options: object) -> FloatPrope
 
 
 class HfxAvatarPart(bpy.types.PropertyGroup):
-    """Additional mesh of an avatar in several pieces."""
+    """Additional mesh of an avatar with several meshes."""
 
     mesh: PointerProperty(
         name="Mesh",
-        description="A mesh that shows this body",
+        description="A mesh of this body's avatar",
         type=bpy.types.Object,
         **_OVERRIDABLE,
     )
 
 
 class HfxMappedBone(bpy.types.PropertyGroup):
-    """A row of the bone table; its name is that of the bone of the canonical skeleton."""
+    """Row of the bone table, named after a bone of the canonical skeleton."""
 
     bone: StringProperty(
         name="Bone",
-        description="The avatar's bone that begins at this joint; empty: the skin here follows "
-        "the joint above",
+        description="The avatar's bone at this joint. Empty: this skin follows the parent joint",
         update=_refresh_bones,
         **_OVERRIDABLE,
     )
     found: StringProperty(
-        name="Found", description="The bone that was found automatically", **_OVERRIDABLE
+        name="Found", description="The automatically detected bone", **_OVERRIDABLE
     )
     follows: StringProperty(
         name="Follows",
-        description="The bone that moves this skin while none is assigned",
+        description="The bone that moves this skin without an assigned bone",
         **_OVERRIDABLE,
     )
 
 
 class HfxActuatorValue(bpy.types.PropertyGroup):
-    """Actuator of a vector sensation; its name is the actuator's id."""
+    """Actuator of a vector sensation, named by the actuator's id."""
 
-    value: _share("Value", "Share of the effect's full strength that this actuator gets", 0.0)
+    value: _share(
+        "Value", "Strength of this actuator as a share of the effect's full strength", 0.0
+    )
 
 
 class HfxObjectProperties(bpy.types.PropertyGroup):
-    """An object's haptic side. Parameters are in the units of the engine (SI, degrees C)."""
+    """Haptic properties of an object. Parameters are in SI units and degrees Celsius."""
 
     role: EnumProperty(
         name="Role", description="Role of the object in haptics", items=ROLES, **_OVERRIDABLE
     )
     uid: StringProperty(
-        name="Id", description="Stays the same when the object is renamed", **_OVERRIDABLE
+        name="Id", description="Permanent id, independent of the object's name", **_OVERRIDABLE
     )
 
     group: StringProperty(
         name="Group",
-        description="Effects of the same group are one row of the list, which opens",
+        description="Effects of a group share an expandable row of the list",
         **_OVERRIDABLE,
     )
 
     modality: EnumProperty(
         name="Modality",
-        description="Kind of sensation; each has its own parameters",
+        description="Kind of sensation, with its own parameters",
         items=MODALITY_ITEMS,
         update=_redraw_volume,
         **_OVERRIDABLE,
     )
     kind: EnumProperty(
-        name="Kind", description="Where the effect is felt", items=KINDS, default="VOLUME"
+        name="Kind", description="Region of the effect", items=KINDS, default="VOLUME"
     )
     activation: FloatProperty(
         name="Activation",
-        description="Animated by clips; without animation the effect is always on",
+        description="Animated by clips. Without animation the effect is always on",
         default=0.0,
         min=0.0,
         max=1.0,
@@ -191,27 +192,27 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
     temperature_reference: EnumProperty(
         name="Reference",
-        description="Neutral temperature, at which nothing is felt",
+        description="Neutral temperature, without a sensation",
         items=TEMPERATURE_REFERENCES,
         **_OVERRIDABLE,
     )
 
     is_muted: BoolProperty(
         name="Mute",
-        description="Neither felt nor exported",
+        description="Disable this effect in live playback and exports",
         default=False,
         **_OVERRIDABLE,
     )
     is_solo: BoolProperty(
         name="Solo",
-        description="Only effects that are solo are felt and exported",
+        description="Disable effects that are not solo",
         default=False,
         **_OVERRIDABLE,
     )
 
     shape: EnumProperty(
         name="Shape",
-        description="Shape of the volume; handles in the viewport change its size",
+        description="Shape of the volume. Drag the handles in the viewport to resize",
         items=SHAPES,
         default="SPHERE",
         update=_redraw_volume,
@@ -229,7 +230,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     radius: FloatProperty(
         name="Radius",
-        description="Radius of a sphere, a cylinder, a capsule, or the disc of a point on the skin",
+        description="Radius of the sphere, cylinder, capsule, or disc on the skin",
         default=0.5,
         min=0.0,
         unit="LENGTH",
@@ -238,7 +239,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     height: FloatProperty(
         name="Height",
-        description="Whole height along the local Z axis, round ends included",
+        description="Height along the local Z axis, including round ends",
         default=2.0,
         min=0.0,
         unit="LENGTH",
@@ -253,67 +254,67 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     falloff_share: _share(
         "Falloff Share",
-        "Part of the way from the boundary to the core over which strength rises",
+        "Depth of the rise, as a share of the way from boundary to core",
         1.0,
     )
 
     surface: PointerProperty(
         name="Surface",
         description="Haptic texture of the object",
-        type=surfaces.HfxSurfaceProperties,
+        type=surface_properties.HfxSurfaceProperties,
     )
 
     response: CollectionProperty(
         name="Contact Response",
-        description="Response of the volume to a touch: filters, from top to bottom",
+        description="Response of the volume to a touch: filters in order, from top to bottom",
         type=HfxResponseFilter,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     response_active: IntProperty(
-        name="Filter", description="The selected filter of the response", options=set()
+        name="Filter", description="Selected filter of the response", options=set()
     )
     envelope: _share(
         "Envelope",
-        "Strength of the volume, written by Bake Response, for drivers of sound or light",
+        "Strength of the volume from Bake Response, as a source for drivers",
         0.0,
     )
 
     path_position: _share(
         "Position",
-        "Position of the point on its path, from the start (0) to the end (1)",
+        "Position on the path, from start (0) to end (1)",
         0.0,
     )
-    device: StringProperty(name="Device", description="Device whose actuators are driven")
+    device: StringProperty(name="Device", description="Device of the driven actuators")
     drive: CollectionProperty(
         name="Actuators",
-        description="The strength of each actuator of the device",
+        description="Strength of each actuator of the device",
         type=HfxActuatorValue,
         override={"LIBRARY_OVERRIDABLE"},
     )
     body: PointerProperty(
         name="Body",
-        description="The body that the effect is painted on",
+        description="Body of the painted effect",
         type=bpy.types.Object,
-        update=_remember_body,
+        update=_store_body_name,
         **_OVERRIDABLE,
     )
     body_name: StringProperty(
         name="Body's Name",
-        description="Name of the body that the effect belongs to, also after it was deleted; "
-        "empty: the only body of the scene",
+        description="Name of the effect's body, also after deletion of the body. Empty: the only "
+        "body of the scene",
         **_OVERRIDABLE,
     )
-    model_id: StringProperty(name="Model", description="Perceptual model that is painted on")
-    model_hash: StringProperty(name="Model Hash", description="Content of that model")
+    model_id: StringProperty(name="Model", description="Painted perceptual model")
+    model_hash: StringProperty(name="Model Hash", description="Hash of the painted model's content")
     avatar: PointerProperty(
         name="Avatar",
-        description="The mesh that shows this body",
+        description="Main mesh of this body's avatar",
         type=bpy.types.Object,
         **_OVERRIDABLE,
     )
     avatar_parts: CollectionProperty(
         name="Parts",
-        description="Other meshes of an avatar that is in several pieces",
+        description="Further meshes of the avatar",
         type=HfxAvatarPart,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
@@ -325,24 +326,24 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     felt_layer: EnumProperty(
         name="Layer",
-        description="What is felt where clothes lie over skin",
+        description="Layer for haptics if clothes cover skin",
         items=FELT_LAYERS,
         **_OVERRIDABLE,
     )
     bone_map: CollectionProperty(
         name="Bones",
-        description="The bone of the avatar for each joint",
+        description="Bone of the avatar for each joint",
         type=HfxMappedBone,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     fit_kept: PointerProperty(
         name="Fit",
-        description="Storage of the fit if the body is a library override; none: the armature",
+        description="Storage of the fit of a library override. None: the armature",
         type=bpy.types.Mesh,
         **_OVERRIDABLE,
     )
     bone_map_active: IntProperty(
-        name="Row", description="The selected row of the bone table", options=set()
+        name="Row", description="Selected row of the bone table", options=set()
     )
     bone_map_region: EnumProperty(
         name="Show",
@@ -367,8 +368,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 
 def register() -> None:
-    surfaces.register()
-    generation.register()
+    surface_properties.register()
     scenes.register()
     _classes()
     bpy.types.Object.hfx = PointerProperty(
@@ -380,5 +380,4 @@ def unregister() -> None:
     del bpy.types.Object.hfx
     _unregister_classes()
     scenes.unregister()
-    generation.unregister()
-    surfaces.unregister()
+    surface_properties.unregister()

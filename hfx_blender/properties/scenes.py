@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Properties of scenes that a .blend stores: ``Scene.hfx``, its devices, playing and exporting."""
+"""Scene properties stored in a .blend: ``Scene.hfx``, with devices, playback and export."""
 
 from __future__ import annotations
 
@@ -19,96 +19,101 @@ TOLERANCES = (
     (
         "PREVIEW",
         "Preview",
-        "Fast: edges within the spacing of the model's vertices, motion within 40 ms",
+        "Fast. Edges within the vertex spacing of the model, motion within 40 ms",
     ),
     (
         "STANDARD",
         "Standard",
-        "Edges within 5 mm or half the vertices' spacing, motion within 10 ms",
+        "Edges within 5 mm or half the vertex spacing, motion within 10 ms",
     ),
-    ("EXACT", "Exact", "The finest computation, at every sample"),
-    ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
-    ("CUSTOM", "Custom", "Your own limits: millimetres of edges, milliseconds of motion"),
+    ("EXACT", "Exact", "Finest computation, at every sample"),
+    ("PAPER", "Vertices Only", "Vertices count as inside or outside, at every sample"),
+    ("CUSTOM", "Custom", "Own limits: millimetres of edges, milliseconds of motion"),
 )
 LIVE_SOURCES = (
-    ("SCENE", "Scene", "What is felt in the scene, while you play, scrub and edit"),
-    ("TRACK", "Track", "What was exported or recorded; the scene is not evaluated for it"),
+    ("SCENE", "Scene", "The open scene, during playback, scrubbing and editing"),
+    ("TRACK", "Track", "An exported or recorded track, without evaluating the scene"),
 )
 SCHEMES = (
-    ("CONFIGURED", "As Configured", "The scheme that the device's configuration names"),
-    ("coverage", "Coverage", "The strongest sensation on each actuator's own patch of skin"),
-    ("nearest", "Nearest", "The nearest actuator plays all; it jumps half way between two"),
-    ("barycentric", "Barycentric", "Glides between the three actuators around it, on a flat pad"),
-    ("surface", "Surface", "Glides between neighbours along the skin of the body"),
-    ("ring", "Ring", "Glides between two neighbours round a belt, with equal power"),
-    ("line", "Line", "Glides between two neighbours along a strip, with equal power"),
-    ("vbap", "VBAP", "Glides between two or three neighbours by their directions"),
-    ("splat", "Splat", "Each actuator plays more the nearer it is: soft and wide"),
+    ("CONFIGURED", "As Configured", "Scheme of the device's configuration"),
+    ("coverage", "Coverage", "Strongest sensation in each actuator's patch of skin"),
+    ("nearest", "Nearest", "Nearest actuator only. Jumps halfway between two actuators"),
+    ("barycentric", "Barycentric", "Panning between the three surrounding actuators of a flat pad"),
+    ("surface", "Surface", "Panning between neighbours along the skin of the body"),
+    ("ring", "Ring", "Equal-power panning between two neighbours of a belt"),
+    ("line", "Line", "Equal-power panning between two neighbours of a strip"),
+    ("vbap", "VBAP", "Panning between two or three neighbours by direction"),
+    ("splat", "Splat", "All actuators, weighted by distance: soft and wide"),
 )
-"""Rendering schemes of a device in a scene, each in one line."""
+"""Rendering schemes of a device in a scene."""
 
 LIVE_TOLERANCES = (
-    ("EXPORT", "As Exported", "What is shown and played is what is exported"),
-    ("PREVIEW", "Preview", "Faster, and coarser; exports keep their own tolerance"),
+    ("EXPORT", "As Exported", "Tolerance of exports for preview and playback"),
+    ("PREVIEW", "Preview", "Faster and coarser. Exports keep their own tolerance"),
 )
 TIME_UNITS = (
     ("FRAMES", "Frames", "Times of clips in frames, as in the timeline"),
-    ("SECONDS", "Seconds", "Times of clips in seconds; frame 0 is at 0 s, as in the timeline"),
+    ("SECONDS", "Seconds", "Times of clips in seconds. Frame 0 is at 0 s, as in the timeline"),
 )
 
 PALETTES = (
     ("PAPER", "Red, Green, Blue", "Vibration red, pressure green, temperature blue"),
-    ("WARM_COLD", "Warm and Cold", "The same, but warmth orange and cold blue"),
-    ("COLOUR_BLIND", "Colour-Blind Safe", "Colours that all common kinds of vision tell apart"),
-    ("OWN", "My Colours", "The colours in the preferences of this extension"),
+    ("WARM_COLD", "Warm and Cold", "Vibration red, pressure green, warmth orange, cold blue"),
+    ("COLOUR_BLIND", "Colour-Blind Safe", "Distinct colours for all common kinds of vision"),
+    ("OWN", "My Colours", "Colours of the add-on preferences"),
 )
 
 
-def _follow_other(self: HfxSceneProperties | HfxDeviceName, context: bpy.types.Context) -> None:
+def _update_live_source(
+    self: HfxSceneProperties | HfxDeviceName, context: bpy.types.Context
+) -> None:
     self.id_data.update_tag()  # the preview shows actuators
     if self.id_data == context.scene:
         events.announce("live source")
 
 
-def _choose_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
+def _update_live_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
     events.announce("live track", self.live_track)
-    _follow_other(self, context)
+    _update_live_source(self, context)
 
 
-def _remark_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None:
-    self.id_data.update_tag()  # the preview and live devices look for changes then
+def _tag_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None:
+    self.id_data.update_tag()  # the update reaches preview and live devices
 
 
-def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
+def _update_mutes(self: HfxDeviceName, context: bpy.types.Context) -> None:
     if self.id_data == context.scene:
         events.announce("live mutes", context.scene)
 
 
 class HfxDeviceName(bpy.types.PropertyGroup):
-    """A device of the user's registry, by name; a .blend never brings its configuration."""
+    """Device of the user's registry, by name. The .blend stores no configuration."""
 
     is_muted: BoolProperty(
-        name="Mute", description="Silent while designing", default=False, update=_turn_down
+        name="Mute",
+        description="Silence this device during live playback",
+        default=False,
+        update=_update_mutes,
     )
     is_expanded: BoolProperty(
         name="Details",
-        description="Show the maker, the places and the rendering scheme of the device",
+        description="Show maker, placement and rendering scheme of the device",
         default=False,
         options=set(),
     )
     scheme: EnumProperty(
         name="Rendering",
-        description="Rendering scheme: how sensations are shared out among the actuators",
+        description="Rendering scheme: distribution of sensations among the actuators",
         items=SCHEMES,
         options=set(),
-        update=_follow_other,
+        update=_update_live_source,
     )
     is_exported: BoolProperty(
-        name="Export", description="Write the files of this device, too", default=True
+        name="Export", description="Include this device in exports", default=True
     )
     gain: FloatProperty(
         name="Gain",
-        description="Factor for all strengths while designing; the device's limits still apply",
+        description="Factor of all strengths during live playback, within the device's limits",
         default=1.0,
         min=0.0,
         max=2.0,
@@ -117,41 +122,41 @@ class HfxDeviceName(bpy.types.PropertyGroup):
 
 
 class HfxSceneProperties(bpy.types.PropertyGroup):
-    """A scene's haptic settings."""
+    """Haptic settings of a scene."""
 
     devices: CollectionProperty(
-        name="Devices", description="Devices that play this scene, by name", type=HfxDeviceName
+        name="Devices", description="Devices of this scene, by name", type=HfxDeviceName
     )
     play_space: PointerProperty(
         name="Play Space",
-        description="Object in whose room fans, heaters and other devices stand; a teleport "
-        "moves it. None: the world",
+        description="Object that fans, heaters and other stationary devices move with, as in a "
+        "teleport. None: the world",
         type=bpy.types.Object,
     )
     live_source: EnumProperty(
         name="Devices Play",
-        description="Source of what connected devices play",
+        description="Source of the playback on connected devices",
         items=LIVE_SOURCES,
         options=set(),
-        update=_follow_other,
+        update=_update_live_source,
     )
     live_track: StringProperty(
         name="Track",
-        description="Haptic track that devices play in step with the timeline (.hfxtrack); the "
-        "last one that was exported or recorded",
+        description="Haptic track (.hfxtrack) for playback in step with the timeline. By default "
+        "the last exported or recorded track",
         subtype="FILE_PATH",
-        update=_choose_track,
+        update=_update_live_track,
     )
     live_tolerance: EnumProperty(
         name="Tolerance",
-        description="Tolerance of what is shown and played while you work",
+        description="Tolerance of preview and live playback",
         items=LIVE_TOLERANCES,
         options=set(),
-        update=_remark_scene,
+        update=_tag_scene,
     )
     rate: FloatProperty(
         name="Rate",
-        description="Samples a second in exported tracks",
+        description="Samples per second in exported tracks",
         default=100.0,
         min=1.0,
         max=10000.0,
@@ -159,8 +164,8 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     tolerance: EnumProperty(
         name="Tolerance",
-        description="Which error an export may have, to be fast. A contact may begin late by the "
-        "error of motion plus the time that its approach takes for the error of the edge",
+        description="Largest error of an export. A larger error is faster. A contact may start "
+        "late by the error of motion plus the travel time through the error of the edge",
         items=TOLERANCES,
         default="STANDARD",
     )
@@ -172,12 +177,12 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     palette: EnumProperty(
         name="Colours",
-        description="Colours of the avatar where it feels something",
+        description="Colours of haptic sensations on the avatar",
         items=PALETTES,
     )
     preview_opacity: FloatProperty(
         name="Opacity",
-        description="Opacity of the colours over the avatar",
+        description="Opacity of the colours on the avatar",
         default=0.85,
         min=0.1,
         max=1.0,
@@ -185,9 +190,9 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     tolerance_custom: StringProperty(
         name="Tolerance",
-        description="How far off edges of contacts, motion and strength may be: millimetres, "
-        "milliseconds and, if you like, percent of full scale. A contact may begin late by the "
-        "milliseconds plus the time that its approach takes for the millimetres",
+        description="Largest errors of edges, motion and (optional) strength: millimetres, "
+        "milliseconds, percent of full scale. A contact may start late by the milliseconds plus "
+        "the travel time through the millimetres",
         default="5mm,10ms,5%",
     )
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..authoring.effects.effect_values import Shapes
 from ..blender import linked_files
-from ..blender.background_scenes import scene_objects
+from ..blender.scene_info import scene_objects
 from ..engine.arrays import I64
 from ..engine.counters import ReadingCounters, Unfelt
 from ..engine.rendering.room import SETTING, PlaySpace
@@ -124,7 +124,7 @@ class SceneReader:
         unfelt_warnings = self._find_unfelt(layer)
         warnings = (
             *(*warned, *unfelt_warnings, *self.instances.warnings),
-            *(*unbaked, *linked_files.missing()),
+            *(*unbaked, *linked_files.warnings_of_files()),
         )
         self.description = replace(self.description, warnings=shortened(warnings))
         # Objects only; instances are read separately.

@@ -9,7 +9,7 @@ from math import ceil, floor
 import bpy
 
 from ...blender import compat
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ...errors import InputError
 from . import drawn_fades
 

@@ -14,7 +14,7 @@ import bpy
 from mathutils import Vector
 
 from ...avatars import avatar_meshes
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from . import effects
 
 if TYPE_CHECKING:

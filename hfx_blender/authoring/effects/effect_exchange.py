@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...blender import compat
-from ...blender.scene_units import fps_of, metres_of
+from ...blender.scene_info import fps_of, metres_of
 from ...engine.body import areas
 from ...engine.body.model import load_model
 from ...engine.modality import MODALITIES

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...blender.background_scenes import scene_objects
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import stored_at
 from ...engine.modality import MODALITIES
 from ...errors import InputError

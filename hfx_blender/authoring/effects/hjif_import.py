@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...blender import compat
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError

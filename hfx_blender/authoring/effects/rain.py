@@ -13,7 +13,7 @@ from math import ceil, floor
 import bpy
 import numpy as np
 
-from ...blender.scene_units import fps_of, metres_of
+from ...blender.scene_info import fps_of, metres_of
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.body.parts import PARTS
 from ...errors import InputError

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import bpy
 from mathutils import Vector
 
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 from . import effects
 from .response_recipes import SwarmRecipe
 

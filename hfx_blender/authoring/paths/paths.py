@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...blender import compat
-from ...blender.scene_units import fps_of, metres_of
+from ...blender.scene_info import fps_of, metres_of
 from ...errors import InputError
 from ..clips import clips
 from ..effects import effects

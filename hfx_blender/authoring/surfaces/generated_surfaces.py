@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...errors import OutputError
 from ...files.atomic import atomic_file
 from ...files.staging import temporary_folder

@@ -18,7 +18,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...blender import mesh_arrays
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...engine.arrays import F32, F64, Bool
 from ...engine.texture.height_field import heights_of_normals
 from ...engine.texture.relief.linear_light import luminance

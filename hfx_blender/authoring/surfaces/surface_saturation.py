@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import bpy
 
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from . import material_relief
 
 if TYPE_CHECKING:

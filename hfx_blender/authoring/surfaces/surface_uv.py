@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...blender import mesh_arrays
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...engine.arrays import F64, I64
 from ...errors import InputError
 

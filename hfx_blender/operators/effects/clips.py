@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring.clips import clips, drawn_fades
 from ...authoring.effects import swarms
-from ...blender.scene_units import fps_of, frames_per_shown_unit
+from ...blender.scene_info import fps_of, frames_per_shown_unit
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator, active_effect

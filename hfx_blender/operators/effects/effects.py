@@ -7,7 +7,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ...authoring.effects import effects
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...properties.objects import SHAPES
 from ..shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body

@@ -7,7 +7,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...authoring.effects import global_tools, swarms
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator, OnBodyOperator, select_only, target_body

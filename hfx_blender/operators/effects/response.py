@@ -7,8 +7,8 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...authoring.responses import responses
+from ...authoring.responses.responses import KINDS
 from ...export import response_baking
-from ...properties.responses import KINDS
 from ..shared import HfxOperator, active_effect
 
 

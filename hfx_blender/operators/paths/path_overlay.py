@@ -10,7 +10,7 @@ import bpy
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
 from ...authoring.volumes import modality_colour
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...errors import HfxError
 
 if TYPE_CHECKING:

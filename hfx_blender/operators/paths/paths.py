@@ -13,7 +13,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
-from ...blender.scene_units import fps_of, metres_of
+from ...blender.scene_info import fps_of, metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...files import suffixes
 from ..shared import (

@@ -11,7 +11,7 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 
 from ...authoring.paths import paths, skin_picking
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of
 from ...errors import InputError
 from .. import framing
 from ..shared import IN_OBJECT_MODE, KeyBindings

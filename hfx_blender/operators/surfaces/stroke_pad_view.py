@@ -11,7 +11,7 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from ...properties.surfaces import RENDERERS
+from ...properties.surface_properties import RENDERERS
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64

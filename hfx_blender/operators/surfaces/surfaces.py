@@ -9,7 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from ...authoring.surfaces import surfaces
 from ...errors import InputError
 from ...files import suffixes
-from ...properties.surfaces import IMAGE_KINDS, SOURCES
+from ...properties.surface_properties import IMAGE_KINDS, SOURCES
 from ...text import printable
 from ..shared import ON_MESH, FileOperator, HfxOperator
 

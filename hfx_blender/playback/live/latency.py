@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ..timeline.timeline_recorder import recorder
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import bpy
 
 from ...authoring.effects import effects
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ...errors import InputError, refuse_no_file
 from ...files.hashes import is_elsewhere
 from ..evaluation import evaluation

@@ -17,8 +17,7 @@ import numpy.typing as npt
 from ...authoring.effects import effect_values, effects, model_migration
 from ...authoring.effects.effect_values import Shapes
 from ...avatars import avatar_meshes, body_binding
-from ...blender.background_scenes import scene_objects
-from ...blender.scene_units import metres_of
+from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import bad_values
 from ...engine.body.model import load_model
 from ...engine.scene import (

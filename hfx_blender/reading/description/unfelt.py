@@ -16,7 +16,7 @@ import bpy
 
 from ...authoring.clips import clips
 from ...authoring.responses import responses
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 from ...blender.stored_values import limited
 from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
 from ...engine.arrays import F64

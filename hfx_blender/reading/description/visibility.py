@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...blender import background_scenes, compat
+from ...blender import compat, scene_info
 
 if TYPE_CHECKING:
     from ...engine.scene import SceneDescription  # Blender's start does not wait for it
@@ -39,7 +39,7 @@ def is_disabled(obj: bpy.types.Object) -> bool:
 
 def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
     """Objects of the collections that are on in a view layer of a scene, or behind it."""
-    layers = [layer, *map(background_scenes.layer_of, background_scenes.backgrounds_of(scene))]
+    layers = [layer, *map(scene_info.layer_of, scene_info.backgrounds_of(scene))]
     return set().union(*(_enabled(each.layer_collection) for each in layers))
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import bpy
 
 from ...authoring.effects.effect_values import Shapes
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 from ...engine.scene import EffectDescription
 from ..description.scene_description import HapticObjects
 from ..stepped import instances

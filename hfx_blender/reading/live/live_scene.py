@@ -19,7 +19,7 @@ from ...authoring.effects import effects
 from ...authoring.effects.effect_values import Shapes
 from ...authoring.responses import responses
 from ...authoring.surfaces import surfaces
-from ...blender.scene_units import fps_of
+from ...blender.scene_info import fps_of
 from ...engine.evaluate import Engine
 from ...engine.samples import SampleRun
 from ...engine.scene import AnimationBlock, HapticVolume

@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import bpy
 
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 from .reached import reached_from
 
 _PHYSICS = {

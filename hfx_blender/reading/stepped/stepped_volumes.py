@@ -14,7 +14,7 @@ import numpy as np
 from ...authoring.effects import effect_values
 from ...authoring.responses import responses
 from ...blender import compat
-from ...blender.stored_values import limited, limited_row
+from ...blender.stored_values import limited, limited_vector
 from ...engine.arrays import F32, F64, I64, Bool
 from ...engine.scene import PoseBlock, SceneDescription
 from ..description.response_values import highest_of
@@ -195,7 +195,7 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
     """The largest values of the properties that the size of a shape follows from."""
     found = []
     for name in SIZES[shape]:
-        now = limited_row(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)
+        now = limited_vector(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)
         most = max(now)
         path = f"hfx.{name}"
         if is_keyed(effect, path):

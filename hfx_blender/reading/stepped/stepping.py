@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...avatars import avatar_meshes
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 from ..description import visibility
 from . import simulation as simulations
 from .drivers import RetriedDrivers, drivers_of

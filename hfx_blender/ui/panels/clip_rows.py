@@ -13,7 +13,7 @@ from bpy.props import CollectionProperty, FloatProperty
 from ...authoring.clips import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
-from ...blender.scene_units import frames_per_shown_unit
+from ...blender.scene_info import frames_per_shown_unit
 from ...operators.effects.clips import TIMES, label_of
 from ...operators.shared import active_effect
 from ...playback.preview.preview import preview

@@ -238,7 +238,7 @@ def test_only_files_of_known_kinds_are_hashed(
     assert files["id_rsa"] == NOT_READ and len(files["scene.blend"]) == 64
     assert [state for name, state in files.items() if name.endswith("far.png")] == [NOT_READ]
     warnings = " ".join(result["warnings"])
-    assert "id_rsa' of image 'Key' is of no kind of file" in warnings
+    assert "id_rsa' of image 'Key' has an unknown file type" in warnings
     assert "'Far' is on another machine" in warnings
     assert cli.run([*arguments, "--resume"]) == 0  # what is not read may have changed
     out = capsys.readouterr().out

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Properties of a contact response, stored in a .blend: ``Object.hfx.response``, its filters."""
+"""Properties of contact response filters: ``Object.hfx.response``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 OPERATIONS = (
     ("multiply", "Multiply", "Multiply the result of the filters above"),
     ("add", "Add", "Add to the result of the filters above"),
-    ("maximum", "Maximum", "The larger of this and the result of the filters above"),
+    ("maximum", "Maximum", "Maximum of this and the result of the filters above"),
 )
 ABOUT_WHAT = (
     ("centre", "Centre", "The volume's origin"),
@@ -24,23 +24,23 @@ DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHA
 
 
 def _control(kind: str, control: str, label: str, tip: str, **options: object) -> FloatProperty:
-    """A property with the range and the default that the engine states for a control."""
-    found = {each.name: each for each in CONTROLS[FilterKind(kind)]}[control]
+    """Float property with the range and default of a filter control of the engine."""
+    control_info = {info.name: info for info in CONTROLS[FilterKind(kind)]}[control]
     return FloatProperty(
         name=label,
         description=tip,
-        default=found.default,
-        min=found.minimum,
-        max=1e6 if options.get("unit") == "LENGTH" else found.maximum,  # the engine's are metres
+        default=control_info.default,
+        min=control_info.minimum,
+        max=1e6
+        if options.get("unit") == "LENGTH"
+        else control_info.maximum,  # Blender's units, not metres
         **_OVERRIDABLE,
         **options,
     )
 
 
 class HfxResponseFilter(bpy.types.PropertyGroup):
-    """Filter of a contact response with the controls of all kinds. Lengths are in
-    Blender's units.
-    """
+    """Contact response filter with the controls of all kinds. Lengths are in Blender units."""
 
     kind: EnumProperty(
         name="Kind",
@@ -55,7 +55,7 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
     )
     about: EnumProperty(
         name="From",
-        description="Property of the touch that is used",
+        description="Reference of the measurement",
         items=ABOUT_WHAT,
     )
     domain: EnumProperty(name="Over", description="Variable of the sine", items=DOMAINS)
@@ -65,10 +65,10 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
         "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"
     )
     near: _control(
-        "distance", "near_m", "Near", "Distance up to which the first value applies", unit="LENGTH"
+        "distance", "near_m", "Near", "Largest distance of the first value", unit="LENGTH"
     )
     far: _control(
-        "distance", "far_m", "Far", "Distance from which the second value applies", unit="LENGTH"
+        "distance", "far_m", "Far", "Smallest distance of the second value", unit="LENGTH"
     )
     near_value: _control(
         "distance", "near_value", "Value Near", "Strength at the near end", subtype="FACTOR"
@@ -77,20 +77,20 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
         "distance", "far_value", "Value Far", "Strength at the far end", subtype="FACTOR"
     )
     still_speed: _control(
-        "speed", "still_m_s", "Still (m/s)", "Nothing is felt up to this relative speed"
+        "speed", "still_m_s", "Still (m/s)", "Largest relative speed without a sensation"
     )
     full_speed: _control(
-        "speed", "full_m_s", "Full (m/s)", "Full strength at this relative speed and above"
+        "speed", "full_m_s", "Full (m/s)", "Smallest relative speed of full strength"
     )
     attack: _control("impact", "attack_s", "Attack (s)", "Time constant of the rise")
     decay: _control(
-        "impact", "decay_s", "Decay (s)", "Time constant of the decay: short feels stiff"
+        "impact", "decay_s", "Decay (s)", "Time constant of the decay. A short decay feels stiff"
     )
     reach: _control(
-        "proximity", "range_m", "Range", "Distance at which it begins to be felt", unit="LENGTH"
+        "proximity", "range_m", "Range", "Distance of the first sensation", unit="LENGTH"
     )
-    exponent: _control("proximity", "exponent", "Exponent", "1 rises linearly, more rises later")
-    frequency: _control("sine", "cycles", "Frequency (Hz)", "Swings a second")
+    exponent: _control("proximity", "exponent", "Exponent", "1: linear rise. Above 1: late rise")
+    frequency: _control("sine", "cycles", "Frequency (Hz)", "Oscillations per second")
     wavelength: FloatProperty(
         name="Wavelength",
         description="Wavelength",
@@ -101,6 +101,10 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
     depth: _control(
-        "sine", "depth", "Depth", "Strength oscillates between 1 and 1 minus this", subtype="FACTOR"
+        "sine",
+        "depth",
+        "Depth",
+        "Amplitude: strength oscillates between 1 and 1 - depth",
+        subtype="FACTOR",
     )
     phase: _control("sine", "phase", "Phase (turns)", "Phase at the start")
