@@ -18,4 +18,4 @@ def keep(model: PerceptualModel) -> None:
     data[f"{key}.places"] = np.round(model.vertices / model_migration.STEP_M).astype(np.int16)
     data[f"{key}.part"] = model.part.astype(np.uint8)
     np.savez_compressed(path, **data)
-    model_migration.known.cache_clear()
+    model_migration.known_editions.cache_clear()

@@ -24,8 +24,8 @@ _log = logging.getLogger(__name__)
 
 @persistent
 def _before_saving(*_: object) -> None:
-    effects.settle_ids()
-    effects.remember_bodies(_effects())
+    effects.store_unique_ids()
+    effects.store_body_names(_effects())
     painting.store_all_painted()
 
 
@@ -34,7 +34,7 @@ def _after_loading(*_: object) -> None:
     found = model_migration.update_all()
     if found:
         _log.info("carried over to the present body models: %s", ", ".join(found))
-    effects.remember_bodies(_effects())  # files of versions that stored no names
+    effects.store_body_names(_effects())  # files of versions that stored no names
 
 
 @persistent
@@ -47,7 +47,7 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
             # A new name is an update of neither place nor shape, and posing is one of both.
             is_named = not (update.is_updated_transform or update.is_updated_geometry)
             if is_named and changed.hfx.role == "BODY":
-                effects.remember_bodies(e for e in _effects() if stored_at(e, "body") == changed)
+                effects.store_body_names(e for e in _effects() if stored_at(e, "body") == changed)
 
 
 def _effects() -> Iterator[bpy.types.Object]:

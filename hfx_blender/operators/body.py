@@ -162,7 +162,7 @@ def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
     """Have the only body of a scene feel the effects of those that were deleted."""
     if effects.bodies_of(context.scene) != [body]:
         return ""
-    taken = effects.move_to_body(effects.without_body(context.scene), body)
+    taken = effects.move_to_body(effects.effects_without_body(context.scene), body)
     return f"; took {taken} effects along" if taken else ""
 
 
@@ -202,7 +202,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
             found = [active] if active is not None else []
             found += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
         elif self.which == "GONE":
-            found = effects.without_body(context.scene)
+            found = effects.effects_without_body(context.scene)
         else:
             found = effects.effects_of(context.scene)
         if any(painting.painted_mesh(effect) is not None for effect in found):

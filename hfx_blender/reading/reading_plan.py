@@ -41,7 +41,9 @@ class Plan:
         return f"stepped {where}, because {self.reason}"
 
 
-def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes) -> Plan:
+def plan_of(
+    found: HapticObjects, scene: SceneDescription, shapes: effect_values.ShapeCache
+) -> Plan:
     """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:

@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..authoring.effects.effect_values import Shapes
+from ..authoring.effects.effect_values import ShapeCache
 from ..blender import linked_files
 from ..blender.scene_info import scene_objects
 from ..engine.arrays import I64
@@ -100,7 +100,7 @@ class SceneReader:
         layer = scene.view_layers[0]
         if scene == bpy.context.scene:
             layer = bpy.context.view_layer
-        self._shapes = Shapes()
+        self._shapes = ShapeCache()
         self._with_velocities = with_velocities
         self._with_far = with_far
         found = scene_description.find(scene, layer)
@@ -358,7 +358,7 @@ class SceneReader:
 
 
 def _simulation(
-    found: scene_description.HapticObjects, time: TimeBase, shapes: Shapes
+    found: scene_description.HapticObjects, time: TimeBase, shapes: ShapeCache
 ) -> Simulation | None:
     """Simulation to play through before a scene is read; None if the scene is not stepped, or
     simulates nothing."""

@@ -100,7 +100,7 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
             squares.append(square)
     _add_cover(collection, board)
     _slide(scene, board, place)
-    effects.settle_ids()
+    effects.store_unique_ids()
     return squares
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
-from hfx_blender.authoring.effects.effect_assets import LIBRARY_FILE, SENSATION, is_worn
+from hfx_blender.authoring.effects.effect_assets import LIBRARY_FILE, SENSATION, has_effects_on_body
 from hfx_blender.authoring.effects.effect_file import SUFFIX, Sensation
 from hfx_blender.engine.arrays import F64, Bool
 from hfx_blender.engine.body.model import load_avatar, load_model
@@ -85,7 +85,7 @@ def _asset(stem: str, sensation: Sensation, picture: F64) -> None:
     bpy.context.scene.collection.objects.link(empty)
     empty.asset_mark()
     data = empty.asset_data
-    data.catalog_id = catalog_id(WORN if is_worn(sensation) else AROUND)
+    data.catalog_id = catalog_id(WORN if has_effects_on_body(sensation) else AROUND)
     data.description = sensation.description
     data.license = "GPL-3.0-or-later"
     data.author = "HFX"
@@ -105,7 +105,7 @@ def picture_of(sensation: Sensation) -> F64:
     body = effects.bodies_of(scene)[0]
     scene.frame_start, scene.frame_end = 0, 24 * 12
     scene.hfx.rate = 24.0
-    effect_exchange.place(scene, sensation, body=body, frame=0.0)
+    effect_exchange.place_sensation(scene, sensation, body=body, frame=0.0)
     bpy.context.view_layer.update()
     *_, found = record(scene, may_step=True)
     assert found is not None

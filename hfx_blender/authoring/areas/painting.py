@@ -36,8 +36,8 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     body = effects.body_in(context.scene, effect)
     if body is None:
         raise InputError(
-            f"'{effect.name}' {effects.why_bodiless(effect)}: press Move to Body in the panel "
-            "Haptic Effect first."
+            f"'{effect.name}' {effects.missing_body_reason(effect)}: press Move to Body in the "
+            "panel Haptic Effect first."
         )
     model = stored_fits.model_of(body, effects.model_id_for(effect.hfx.modality))
     painted = weights_of(effect)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects between the scene and files of their own, and the library that is shipped."""
+"""Conversion between effects of a scene and effect files, and the library of sensations."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ from .effect_file import (
 )
 
 OWN = "own/"
-"""Begins the names of the user's own sensations."""
+"""Prefix of the names of the user's sensations."""
 
 
 def library() -> dict[str, Path]:
-    """The shipped sensations: file by stem, in alphabetical order."""
+    """Shipped sensations: paths by file name without suffix, sorted."""
     return {path.stem: path for path in sorted(resources.effect_library().glob("*" + SUFFIX))}
 
 
 def own_library() -> dict[str, Path]:
-    """Sensations in the user's own folder, named ``own/STEM``."""
+    """Sensations in the user's folder: paths by ``own/`` and file name without suffix, sorted."""
     folder = resources.user_effects()
     return {OWN + path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
 
 
-def place(
+def place_sensation(
     scene: bpy.types.Scene,
     sensation: Sensation,
     *,
@@ -59,49 +59,49 @@ def place(
     frame: float,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> list[bpy.types.Object]:
-    """Place a sensation's effects in a scene; all of them, or none if one does not fit.
+    """Add all effects of a sensation to a scene; nothing is added if an error is raised.
 
     Parameters
     ----------
     body : bpy.types.Object, optional
-        Whom painted areas are put on.
+        Body of its painted effects, points and vectors.
     frame : float
-        Where time 0 of its clips and paths is.
+        Frame of time 0 of its clips and paths.
     origin : (3,)
-        Where the place 0 of its volumes is; Blender's units, world space.
+        World position of the origin of its volumes, Blender units.
 
     Raises
     ------
     InputError
-        It needs a body and there is none, or an area was painted on another model.
+        A body is missing, or an area was painted on another model.
     """
     for effect in sensation.effects:
-        _check(effect, body)
+        _check_recipe(effect, body)
     fps = fps_of(scene)
-    made = []
+    created = []
     is_alone = len(sensation.effects) == 1 or not sensation.name
     group = "" if is_alone else effects.free_group(scene, sensation.name)
     for recipe in sensation.effects:
         name = recipe.name if is_alone else f"{sensation.name} {recipe.name}"
         if isinstance(recipe.where, VolumeRecipe):
             effect = effects.add_volume(scene, recipe.modality, recipe.where.shape, name)
-            _shape(scene, effect, recipe.where, frame, origin)
+            _apply_volume(scene, effect, recipe.where, frame, origin)
         elif isinstance(recipe.where, SpotRecipe):
             assert body is not None
             effect = paths.add_spot(scene, recipe.modality, body, name)
-            _set_spot(scene, effect, recipe.where, frame)
+            _apply_spot(scene, effect, recipe.where, frame)
         elif isinstance(recipe.where, ActuatorsRecipe):
             assert body is not None
             effect = vector_sensations.add_named(
                 scene, recipe.modality, recipe.where.device, recipe.where.curves, body, name
             )
-            for actuator, keys in recipe.where.curves:
-                timed = [(frame + time * fps, value) for time, value in keys]
+            for actuator, fade_keys in recipe.where.curves:
+                timed = [(frame + time * fps, value) for time, value in fade_keys]
                 vector_sensations.set_curve(effect, actuator, timed)
         else:
             assert body is not None
             effect = effects.add_painted(scene, recipe.modality, body, name)
-            painting.set_weights(effect, _weights(recipe))
+            painting.set_weights(effect, _painted_weights(recipe))
         for control in MODALITIES[recipe.modality].controls:
             setattr(effect.hfx, control.prop, recipe.parameters[control.name])
         effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
@@ -119,60 +119,62 @@ def place(
                 repeat=clip.repeat,
             )
             if clip.drawn_fades:
-                keys = [(start + time * fps, value) for time, value in clip.drawn_fades]
-                drawn_fades.set_keys(effect, strip, keys)
-        made.append(effect)
-    return made
+                fade_keys = [(start + time * fps, value) for time, value in clip.drawn_fades]
+                drawn_fades.set_keys(effect, strip, fade_keys)
+        created.append(effect)
+    return created
 
 
-def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
-    where = effect.where
+def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
+    """Raise InputError for an effect that cannot be placed on a body."""
+    where = recipe.where
     if isinstance(where, VolumeRecipe):
         return
     if body is None:
         raise InputError(
-            f"'{effect.name}' is painted on a body: add an avatar, or select a haptic body."
+            f"'{recipe.name}' is painted on a body: add an avatar, or select a haptic body."
         )
     if isinstance(where, SpotRecipe):
-        if effect.modality == "wind":
-            raise InputError(f"'{effect.name}': wind is not felt at a point on the skin.")
+        if recipe.modality == "wind":
+            raise InputError(f"'{recipe.name}': wind is not felt at a point on the skin.")
         paths.skin().on_skin(where.path.points_m)
     if isinstance(where, VertexArea):
-        model = load_model(effects.model_id_for(effect.modality))
+        model = load_model(effects.model_id_for(recipe.modality))
         if (where.model_id, where.model_hash) != (model.id, model.content_hash):
-            if where.model_id == model.id and _carried_over(where) is not None:
+            if where.model_id == model.id and _transferred(where) is not None:
                 return
             raise InputError(
-                f"'{effect.name}' was painted on another edition of the body model "
+                f"'{recipe.name}' was painted on another edition of the body model "
                 f"('{where.model_id}', {where.model_hash[:12]}; this is '{model.id}', "
                 f"{model.content_hash[:12]})."
             )
-        effects.checked_area(effect.name, list(where.vertices), list(where.weights), len(model))
+        effects.checked_area(recipe.name, list(where.vertices), list(where.weights), len(model))
 
 
-def _carried_over(area: VertexArea) -> np.ndarray | None:
-    return model_migration.carried_over(
+def _transferred(area: VertexArea) -> np.ndarray | None:
+    return model_migration.transferred_area(
         area.model_id, area.model_hash, list(area.vertices), list(area.weights)
     )
 
 
-def _weights(recipe: EffectRecipe) -> np.ndarray:
+def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
+    """Weights (V,) of a painted effect on the present perceptual model."""
     model = load_model(effects.model_id_for(recipe.modality))
     where = recipe.where
     if isinstance(where, VertexArea):
         if where.model_hash != model.content_hash:
-            carried_over = _carried_over(where)
-            assert carried_over is not None  # checked
-            return carried_over
+            transferred = _transferred(where)
+            assert transferred is not None  # checked
+            return transferred
         weights = np.zeros(len(model))
         weights[list(where.vertices)] = where.weights
         return weights
     assert isinstance(where, PartsArea)
-    chosen = painting.part_flags(model, where.parts, where.side)
-    return areas.smooth(model, chosen.astype(np.float64), where.smooth)
+    is_in_parts = painting.part_flags(model, where.parts, where.side)
+    return areas.smooth(model, is_in_parts.astype(np.float64), where.smooth)
 
 
-def _set_spot(
+def _apply_spot(
     scene: bpy.types.Scene, effect: bpy.types.Object, spot: SpotRecipe, frame: float
 ) -> None:
     effect.hfx.radius = spot.radius_m / metres_of(scene)
@@ -182,7 +184,7 @@ def _set_spot(
     paths.apply(scene, effect, spot.path, frame)
 
 
-def _shape(
+def _apply_volume(
     scene: bpy.types.Scene,
     effect: bpy.types.Object,
     volume: VolumeRecipe,
@@ -199,7 +201,7 @@ def _shape(
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
     fps = fps_of(scene)
     for axis in range(3) if volume.path else ():
-        keys = [(frame + t * fps, origin[axis] + at[axis] / unit_m) for t, at in volume.path]
+        keys = [(frame + t * fps, origin[axis] + place[axis] / unit_m) for t, place in volume.path]
         compat.set_keys(compat.own_fcurve(effect, "location", "Path", axis), keys)
     response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
     if volume.swarm is not None:
@@ -212,17 +214,18 @@ def sensation_of(
     name: str,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sensation:
-    """A sensation from effects of a scene, timed from the first of their clips.
+    """Create a sensation from effects of a scene, with time 0 at their first clip or keyframe.
 
     Parameters
     ----------
     origin : (3,)
-        The place from which its volumes are measured; Blender's units, world space.
+        World position that its volumes are relative to, Blender units.
 
     Raises
     ------
     InputError
-        No effects, an effect with the shape of a mesh, or clips that are grouped.
+        There are no effects, an effect has the shape of a mesh or is a surface, or a clip is
+        grouped.
     """
     if not chosen:
         raise InputError("Select the effects to save first.")
@@ -232,7 +235,7 @@ def sensation_of(
         key.co[0]
         for obj in chosen
         for curve in compat.fcurves(obj)
-        if _is_motion(curve)
+        if _is_animation(curve)
         for key in curve.keyframe_points
     ]
     starts += [
@@ -241,23 +244,23 @@ def sensation_of(
     first = min(starts, default=0.0)
     origin_m = [x * metres_of(scene) for x in origin]
     recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
-    return Sensation(name, "", tuple(_measured_from(each, origin_m) for each in recipes))
+    return Sensation(name, "", tuple(_relative_to(recipe, origin_m) for recipe in recipes))
 
 
-def _measured_from(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
-    """Copy of an effect with its places relative to an origin."""
+def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
+    """Copy of an effect with its positions relative to an origin."""
     volume = recipe.where
     if not isinstance(volume, VolumeRecipe):
         return recipe
 
-    def moved(place: Sequence[float]) -> tuple[float, float, float]:
-        x, y, z = (at - from_m for at, from_m in zip(place, origin_m, strict=True))
+    def moved(position: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z = (a - b for a, b in zip(position, origin_m, strict=True))
         return x, y, z
 
     swarm = volume.swarm
     if swarm is not None:
         swarm = replace(swarm, location_m=moved(swarm.location_m))
-    path = tuple((time, moved(place)) for time, place in volume.path)
+    path = tuple((time, moved(position)) for time, position in volume.path)
     where = replace(volume, location_m=moved(volume.location_m), path=path, swarm=swarm)
     return replace(recipe, where=where)
 
@@ -270,15 +273,17 @@ def _recipe(
     return EffectRecipe(
         name=effect.name,
         modality=hfx.modality,
-        parameters={each.name: float(getattr(hfx, each.prop)) for each in controls},
-        where=_where(scene, effect, first, fps),
+        parameters={c.name: float(getattr(hfx, c.prop)) for c in controls},
+        where=_where_recipe(scene, effect, first, fps),
         intensity=float(hfx.intensity),
         temperature_reference=hfx.temperature_reference,
-        clips=tuple(_clip(effect, strip, first, fps) for _, strip in clips.strips_of(effect)),
+        clips=tuple(
+            _clip_recipe(effect, strip, first, fps) for _, strip in clips.strips_of(effect)
+        ),
     )
 
 
-def _where(
+def _where_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
 ) -> PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe:
     if effect.hfx.kind == "SURFACE":
@@ -286,7 +291,7 @@ def _where(
             f"'{effect.name}' is a surface, which stays with its object; export its map instead."
         )
     if effect.hfx.kind == "PAINTED":
-        return _painted(effect)
+        return _area_recipe(effect)
     if effect.hfx.kind == "SPOT":
         path = paths.recipe_of(scene, effect, "")
         return SpotRecipe(
@@ -299,10 +304,10 @@ def _where(
     if effect.hfx.kind == "ACTUATORS":
         curves = vector_sensations.curves_of(effect, first, fps)
         return ActuatorsRecipe(effect.hfx.device, curves)
-    return _volume(scene, effect, first, fps)
+    return _volume_recipe(scene, effect, first, fps)
 
 
-def _painted(effect: bpy.types.Object) -> VertexArea:
+def _area_recipe(effect: bpy.types.Object) -> VertexArea:
     weights = painting.weights_of(effect)
     vertices = np.flatnonzero(weights > 0.0)
     model = effects.model_of(effect)
@@ -314,7 +319,7 @@ def _painted(effect: bpy.types.Object) -> VertexArea:
     )
 
 
-def _volume(
+def _volume_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
 ) -> VolumeRecipe:
     hfx = effect.hfx
@@ -353,13 +358,13 @@ def _volume(
     )
 
 
-def _is_motion(curve: bpy.types.FCurve) -> bool:
-    """Test a curve for the place of an effect, or the values of its actuators."""
+def _is_animation(curve: bpy.types.FCurve) -> bool:
+    """Test for an F-curve of location, path position, actuators or contact response."""
     path = curve.data_path
     return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 
 
-def _clip(
+def _clip_recipe(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, first: float, fps: float
 ) -> ClipRecipe:
     keys = clips.profile_of(effect, strip)
@@ -382,8 +387,8 @@ def _clip(
 
 
 def load_library(name: str) -> Sensation:
-    """A shipped sensation, or one of the user's own, by its name."""
-    found = {**library(), **own_library()}
-    if name not in found:
-        raise InputError(f"There is no sensation '{name}' in the library: {', '.join(found)}.")
-    return load(found[name])
+    """Load a shipped or user's sensation by name; InputError lists the names if it is unknown."""
+    sensations = {**library(), **own_library()}
+    if name not in sensations:
+        raise InputError(f"There is no sensation '{name}' in the library: {', '.join(sensations)}.")
+    return load(sensations[name])

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects in a file of their own (``.hfxeffect``): to keep, to share, to ship as a library.
+"""Effect files (``.hfxeffect``), for storing and sharing sensations.
 
-One JSON file holds one sensation: a list of unitary effects with their areas or volumes, their
-parameters in physical units, how they answer a touch, and their clips, timed from 0. It holds no
-code and names no path.
+One JSON file contains one sensation: a list of effects with areas or volumes, parameters in
+physical units, contact responses, and clips timed from 0. It contains no code and no path.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ SCHEMA: Final = "hfx-effects"
 VERSION: Final = 1
 
 _MOST_BYTES: Final = 32 << 20
-"""Painted areas are lists of their vertices: one of a whole body has 41 thousand of them."""
+"""Largest file; the painted area of a whole body lists 41,000 vertices."""
 
 Number3 = tuple[float, float, float]
 
@@ -64,9 +63,10 @@ _SHAPES: Final = {
 
 @dataclass(frozen=True)
 class ClipRecipe:
-    """Clip of a recipe; its profile is (seconds, activation) over one repetition.
+    """Clip of an effect, times in seconds.
 
-    Its drawn fades are (seconds, strength) over the whole of it, in place of straight ones.
+    ``profile`` is (seconds, activation) over one repetition, ``drawn_fades`` is (seconds, strength)
+    over the whole clip in place of linear fades; both may be empty.
     """
 
     start_s: float
@@ -81,7 +81,7 @@ class ClipRecipe:
 
 @dataclass(frozen=True)
 class PartsArea:
-    """Painted area of whole body parts, which exists on every perceptual model.
+    """Painted area of whole body parts, valid for all perceptual models.
 
     The edge is softened over ``smooth`` steps from vertex to vertex.
     """
@@ -93,7 +93,7 @@ class PartsArea:
 
 @dataclass(frozen=True)
 class VertexArea:
-    """Area painted on one edition of one perceptual model."""
+    """Painted area of vertices of one edition of a perceptual model."""
 
     model_id: str
     model_hash: str
@@ -103,7 +103,7 @@ class VertexArea:
 
 @dataclass(frozen=True)
 class VolumeRecipe:
-    """Volume at rest, or in motion along places; metres, relative to the recipe's origin."""
+    """Volume, still or moving along a path; metres, relative to the sensation's origin."""
 
     shape: str
     radius_m: float = 0.5
@@ -113,14 +113,14 @@ class VolumeRecipe:
     falloff_share: float = 1.0
     location_m: Number3 = (0.0, 0.0, 0.0)
     rotation_deg: Number3 = (0.0, 0.0, 0.0)
-    path: tuple[tuple[float, Number3], ...] = ()  # (seconds, place)
-    response: tuple[FilterRecipe, ...] = ()  # how it answers a touch
-    swarm: SwarmRecipe | None = None  # particles of it, in place of itself
+    path: tuple[tuple[float, Number3], ...] = ()  # (seconds, position)
+    response: tuple[FilterRecipe, ...] = ()  # contact response
+    swarm: SwarmRecipe | None = None  # emitted as particles; None for a single volume
 
 
 @dataclass(frozen=True)
 class SpotRecipe:
-    """Point on the skin: its disc, its path, and its position along the path over time."""
+    """Point on the skin: a disc with its path, and its position along the path, 0 to 1."""
 
     path: PathRecipe
     radius_m: float = 0.03
@@ -131,7 +131,7 @@ class SpotRecipe:
 
 @dataclass(frozen=True)
 class ActuatorsRecipe:
-    """A vector sensation: (seconds, value) for each actuator of a device."""
+    """Vector sensation: keyframes (seconds, value) for each actuator of a device."""
 
     device: str
     curves: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
@@ -139,11 +139,11 @@ class ActuatorsRecipe:
 
 @dataclass(frozen=True)
 class EffectRecipe:
-    """Unitary effect of a sensation."""
+    """Effect of a sensation."""
 
     name: str
     modality: str
-    parameters: dict[str, float]  # by name, in the modality's units; without direction
+    parameters: dict[str, float]  # by name, in the modality's units, without direction
     where: PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe
     intensity: float = 1.0
     temperature_reference: str = "AMBIENT"
@@ -283,7 +283,7 @@ _FILE: Final = strict(
         "version": Number(VERSION, VERSION, is_whole=True),
         "name": PRINTABLE,
         "effects": Items(
-            tagged("modality", {name: _effect_shape(each) for name, each in MODALITIES.items()}),
+            tagged("modality", {name: _effect_shape(m) for name, m in MODALITIES.items()}),
             1,
             256,
         ),
@@ -294,23 +294,23 @@ _FILE: Final = strict(
 
 
 def load(path: Path) -> Sensation:
-    """Read a file, every field checked.
+    """Read an effect file and check every field.
 
     Raises
     ------
     InputError
-        For the first fault: file, place in it, what was found and what is allowed.
+        For the first fault: file, field, found and allowed value.
     """
     return _read(read(path, _MOST_BYTES))
 
 
 def from_text(text: str) -> Sensation:
-    """Read a sensation from the text of a file, as it is copied and pasted."""
+    """Read a sensation from JSON text, as pasted from the clipboard; errors of :func:`load`."""
     return _read(node_of(text.encode(), "What was copied", _MOST_BYTES))
 
 
 def text_of(sensation: Sensation) -> str:
-    """Text of a sensation's file."""
+    """JSON text of a sensation."""
     return json.dumps(_document(sensation), indent=1) + "\n"
 
 
@@ -318,12 +318,12 @@ def _read(node: Node) -> Sensation:
     refuse_another(node.value, node.file, SCHEMA)
     sensation: Sensation = node.read(_FILE)
     for effect in node["effects"].items():
-        _check_between(effect)
+        _check_consistency(effect)
     return sensation
 
 
-def _check_between(effect: Node) -> None:
-    """Refuse an effect for what one member says of another one."""
+def _check_consistency(effect: Node) -> None:
+    """Raise InputError for members of an effect that contradict each other."""
     if "area" in effect and "vertices" in effect["area"]:
         count = len(effect["area"]["vertices"].value)
         if len(effect["area"]["weights"].value) != count:
@@ -337,19 +337,19 @@ def _check_between(effect: Node) -> None:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write a file atomically: an existing one is replaced only by a complete one.
+    """Write an effect file; an existing file is replaced only after a complete write.
 
     Raises
     ------
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     with atomic_file(path) as file:
         file.write(text_of(sensation).encode())
 
 
 def where_of(effect: EffectRecipe) -> str:
-    """Key of the member of a file that says where an effect is: ``area``, ``volume``, ..."""
+    """JSON key of an effect's location: ``area``, ``volume``, ``spot`` or ``actuators``."""
     if isinstance(effect.where, PartsArea | VertexArea):
         return "area"
     kinds = {VolumeRecipe: "volume", SpotRecipe: "spot", ActuatorsRecipe: "actuators"}

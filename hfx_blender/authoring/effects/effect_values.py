@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An effect's values at a time, from its properties: parameters, shape, place of its shape."""
+"""Evaluated values of an effect: parameters, falloff, shape and matrices."""
 
 from __future__ import annotations
 
@@ -20,83 +20,82 @@ from .. import volumes
 
 
 def properties_of(modality: str) -> tuple[str, ...]:
-    """Properties of ``Object.hfx`` in the order of a modality's parameters, without a direction."""
+    """Names of ``Object.hfx`` properties in the order of a modality's controls."""
     return tuple(control.prop for control in MODALITIES[modality].controls)
 
 
-def world_of(placed: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F64:
-    """The world matrix (4, 4) of an evaluated object or instance, in Blender's units.
-
-    Numpy would ask a matrix for its numbers one by one, four times slower.
-    """
-    one, two, three, four = placed.matrix_world
-    return np.array((one[:], two[:], three[:], four[:]), np.float64)
+def world_matrix(obj: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F64:
+    """World matrix (4, 4) of an evaluated object or instance, in Blender units."""
+    # Slicing rows is four times faster than np.array(matrix), which reads number by number.
+    return np.array([row[:] for row in obj.matrix_world], np.float64)
 
 
 def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
-    """An effect's values in the order of its modality's parameters; world matrix (4, 4)."""
+    """Parameter values of an effect in the modality's order; wind has its direction (3) last."""
     values = [limited(hfx, name) for name in properties_of(hfx.modality)]
     return [*values, *directions(world).tolist()] if hfx.modality == "wind" else values
 
 
 def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
-    """Falloff of an effect."""
+    """Falloff of an effect, within the limits of its properties."""
     return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to.
+    """Unit vectors (..., 3) along the local Z axis of world matrices (..., 4, 4), for wind.
 
-    (0, 0, 0) where it has no length, or is no number, which the engine tells.
+    (0, 0, 0) for an axis of zero length or NaN, which the engine reports.
     """
-    along = world[..., :3, 2]
-    lengths = np.linalg.norm(along, axis=-1, keepdims=True)
-    is_known = (lengths > 0.0) & np.isfinite(lengths)
-    return np.where(is_known, along / np.where(is_known, lengths, 1.0), 0.0)
+    axis = world[..., :3, 2]
+    lengths = np.linalg.norm(axis, axis=-1, keepdims=True)
+    is_valid = (lengths > 0.0) & np.isfinite(lengths)
+    return np.where(is_valid, axis / np.where(is_valid, lengths, 1.0), 0.0)
 
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
-    """World matrices (..., 4, 4) in Blender's units -> shape space to world, metres."""
+    """Matrices (..., 4, 4) from shape space to world in metres, from world matrices in Blender
+    units.
+    """
     scaled = to_metres(world, unit_m)
     scaled[..., :3, :3] *= volumes.shape_scale(hfx)
     return scaled
 
 
 def to_metres(world: F64, unit_m: float) -> F64:
-    """World matrices (..., 4, 4) in Blender units -> in metres."""
+    """Convert world matrices (..., 4, 4) from Blender units to metres."""
     scaled = world.copy()
     scaled[..., :3, :] *= unit_m
     return scaled
 
 
 def is_empty(evaluated: bpy.types.Object) -> bool:
-    """Test for a mesh without vertices, as where nodes turn all of it into instances."""
+    """Test for a mesh without vertices in Object Mode, such as a result of instances only."""
     return evaluated.type == "MESH" and not evaluated.mode == "EDIT" and not evaluated.data.vertices
 
 
-class Shapes:
-    """Shapes of a scene's volumes; a mesh is converted again only if it deforms."""
+class ShapeCache:
+    """Shapes of a scene's volumes; an unchanged mesh is converted once."""
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
-        self.notes: dict[str, None] = {}  # notes on repaired meshes, in order
+        self.notes: dict[str, None] = {}  # unique notes on repaired meshes, in order
         self.counters = ReadingCounters()
 
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """The shape of an effect as it is evaluated at a time; instances may have several.
+        """Shape of an evaluated effect; ``part`` numbers the meshes of an effect with instances.
 
         Raises
         ------
         InputError
-            It is to be a mesh, and is none, or none with an inside.
+            A mesh is required, and the object has no surface, or a surface without an inside.
         """
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
         if evaluated.type == "MESH" and not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
-        try:  # of curves, texts and metaballs, and edits that the evaluated mesh has not yet
+        try:  # curves, texts, metaballs, and meshes with pending edits
             with suppress(RuntimeError):
                 mesh = evaluated.to_mesh()
                 if mesh is not None:
@@ -112,19 +111,19 @@ class Shapes:
         positions = mesh_arrays.positions(mesh)
         self.counters.meshes_read += 1
         content = positions.tobytes()
-        which = effect.name_full, part
-        known = self._meshes.get(which)
-        if known is None or known[0] != content:
+        key = effect.name_full, part
+        cached = self._meshes.get(key)
+        if cached is None or cached[0] != content:
             self.counters.meshes_made += 1
             triangles = mesh_arrays.triangles(mesh)
             volume = MeshVolume(positions.astype(np.float64), triangles, effect.name)
-            known = self._meshes[which] = (content, volume)
+            cached = self._meshes[key] = (content, volume)
             if volume.note:
                 self.notes[volume.note] = None
-        return known[1]
+        return cached[1]
 
     def box_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> MeshVolume | None:
-        """Box around a mesh as it is evaluated at a time; None where it may have none."""
+        """Box around an evaluated mesh; None without a finite bounding box, or in Edit Mode."""
         if evaluated.type != "MESH" or evaluated.mode == "EDIT" or is_empty(evaluated):
             return None
         corners = np.array([corner[:] for corner in evaluated.bound_box], np.float64)
@@ -132,6 +131,6 @@ class Shapes:
         return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
 
     def last_of(self, effect: bpy.types.Object) -> Shape | None:
-        """Last valid mesh of an effect; None if there never was any."""
-        known = self._meshes.get((effect.name_full, 0))
-        return known[1] if known else None
+        """Last valid mesh volume of an effect; None without one."""
+        cached = self._meshes.get((effect.name_full, 0))
+        return cached[1] if cached else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects as scene objects: making them, finding them, their stable ids and painted areas."""
+"""Effects as scene objects: creation, lookup, unique ids, bodies and painted areas."""
 
 from __future__ import annotations
 
@@ -25,119 +25,125 @@ if TYPE_CHECKING:
 COLLECTION = "HFX Effects"
 
 ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
-"""Kinds of effects that belong to a body."""
+"""Kinds of effects on a body."""
 
 VERTICES = "hfx_vertices"
 WEIGHTS = "hfx_weights"
-"""ID properties that carry a painted area along with its object, wherever it is copied."""
+"""ID properties of a painted area, copied along with the object."""
 
 
 def effects_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The effects of a scene and of its background scenes, by name."""
-    found = [obj for obj in scene_objects(scene) if obj.hfx.role == "EFFECT"]
-    return sorted(found, key=lambda obj: obj.name)
+    """Effects of a scene and its background scenes, sorted by name."""
+    return _by_role(scene, "EFFECT")
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The haptic bodies (armatures) of a scene and of its background scenes, by name."""
-    found = [obj for obj in scene_objects(scene) if obj.hfx.role == "BODY"]
-    return sorted(found, key=lambda obj: obj.name)
+    """Haptic bodies (armatures) of a scene and its background scenes, sorted by name."""
+    return _by_role(scene, "BODY")
 
 
-def present(body: bpy.types.Object, bodies: Sequence[bpy.types.Object]) -> bpy.types.Object | None:
-    """Body among those of a scene: itself, or the only override of a linked one."""
+def _by_role(scene: bpy.types.Scene, role: str) -> list[bpy.types.Object]:
+    objects = (obj for obj in scene_objects(scene) if obj.hfx.role == role)
+    return sorted(objects, key=lambda obj: obj.name)
+
+
+def body_or_override(
+    body: bpy.types.Object, bodies: Sequence[bpy.types.Object]
+) -> bpy.types.Object | None:
+    """Body in a list of bodies: itself, or the only override of a linked body; None if absent."""
     if body in bodies:
         return body
-    ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
-    return ours[0] if len(ours) == 1 else None
+    overrides = [o for o in bodies if o.override_library and o.override_library.reference == body]
+    return overrides[0] if len(overrides) == 1 else None
 
 
 def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
-    """Body of a scene that an effect is felt on; None if it was deleted, or none was chosen.
+    """Body of an effect in a scene; None for a deleted or ambiguous body.
 
-    An effect that never had a body is felt on the only one.
+    An effect that never had a body belongs to the only body of the scene.
     """
     bodies, body = bodies_of(scene), effect.hfx.body
     if body is None and not effect.hfx.body_name and len(bodies) == 1:
         body = bodies[0]
-    return None if body is None else present(body, bodies)
+    return None if body is None else body_or_override(body, bodies)
 
 
-def without_body(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Effects of a scene that need a body and have none in it, by name."""
+def effects_without_body(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Effects of a scene that need a body and have none, sorted by name."""
     return [effect for effect in effects_of(scene) if needs_body(scene, effect)]
 
 
 def needs_body(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
-    """Test for an effect that is felt on a body only and has none in a scene."""
+    """Test for an effect of a kind on a body, without a body in the scene."""
     return effect.hfx.kind in ON_A_BODY and body_in(scene, effect) is None
 
 
-def why_bodiless(effect: bpy.types.Object) -> str:
-    """Reason why no body of a scene feels an effect; it goes on after the effect's name."""
+def missing_body_reason(effect: bpy.types.Object) -> str:
+    """Reason for the missing body of an effect, to follow the effect's name in a sentence."""
     name = effect.hfx.body_name if effect.hfx.body is None else effect.hfx.body.name
     if not name:
         return "belongs to no body, and the scene has not exactly one"
     return f"belongs to body '{name}', which is not in the scene"
 
 
-def remember_bodies(found: Iterable[bpy.types.Object]) -> None:
-    """Store with effects the names of their bodies, which stay when a body is deleted."""
-    for effect in found:
-        # As they are stored: Blender forgets a value of another type where a property is read.
-        body, name = (stored_at(effect, each) for each in ("body", "body_name"))
+def store_body_names(objects: Iterable[bpy.types.Object]) -> None:
+    """Store the body's name on each effect; the name stays when the body is deleted."""
+    for effect in objects:
+        # Raw stored values: reading the property erases a value of another type.
+        body, name = (stored_at(effect, prop) for prop in ("body", "body_name"))
         if isinstance(body, bpy.types.Object) and effect.library is None and name != body.name:
             effect.hfx.body_name = body.name
 
 
 def group_of(effect: bpy.types.Object) -> str:
-    """Name of the group that an effect belongs to; "" for none."""
-    return str(effect.hfx.group or effect.get("hfx_rain", ""))  # rain of earlier versions
+    """Name of an effect's group; "" without one."""
+    return str(effect.hfx.group or effect.get("hfx_rain", ""))  # of earlier versions
 
 
 def free_group(scene: bpy.types.Scene, name: str) -> str:
-    """Name for a new group of effects: the given one, or with a number behind it."""
-    known, found, number = {group_of(each) for each in effects_of(scene)}, name, 1
-    while found in known:
+    """Unused group name in a scene: the given name, with a number appended if needed."""
+    groups, free_name, number = {group_of(effect) for effect in effects_of(scene)}, name, 1
+    while free_name in groups:
         number += 1
-        found = f"{name} {number}"
-    return found
+        free_name = f"{name} {number}"
+    return free_name
 
 
-def move_to_body(found: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
-    """Have effects felt on another body; returns how many.
+def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
+    """Assign effects to another body; return the number of changed effects.
 
-    Their areas and paths are those of the canonical models, which all bodies share.
+    Areas and paths stay valid, as all bodies share the canonical models. Volumes and surfaces are
+    skipped.
     """
-    moved = [each for each in found if each.hfx.kind in ON_A_BODY and each.hfx.body != body]
+    moved = [obj for obj in objects if obj.hfx.kind in ON_A_BODY and obj.hfx.body != body]
     for effect in moved:
         effect.hfx.body = body
     return len(moved)
 
 
 def is_locked(effect: bpy.types.Object) -> bool:
-    """Test for an effect of a linked file that *Library Override > Make* took along.
+    """Test for an effect in a system override, made along with another override of the file.
 
-    Blender greys out its settings until it is made editable.
+    Blender disables its settings until the override is made editable.
     """
     return effect.override_library is not None and effect.override_library.is_system_override
 
 
-def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Effects of a scene that are muted, or not solo where others are."""
-    found = list(found)
-    any_solo = any(effect.hfx.is_solo for effect in found)
-    return [e for e in found if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
+def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Muted effects, and effects that are not solo if another given effect is."""
+    objects = list(objects)
+    any_solo = any(effect.hfx.is_solo for effect in objects)
+    return [e for e in objects if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
 
 
 def model_id_for(modality: str) -> str:
-    """Id of the perceptual model on which a modality is painted and felt."""
+    """Id of a modality's perceptual model."""
     return f"hfx-{MODALITIES[modality].model}-1"
 
 
 def model_of(effect: bpy.types.Object) -> PerceptualModel:
-    """Perceptual model on which an effect is painted and felt."""
-    from ...engine.body.model import load_model  # Blender's start would wait for it
+    """Perceptual model of an effect's modality."""
+    from ...engine.body.model import load_model  # not needed at Blender's start
 
     return load_model(model_id_for(effect.hfx.modality))
 
@@ -145,7 +151,7 @@ def model_of(effect: bpy.types.Object) -> PerceptualModel:
 def add_volume(
     scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
 ) -> bpy.types.Object:
-    """An allocentric effect at the origin: a wire frame that is never rendered."""
+    """Add a volume effect at the world origin, as a wireframe that is not rendered."""
     title = name or f"{modality.title()} {volumes.SHAPE_LABELS[shape]}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
     effect = _make_effect(scene, obj, modality, shape)
@@ -158,10 +164,13 @@ def add_volume(
 def volume_from_mesh(
     scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """An allocentric effect with exactly the shape of a mesh object, moving along with it."""
+    """Add a volume effect with the shape of a mesh object, parented to that object.
+
+    Raises InputError for another type of object.
+    """
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
-    # A copy shares the mesh and brings the modifiers, so that it keeps the source's shape.
+    # A copy shares the mesh and copies the modifiers, so that edits of the mesh apply to both.
     copy = source.copy()
     copy.name = name or f"{source.name} {modality.title()}"
     copy.animation_data_clear()
@@ -179,7 +188,7 @@ def volume_from_mesh(
 def add_painted(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """An egocentric effect on a body; its area is empty until it is painted."""
+    """Add a painted effect on a body, with an empty area."""
     effect = add_on_body(scene, modality, body, "PAINTED", name or f"Painted {modality.title()}")
     set_area(effect, [], [])
     return effect
@@ -188,7 +197,7 @@ def add_painted(
 def add_on_body(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, kind: str, name: str
 ) -> bpy.types.Object:
-    """Add an effect that belongs to a body, as an empty object."""
+    """Add an effect of a kind on a body, as an empty; InputError for an object that is no body."""
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
     effect = _make_effect(scene, bpy.data.objects.new(name, None), modality, None)
@@ -200,7 +209,7 @@ def add_on_body(
 
 
 def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
-    """A copy of an effect with an id and clips of its own, in the same collections."""
+    """Copy an effect into the same collections, with its own id and copies of its actions."""
     copy = effect.copy()
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
@@ -210,8 +219,8 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
             for strip in track.strips:
                 if strip.action is not None:
                     strip.action = strip.action.copy()
-    homes = [each for each in effect.users_collection if _is_own(each)]
-    for collection in homes or [_collection(bpy.context.scene)]:
+    collections = [collection for collection in effect.users_collection if _is_editable(collection)]
+    for collection in collections or [_collection(bpy.context.scene)]:
         collection.objects.link(copy)
     return copy
 
@@ -219,8 +228,8 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
 def _make_effect(
     scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
 ) -> bpy.types.Object:
-    """Make an object an effect: a volume of a shape, or a painted one (None)."""
-    # Kind and shape first: whatever is set draws the wires of a shape that is not a mesh.
+    """Turn an object into an effect: a volume of a shape, or a painted effect without a shape."""
+    # Kind and shape first: assigning the modality redraws the wires of that shape.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
         effect.hfx.shape = shape
@@ -233,38 +242,38 @@ def _make_effect(
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Collection for a new effect: one of our own that is visible, made if need be."""
+    """Visible local collection named ``HFX Effects`` for new effects, created if missing."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
-    unseen = set() if layer is None else set(_hidden(layer.layer_collection))
+    hidden = set() if layer is None else set(_hidden(layer.layer_collection))
     for collection in scene.collection.children_recursive:
-        is_ours = collection.name.startswith(COLLECTION)
-        if is_ours and _is_own(collection) and collection not in unseen:
+        is_for_effects = collection.name.startswith(COLLECTION)
+        if is_for_effects and _is_editable(collection) and collection not in hidden:
             return collection
     collection = bpy.data.collections.new(COLLECTION)
     scene.collection.children.link(collection)
     return collection
 
 
-def _is_own(collection: bpy.types.Collection) -> bool:
-    """Test that objects can be added to a collection: those of a linked file take none."""
+def _is_editable(collection: bpy.types.Collection) -> bool:
+    """Test for a local collection, which accepts objects."""
     return collection.library is None and collection.override_library is None
 
 
-def _hidden(found: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
-    """Collections that are excluded from a view layer or hidden in it."""
-    for child in found.children:
+def _hidden(parent: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
+    """Collections excluded from a view layer or hidden in it."""
+    for child in parent.children:
         if child.exclude or not child.is_visible:
             yield child.collection
         yield from _hidden(child)
 
 
 def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
-    """Store a painted area: ids of the effect's perceptual model and a weight for each.
+    """Store a painted area: vertex ids of the effect's perceptual model, and their weights.
 
     Raises
     ------
     InputError
-        An id is not of the model, or a weight is not in 0..1; the old area is kept.
+        An id is not in the model, or a weight is not 0 to 1; the old area is unchanged.
     """
     model = model_of(effect)
     ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
@@ -275,12 +284,13 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
 
 
 def store_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Store the weights of all vertices (V,) as an effect's area; returns how many are painted.
+    """Store weights (V,) of all vertices as an effect's area; return the number of non-zero
+    weights.
 
     Raises
     ------
     InputError
-        A weight is not in 0..1; the old area is kept.
+        A weight is not 0 to 1; the old area is unchanged.
     """
     vertices = weights.nonzero()[0]
     set_area(effect, vertices.tolist(), weights[vertices].tolist())
@@ -288,24 +298,23 @@ def store_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 
 def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
-    """The painted vertex ids and weights of an effect; empty where nothing was painted."""
-    # An empty ID-property array has no element type and comes back as a plain list.
+    """Painted vertex ids and weights of an effect; two empty lists without an area."""
     return _stored(effect, VERTICES, int), _stored(effect, WEIGHTS, float)
 
 
 def has_other_area(effect: bpy.types.Object) -> bool:
-    """Test for an area that was painted on the model of another modality than the present one."""
+    """Test for an area painted on the perceptual model of another modality."""
     is_other = effect.hfx.model_id != model_id_for(effect.hfx.modality)
     return effect.hfx.kind == "PAINTED" and is_other and bool(area(effect)[0])
 
 
 def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
-    found = effect.get(key, [])
+    stored = effect.get(key, [])
     try:
-        values = list(found)
+        values = list(stored)
     except TypeError:
         values = [None]
-    if not all(isinstance(each, kind) for each in values):
+    if not all(isinstance(value, kind) for value in values):
         raise InputError(
             f"Effect '{effect.name}': '{key}' is not a list of numbers; paint it again."
         )
@@ -315,7 +324,14 @@ def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
 def checked_area(
     name: str, vertices: list[int], weights: list[float], model_size: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-    """Ids (ascending) and weights of the vertices that are painted at all."""
+    """Check an area; return its ids (ascending, int32) and weights without zeros.
+
+    Raises
+    ------
+    InputError
+        Numbers of ids and weights differ, an id is not in the model or is repeated, or a weight is
+        not 0 to 1.
+    """
     import numpy as np
 
     if len(vertices) != len(weights):
@@ -341,27 +357,27 @@ def checked_area(
 
 
 def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
-    """A stable id for each object, by its full name, which tells linked files apart.
+    """Unique id of each object, by its full name, which distinguishes linked files.
 
-    Blender copies properties with the object, so copies share their ``uid``: the first by name
-    keeps it, each other gets one derived from it, the same on every run.
+    Blender copies properties with an object, so copies share their ``uid``. The first object by
+    name has it, and each further one a derived id, equal on each run.
     """
-    known = {obj.hfx.uid or obj.name for obj in objects}
+    used = {obj.hfx.uid or obj.name for obj in objects}
     counts: dict[str, int] = {}
     ids: dict[str, str] = {}
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
-        uid = own = obj.hfx.uid or obj.name
-        counts[own] = counts.get(own, 0) + 1
-        while counts[own] > 1 and uid in known:  # an id may look like a derived one
-            uid = f"{own}-{counts[own]}"
-            counts[own] += uid in known
-        known.add(uid)
+        uid = stored_uid = obj.hfx.uid or obj.name
+        counts[stored_uid] = counts.get(stored_uid, 0) + 1
+        while counts[stored_uid] > 1 and uid in used:  # a stored id may equal a derived one
+            uid = f"{stored_uid}-{counts[stored_uid]}"
+            counts[stored_uid] += uid in used
+        used.add(uid)
         ids[obj.name_full] = uid
     return ids
 
 
-def settle_ids() -> None:
-    """Write down the ids of copies, so that renaming cannot swap them afterwards."""
+def store_unique_ids() -> None:
+    """Store the unique ids of local objects, before renaming can change their order."""
     owned = [obj for obj in bpy.data.objects if obj.hfx.role != "NONE" and obj.library is None]
     for name, uid in unique_ids(owned).items():
         bpy.data.objects[name, None].hfx.uid = uid

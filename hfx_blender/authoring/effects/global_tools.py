@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Changes to many effects at once: gain, frequency, modulation (Mango's global parameters).
+"""Changes to several effects at once: strength, frequency, modulation.
 
-Schneider et al., UIST 2015, interface requirement 6.
+Global parameters of Mango (Schneider et al., UIST 2015, interface requirement 6).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _MODULATION = "HFX Modulation"
 
 
 def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
-    """Multiply the strength of effects, and its keyframes; how many were changed.
+    """Multiply the strength of effects and their keyframes; return the number of effects.
 
-    A temperature's strength is its deviation from neutral. Values end at the property's limits.
+    For a temperature the deviation from neutral is scaled. Property limits apply.
     """
     count = 0
     for effect in effects:
@@ -34,11 +34,11 @@ def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
 
 
 def scale_frequency(effects: Iterable[bpy.types.Object], factor: float) -> int:
-    """Multiply the frequency of the vibrations among some effects; how many there were."""
-    found = [effect for effect in effects if effect.hfx.modality == "vibration"]
-    for effect in found:
+    """Multiply the frequency of vibrations and their keyframes; return their number."""
+    vibrations = [effect for effect in effects if effect.hfx.modality == "vibration"]
+    for effect in vibrations:
         _scale(effect, "frequency", factor, 0.0)
-    return len(found)
+    return len(vibrations)
 
 
 def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -> None:
@@ -56,15 +56,15 @@ def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -
 
 
 def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, fps: float) -> int:
-    """Modulate the intensity of effects by a sine; depth 0 removes the modulation.
+    """Modulate the intensity of effects by a sine; return the number of effects.
 
-    It is an F-curve modifier on ``intensity``, which can be edited in the Graph editor. The
-    peaks stay at the intensity that the effect has, the troughs are ``depth`` of it lower.
+    The modulation is an F-curve modifier on ``intensity``, visible in the Graph Editor. Peaks have
+    the present intensity, troughs ``depth`` of it less. Depth 0 removes the modulation.
 
     Raises
     ------
     InputError
-        The rate is too high for the frame rate to show.
+        The rate exceeds half of the frame rate.
     """
     if depth > 0.0 and not 0.0 < rate_hz <= fps / 2:
         raise InputError(

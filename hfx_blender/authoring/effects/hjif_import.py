@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF files as painted effects: one for each channel, its envelope as keyframes."""
+"""Import of HJIF files as painted effects: one per channel, with its envelope as keyframes."""
 
 from __future__ import annotations
 
@@ -26,60 +26,59 @@ from ...formats.signals.curves import Curve, with_zeros
 from ...formats.signals.signals import Piece, mixed, simplified_signals
 from . import effects
 
-_OURS = {modality.hjif: name for name, modality in MODALITIES.items()}
-_OURS |= dict.fromkeys(VIBRATIONS, "vibration")
-_ANYWHERE = 0xFFFFFFFF  # mask of all body parts
-MOST_KEYS = 500  # keyframes of a channel: beyond it they are simplified
-_WARMER_K = 6.0  # full scale of a temperature whose file does not state it
+_MODALITIES = {modality.hjif: name for name, modality in MODALITIES.items()}
+_MODALITIES |= dict.fromkeys(VIBRATIONS, "vibration")
+_WHOLE_BODY = 0xFFFFFFFF  # mask of all body parts
+MOST_KEYS = 500  # largest number of keyframes of a channel before simplification
+_WARMER_K = 6.0  # default full scale of a temperature
 
 
 def import_hjif(
     scene: bpy.types.Scene, path: Path, body: bpy.types.Object, frame: float
 ) -> tuple[list[bpy.types.Object], list[str], list[str]]:
-    """Add a file's channels to a body as painted effects, from a frame on.
+    """Add a file's channels to a body as painted effects, starting at a frame.
 
-    Vertices are taken over if the file's mesh is ours; otherwise the area is what the channel's
-    body part mask names. Where a file does not tell its full scale, that of a new effect is
-    taken.
+    Vertices are imported if the file's mesh equals a perceptual model; else the area is the
+    channel's body part mask. Without a full scale in the file, the strength of a new effect is full
+    scale.
 
     Returns
     -------
-    made : list of Object
+    created : list of Object
     left_out : list of str
-        Channels that no effect can be, each with the reason, and parts of channels.
+        Channels and parts of channels without an effect, with reasons.
     notes : list of str
-        How the file was read.
+        Assumptions of the reader.
 
     Raises
     ------
     InputError
-        The file cannot be read; nothing was added.
+        The file cannot be read; the scene is unchanged.
     """
     document, tolerated = reader.decode(read_bytes(path), str(path))
-    # Everything is read before anything is made.
-    found = [_with_ticks(each) for each in envelopes(document, str(path))]
-    ours = _own_models(document, path.parent)
-    made: list[bpy.types.Object] = []
+    # All is read before the first effect is added, as an error must leave the scene unchanged.
+    channels = [_with_ticks(envelope) for envelope in envelopes(document, str(path))]
+    own_models = _own_models(document, path.parent)
+    created: list[bpy.types.Object] = []
     left_out: list[str] = []
     notes = list(tolerated)
-    for each in found:
-        modality = _OURS.get(each.modality)
-        left_out += each.left_out
+    for envelope in channels:
+        name, modality = envelope.channel, _MODALITIES.get(envelope.modality)
+        left_out += envelope.left_out
         if modality is None:
-            left_out.append(f"'{each.channel}': {each.modality} is none of our modalities")
-        elif not each.strength.values.any():
-            left_out.append(f"'{each.channel}': is silent")
+            left_out.append(f"'{name}': {envelope.modality} is not supported")
+        elif not envelope.strength.values.any():
+            left_out.append(f"'{name}': is silent")
         else:
-            if not each.body_part_mask and not each.vertices:
-                notes.append(f"'{each.channel}' names no body part: it is on the whole body")
-            made += _effects(
-                scene, each, modality, body, frame, effects.model_id_for(modality) in ours
-            )
-    return made, left_out, notes
+            if not envelope.body_part_mask and not envelope.vertices:
+                notes.append(f"'{name}' names no body part: it is on the whole body")
+            is_own = effects.model_id_for(modality) in own_models
+            created += _add_effects(scene, envelope, modality, body, frame, is_own)
+    return created, left_out, notes
 
 
 def _with_ticks(envelope: Envelope) -> Envelope:
-    """An envelope with its ticks as short pulses, and few keyframes."""
+    """Envelope with its transients as short pulses, and at most about 500 keyframes."""
     if envelope.frequency_hz is None:
         return envelope
     strength, pitch = envelope.strength, envelope.frequency_hz
@@ -96,31 +95,30 @@ def _with_ticks(envelope: Envelope) -> Envelope:
         ),
     ]
     if len(strength) > MOST_KEYS or envelope.transients:
-        whole = mixed(envelope.channel, pieces)
-        (few,) = simplified_signals([whole])
-        strength, pitch = few.amplitude, few.frequency_hz
+        mixed_signal = mixed(envelope.channel, pieces)
+        (simplified,) = simplified_signals([mixed_signal])
+        strength, pitch = simplified.amplitude, simplified.frequency_hz
     return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
 
 
 def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
-    """Models that the file's meshes are, to the last vertex."""
-    found = set()
+    """Ids of perceptual models identical to a mesh of the file."""
+    model_ids = set()
     for avatar in document["avatars"]:
-        name = unquote(avatar.get("mesh", ""))
-        if not name or name != Path(name).name or not (folder / name).is_file():
+        file = unquote(avatar.get("mesh", ""))
+        if not file or file != Path(file).name or not (folder / file).is_file():
             continue
         try:
-            content = read_bytes(folder / name)
-            hashes = glb_reader.model_hashes(content, str(folder / name))
+            hashes = glb_reader.model_hashes(read_bytes(folder / file), str(folder / file))
         except InputError:
             continue
-        for model_id in {effects.model_id_for(each) for each in MODALITIES} & hashes.keys():
+        for model_id in {effects.model_id_for(name) for name in MODALITIES} & hashes.keys():
             if hashes[model_id] == load_model(model_id).content_hash:
-                found.add(model_id)
-    return found
+                model_ids.add(model_id)
+    return model_ids
 
 
-def _effects(
+def _add_effects(
     scene: bpy.types.Scene,
     envelope: Envelope,
     modality: str,
@@ -128,13 +126,13 @@ def _effects(
     frame: float,
     is_own: bool,
 ) -> list[bpy.types.Object]:
-    """Add one effect; two for a temperature that both warms and cools."""
+    """Add one effect; two for a temperature both above and below neutral."""
     model = load_model(effects.model_id_for(modality))
     vertices = _vertices(envelope, model, is_own)
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
-    made = []
+    created = []
     for sign in signs:
-        curve = _positive(envelope.strength, sign)
+        curve = _positive_part(envelope.strength, sign)
         peak = float(curve.values.max())
         if peak <= 0.0:
             continue
@@ -146,19 +144,19 @@ def _effects(
             effect.hfx.frequency = float(envelope.frequency_hz.values[0])
             if np.ptp(envelope.frequency_hz.values) > 0.0:
                 _animate(scene, effect, "hfx.frequency", envelope.frequency_hz, frame)
-        made.append(effect)
-    return made
+        created.append(effect)
+    return created
 
 
 def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[int]:
     if is_own and envelope.vertices:
-        return sorted({each for each in envelope.vertices if 0 <= each < len(model)})
+        return sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})
     masks = vertex_masks(model)
-    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask or _ANYWHERE)).tolist()
+    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask or _WHOLE_BODY)).tolist()
 
 
-def _positive(curve: Curve, sign: float) -> Curve:
-    """Part of a curve that has this sign, 0 elsewhere; it crosses 0 at the same times."""
+def _positive_part(curve: Curve, sign: float) -> Curve:
+    """Positive part of a curve times ``sign``, with keyframes added at zero crossings."""
     crossed = with_zeros(curve)
     return Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
 

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transfers areas painted on earlier editions of the body models to the present ones.
+"""Transfer of areas painted on earlier editions of the perceptual models to the present editions.
 
-An area is a list of vertices of one edition. Of each edition that files may still have, a data
-file keeps where its vertices were.
+Areas refer to vertices of one edition. A data file stores the vertices of earlier editions.
 """
 
 from __future__ import annotations
@@ -28,24 +27,24 @@ if TYPE_CHECKING:
 
 
 FILE: Final = "earlier-editions.npz"
-STEP_M: Final = 1e-4
+STEP_M: Final = 1e-4  # unit of stored coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class EarlierModel:
-    """Earlier edition of a model: enough to carry an area over from it."""
+    """Geometry of an earlier edition of a model."""
 
     vertices: F64  # (V, 3) metres, canonical rest space
     part: npt.NDArray[np.int64]  # (V,)
-    areas_m2: F64  # (V,) all alike
+    areas_m2: F64  # (V,) equal values
 
 
 def load(model_id: str, content_hash: str) -> EarlierModel | None:
-    """Load an earlier edition of a model; None if it is unknown."""
+    """Earlier edition of a model; None if it is unknown."""
     import numpy as np
 
     key = f"{model_id}.{content_hash}"
-    if key not in known():
+    if key not in known_editions():
         return None
     with np.load(resources.body_models() / FILE) as data:
         places, part = data[f"{key}.places"], data[f"{key}.part"]
@@ -55,8 +54,8 @@ def load(model_id: str, content_hash: str) -> EarlierModel | None:
 
 
 @lru_cache(maxsize=1)
-def known() -> frozenset[str]:
-    """Editions that are stored, as ``MODEL_ID.HASH``."""
+def known_editions() -> frozenset[str]:
+    """Stored editions, as ``MODEL_ID.HASH``; empty without the data file."""
     path = resources.body_models() / FILE
     if not path.is_file():
         return frozenset()
@@ -64,15 +63,15 @@ def known() -> frozenset[str]:
         return frozenset(Path(name).stem.rpartition(".")[0] for name in archive.namelist())
 
 
-def carried_over(
+def transferred_area(
     model_id: str, content_hash: str, vertices: list[int], weights: list[float]
 ) -> F64 | None:
-    """Transfer an area from an earlier edition: weights (V,) on the present one; None if unknown.
+    """Weights (V,) of an earlier edition's area on the present model; None for an unknown edition.
 
     Raises
     ------
     InputError
-        The area is not one of that edition.
+        The area does not fit that edition.
     """
     import numpy as np
 
@@ -88,25 +87,28 @@ def carried_over(
     return areas.transferred(earlier, painted, load_model(model_id))
 
 
-def reason_not_carried(model_id: str, content_hash: str) -> str:
-    """State why an area on an earlier edition was not carried over, as the end of a sentence."""
-    if f"{model_id}.{content_hash}" not in known() or find_spec("scipy") is not None:
+def missing_scipy_reason(model_id: str, content_hash: str) -> str:
+    """End of a message if only scipy is missing for the transfer of an area; else ""."""
+    if f"{model_id}.{content_hash}" not in known_editions() or find_spec("scipy") is not None:
         return ""
     return "; carrying it over needs the Python package scipy, which this Blender lacks"
 
 
 def update_all() -> list[str]:
-    """Carry over the areas of all effects that were painted on earlier editions; their names."""
-    found = []
+    """Transfer the areas of all effects from earlier editions; return the effects' names.
+
+    Areas with faults are skipped, and reported by exports.
+    """
+    names = []
     for effect in bpy.data.objects:
         hfx = effect.hfx
-        if hfx.role != "EFFECT" or f"{hfx.model_id}.{hfx.model_hash}" not in known():
+        if hfx.role != "EFFECT" or f"{hfx.model_id}.{hfx.model_hash}" not in known_editions():
             continue
         try:
-            weights = carried_over(hfx.model_id, hfx.model_hash, *effects.area(effect))
+            weights = transferred_area(hfx.model_id, hfx.model_hash, *effects.area(effect))
         except (HfxError, ModuleNotFoundError, TypeError):  # an export reports the fault
             continue
         if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
             effects.store_weights(effect, weights)
-            found.append(effect.name)
-    return found
+            names.append(effect.name)
+    return names

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rain as an effect type with meaningful parameters: a point on the skin that jumps about.
+"""Rain generator: points on the skin with short taps at random times and positions, in one clip.
 
-Short taps on the skin that looks up, at random times and places, in one clip. The same seed rains
-the same.
+Drops fall on skin that faces upwards. Equal seeds give equal rain.
 """
 
 from __future__ import annotations
@@ -22,20 +21,20 @@ from ..paths import paths
 from . import effects
 
 GENERATOR = "hfx_rain"
-"""ID property of everything that one shower made: its name."""
+"""ID property of the effects of one rain: its name."""
 
 MAX_PLACES = 64
-"""Places that drops fall on; more drops than that share them."""
+"""Largest number of different drop positions."""
 
 _PARTS = ("head", "upper_arm", "forearm", "hand_dorsum")
 _DROP_S = 0.06
 _RISE_S, _FADE_S = 0.002, 0.04
-_PAUSE_S = 0.005  # at least, from the end of a drop to the next one of its effect
+_PAUSE_S = 0.005  # shortest pause between two drops of an effect
 _MOST_BUSY = 0.7
-"""Share of the time in which an effect may have a drop; more drops are divided among several."""
+"""Largest share of time with a drop in one effect; further drops go to further effects."""
 
 
-def make(
+def add_rain(
     scene: bpy.types.Scene,
     body: bpy.types.Object,
     *,
@@ -47,14 +46,14 @@ def make(
     strength_m_s2: float = 5.0,
     seed: int = 0,
 ) -> list[bpy.types.Object]:
-    """Make the effect of a shower, or several where drops fall so often that they overlap.
+    """Add the effect of a rain, or several effects if drops would overlap in time.
 
-    It replaces one of the same name on the same body.
+    An earlier rain of the same name on the same body is removed.
 
     Raises
     ------
     InputError
-        Too few or too many drops, or none of the parts that rain falls on looks up.
+        The number of drops is not 1 to 5000, or no body part for rain faces upwards.
     """
     count = round(drops_per_second * duration_s)
     if not 1 <= count <= 5000:
@@ -64,14 +63,16 @@ def make(
         )
     remove(body, name)
     model = load_model(effects.model_id_for("vibration"))
-    chance = random.Random(seed)
-    centres = model.vertices[_nearest_order(model, _places(model, min(count, MAX_PLACES), chance))]
+    generator = random.Random(seed)
+    centres = model.vertices[
+        _nearest_order(model, _draw_vertices(model, min(count, MAX_PLACES), generator))
+    ]
     knots = paths.skin().on_skin(centres.astype(np.float64))
     path, shares = paths.skin().traced(knots)
-    times = sorted(chance.uniform(0.0, duration_s) for _ in range(count))
-    drops = [(time, chance.choice(shares.tolist())) for time in times]
+    times = sorted(generator.uniform(0.0, duration_s) for _ in range(count))
+    drops = [(time, generator.choice(shares.tolist())) for time in times]
     number = ceil(count / max(floor(_MOST_BUSY * duration_s / (_DROP_S + _PAUSE_S)), 1))
-    made = []
+    created = []
     for k in range(number):
         title = name if number == 1 else f"{name} {k + 1:02d}"
         effect = paths.add_spot(scene, "vibration", body, title)
@@ -80,18 +81,23 @@ def make(
         effect.hfx.radius, effect.hfx.falloff = 0.5 * drop_size_m / metres_of(scene), "none"
         paths.set_path(effect, path, knots)
         effect[paths.KIND], effect[paths.CLOSED] = "traced", 0
-        _add_clip(scene, effect, frame, _spaced(drops[k::number], duration_s), duration_s)
-        made.append(effect)
-    return made
+        _add_clip(scene, effect, frame, _without_overlaps(drops[k::number], duration_s), duration_s)
+        created.append(effect)
+    return created
 
 
-def _spaced(drops: list[tuple[float, float]], duration_s: float) -> list[tuple[float, float]]:
-    """Drops (seconds, place), each after the end of the one before, and all within the rain."""
+def _without_overlaps(
+    drops: list[tuple[float, float]], duration_s: float
+) -> list[tuple[float, float]]:
+    """Delay drops (seconds, path position) that overlap, and keep all within the duration."""
     starts = np.array([time for time, _ in drops])
     slots = np.arange(len(drops)) * (_DROP_S + _PAUSE_S)
+    # Without the slots, drop k may start as soon as drop k - 1 starts: a running maximum.
     starts = np.maximum.accumulate(starts - slots) + slots
     latest = duration_s - _DROP_S - slots[::-1]
-    return list(zip(np.minimum(starts, latest).tolist(), [at for _, at in drops], strict=True))
+    return list(
+        zip(np.minimum(starts, latest).tolist(), [position for _, position in drops], strict=True)
+    )
 
 
 def _add_clip(
@@ -101,14 +107,14 @@ def _add_clip(
     drops: list[tuple[float, float]],
     duration_s: float,
 ) -> None:
-    """Put one clip with all taps of an effect on its timeline; their places are in it, too."""
+    """Add one clip with all taps of an effect, and the animated positions of the drops."""
     fps = fps_of(scene)
-    levels, places = [(0.0, 0.0)], []
+    levels, positions = [(0.0, 0.0)], []
     for start, share in drops:
         start = max(start, 1e-3)  # after the clip's first key
-        for past, level in ((0.0, 0.0), (_RISE_S, 1.0), (_DROP_S - _FADE_S, 1.0), (_DROP_S, 0.0)):
-            levels.append(((start + past) * fps, level))
-        places += [(start * fps, share), ((start + _DROP_S) * fps, share)]
+        for delay, level in ((0.0, 0.0), (_RISE_S, 1.0), (_DROP_S - _FADE_S, 1.0), (_DROP_S, 0.0)):
+            levels.append(((start + delay) * fps, level))
+        positions += [(start * fps, share), ((start + _DROP_S) * fps, share)]
     if levels[-1][0] < duration_s * fps:
         levels.append((duration_s * fps, 0.0))
     clips.add_clip(
@@ -117,43 +123,43 @@ def _add_clip(
         frame + levels[-1][0],
         name=str(effect[GENERATOR]),
         profile=levels,
-        curves={paths.POSITION: places},
+        curves={paths.POSITION: positions},
     )
 
 
-def _nearest_order(model: PerceptualModel, places: list[int]) -> list[int]:
-    """Places in an order in which each is followed by the nearest one that is left."""
-    found, left = places[:1], places[1:]
-    while left:
-        ways = np.linalg.norm(model.vertices[left] - model.vertices[found[-1]], axis=1)
-        found.append(left.pop(int(np.argmin(ways))))
-    return found
+def _nearest_order(model: PerceptualModel, vertices: list[int]) -> list[int]:
+    """Order vertices so that each is followed by the nearest remaining one."""
+    ordered, remaining = vertices[:1], vertices[1:]
+    while remaining:
+        distances = np.linalg.norm(model.vertices[remaining] - model.vertices[ordered[-1]], axis=1)
+        ordered.append(remaining.pop(int(np.argmin(distances))))
+    return ordered
 
 
 def remove(body: bpy.types.Object, name: str) -> int:
-    """Remove the effects of a shower; how many there were."""
-    found = [
+    """Remove the effects of a body's rain by name; return their number."""
+    generated = [
         obj
         for obj in bpy.data.objects
         if obj.get(GENERATOR) == name and obj.hfx.role == "EFFECT" and obj.hfx.body == body
     ]
-    for effect in found:
+    for effect in generated:
         bpy.data.objects.remove(effect)
-    return len(found)
+    return len(generated)
 
 
-def _places(model: PerceptualModel, count: int, chance: random.Random) -> list[int]:
-    """Draw vertices for raindrops, each as likely as its share of the visible sky."""
-    seen = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
-    seen[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0
-    if not seen.any():
+def _draw_vertices(model: PerceptualModel, count: int, generator: random.Random) -> list[int]:
+    """Draw different vertices, weighted by projected area; fewer if fewer face the sky."""
+    sky_area = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
+    sky_area[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0
+    if not sky_area.any():
         raise InputError("Rain needs at least one body part that it can fall on.")
-    weights = seen.tolist()
-    candidates = min(count, int(np.count_nonzero(seen)))
-    found: dict[int, None] = {}
-    while len(found) < candidates:
-        for vertex in chance.choices(range(len(model)), weights, k=ceil(candidates)):
-            found.setdefault(vertex)
-            if len(found) == candidates:
+    weights = sky_area.tolist()
+    candidates = min(count, int(np.count_nonzero(sky_area)))
+    drawn: dict[int, None] = {}
+    while len(drawn) < candidates:
+        for vertex in generator.choices(range(len(model)), weights, k=ceil(candidates)):
+            drawn.setdefault(vertex)
+            if len(drawn) == candidates:
                 break
-    return list(found)
+    return list(drawn)

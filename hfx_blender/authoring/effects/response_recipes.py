@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses and swarms of volumes, as plain data for files of effects.
+"""Contact responses and particle swarms of volumes, as plain data for effect files.
 
-A response is a stack of filters with their controls in SI units and keys over time. A swarm is
-what makes many small objects of one volume: a particle system, by its numbers. Forces and things
-to bounce off are of the scene that a file is loaded into.
+A response is a stack of filters with controls in SI units and keyframes over time. A swarm is a
+particle system that emits a volume. Forces and colliders belong to the scene, not to the file.
 """
 
 from __future__ import annotations
@@ -34,19 +33,19 @@ Number3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FilterRecipe:
-    """Filter with its controls by the engine's names and units."""
+    """Filter with its controls, in names and units of the engine."""
 
     kind: str
     controls: dict[str, float]
     operation: str = "multiply"
-    about: str = "centre"  # distance: centre, axis; sine: time as well
+    about: str = "centre"  # of distances: centre, axis; sine: also time
     is_muted: bool = False
     keys: tuple[tuple[str, Keys], ...] = ()  # by control: (seconds, value)
 
 
 @dataclass(frozen=True)
 class SwarmRecipe:
-    """Particles, each of which is the volume; the emitter is an ellipsoid, born on its surface."""
+    """Particle system that emits a volume from the surface of an ellipsoid."""
 
     count: int
     seed: int = 0
@@ -60,7 +59,7 @@ class SwarmRecipe:
     brownian: float = 0.0
     drag: float = 0.0
     damping: float = 0.0
-    gravity: float = 1.0  # share of the scene's
+    gravity: float = 1.0  # share of the scene's gravity
 
 
 _NUMBERS: Final = {
@@ -89,9 +88,7 @@ SWARM: Final = strict(
 
 
 def references_of(kind: FilterKind) -> tuple[str, ...]:
-    """References that distances of a kind of filter may be measured from; empty if it measures
-    none.
-    """
+    """References of a filter kind's distance measurement; empty for a kind without one."""
     if kind is FilterKind.DISTANCE:
         return (About.CENTRE, About.AXIS)
     return (About.TIME, About.CENTRE, About.AXIS) if kind is FilterKind.SINE else ()
@@ -108,18 +105,16 @@ def _filter_shape(kind: FilterKind) -> Record:
     controls = CONTROLS[kind]
     references = references_of(kind)
     keys = {
-        each.name: curve(earliest_s=-86_400.0, lowest=each.minimum, highest=each.maximum)
-        for each in controls
+        control.name: curve(earliest_s=-86_400.0, lowest=control.minimum, highest=control.maximum)
+        for control in controls
     }
     return strict(
         {
-            "controls": strict(
-                {each.name: Number(each.minimum, each.maximum, each.unit) for each in controls}
-            ),
+            "controls": strict({c.name: Number(c.minimum, c.maximum, c.unit) for c in controls}),
             **({"about": Text(references)} if references else {}),
         },
         {
-            "operation": Text(tuple(each.value for each in Operation)),
+            "operation": Text(tuple(operation.value for operation in Operation)),
             "muted": Flag(),
             "keys": strict({}, keys),
         },
@@ -133,23 +128,23 @@ RESPONSE: Final = Items(
 
 
 def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]]:
-    """A stack of filters as JSON."""
-    found = []
-    for each in response:
-        document: dict[str, Any] = {"kind": each.kind, "operation": each.operation}
-        if references_of(FilterKind(each.kind)):
-            document["about"] = each.about
-        if each.is_muted:
+    """JSON document of a stack of filters."""
+    documents = []
+    for recipe in response:
+        document: dict[str, Any] = {"kind": recipe.kind, "operation": recipe.operation}
+        if references_of(FilterKind(recipe.kind)):
+            document["about"] = recipe.about
+        if recipe.is_muted:
             document["muted"] = True
-        document["controls"] = each.controls
-        if each.keys:
-            document["keys"] = dict(each.keys)
-        found.append(document)
-    return found
+        document["controls"] = recipe.controls
+        if recipe.keys:
+            document["keys"] = dict(recipe.keys)
+        documents.append(document)
+    return documents
 
 
 def refuse_reversed_births(node: Node) -> None:
-    """Raise InputError for a swarm that is born until before it is born from."""
+    """Raise InputError if a swarm's last birth precedes its first."""
     recipe: SwarmRecipe = node.read(SWARM)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Swarms: haptic volumes that particle systems emit, in the scene and in files of effects."""
+"""Particle systems that emit haptic volumes: swarms in the scene and in effect files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _EMITTER_SUBDIVISIONS = 3
 def emitters(
     scene: bpy.types.Scene, effect: bpy.types.Object
 ) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
-    """Particle systems of a scene that emit this volume."""
+    """Emitter objects and particle systems of a scene that emit a volume."""
     return [
         (obj, system)
         for obj in scene_objects(scene)
@@ -28,28 +28,31 @@ def emitters(
 
 
 def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
-    """Haptic volumes among an object's particles."""
-    found = [obj for system in emitter.particle_systems for obj in _instanced(system.settings)]
-    is_volume = {obj: obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" for obj in found}
-    return [obj for obj, ours in is_volume.items() if ours]
+    """Unique haptic volumes emitted by an object's particle systems."""
+    objects = (obj for system in emitter.particle_systems for obj in _instanced(system.settings))
+    return [
+        obj
+        for obj in dict.fromkeys(objects)
+        if obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME"
+    ]
 
 
 def listed_effects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Effects of a scene and volumes that it only emits, by name."""
+    """Effects of a scene, and volumes that exist only as its particles, sorted by name."""
     emitted = (volume for obj in scene_objects(scene) for volume in volumes_of(obj))
     return sorted({*effects.effects_of(scene), *emitted}, key=lambda obj: obj.name)
 
 
-def shown_by(scene: bpy.types.Scene, effect: bpy.types.Object) -> list[bpy.types.Object]:
-    """Objects of a scene that stand for an effect: itself, or else the emitters of its swarm."""
+def objects_showing(scene: bpy.types.Scene, effect: bpy.types.Object) -> list[bpy.types.Object]:
+    """Objects that show an effect in a scene: the effect itself, or the emitters of its swarm."""
     if effect.name in scene.objects:
         return [effect]
     return [emitter for emitter, _ in emitters(scene, effect)]
 
 
 def is_selected(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
-    """Test that an effect, or an emitter of its swarm, is selected."""
-    return any(obj.select_get() for obj in shown_by(scene, effect))
+    """Test for a selected effect or emitter of its swarm."""
+    return any(obj.select_get() for obj in objects_showing(scene, effect))
 
 
 def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
@@ -63,11 +66,14 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """Recipe of the first particle system that emits a volume; None without any."""
-    found = emitters(scene, effect)
-    if not found:
+    """Recipe of the first particle system that emits a volume; None without one.
+
+    Times are in seconds from frame ``first``, lengths in metres.
+    """
+    systems = emitters(scene, effect)
+    if not systems:
         return None
-    emitter, system = found[0]
+    emitter, system = systems[0]
     settings = system.settings
     centre, radii = _extent(emitter)
     return SwarmRecipe(
@@ -88,7 +94,7 @@ def swarm_recipe(
 
 
 def _extent(emitter: bpy.types.Object) -> tuple[list[float], list[float]]:
-    """Middle and half edges of an object's bounding box, world axes."""
+    """Centre and half edge lengths of an object's bounding box, world axes."""
     corners = [emitter.matrix_world @ Vector(corner) for corner in emitter.bound_box]
     lowest = [min(corner[axis] for corner in corners) for axis in range(3)]
     highest = [max(corner[axis] for corner in corners) for axis in range(3)]
@@ -105,13 +111,15 @@ def add_swarm(
     fps: float,
     origin: Sequence[float],
 ) -> bpy.types.Object:
-    """Make a particle system of a new volume, which leaves the scene itself; returns the
-    emitter.
+    """Add a particle system that emits a new volume; return the emitter.
+
+    The volume is unlinked from the scene into a collection of its own. ``frame`` is time 0 of the
+    recipe and ``origin`` its origin, in Blender units.
     """
     import bmesh
 
     source = bpy.data.collections.new(effect.name)
-    source.use_fake_user = True  # it is in no scene
+    source.use_fake_user = True  # it belongs to no scene
     for collection in list(effect.users_collection):
         collection.objects.unlink(effect)
     source.objects.link(effect)
@@ -130,7 +138,7 @@ def add_swarm(
     system.seed = swarm.seed
     settings = system.settings
     settings.count = swarm.count
-    # Blender keeps the end after the start, so the order of setting them matters.
+    # Blender clamps each frame by the other one, so the end is set before and after the start.
     settings.frame_end = max(frame + swarm.born_until_s * fps, settings.frame_start)
     settings.frame_start = frame + swarm.born_from_s * fps
     settings.frame_end = frame + swarm.born_until_s * fps

@@ -20,7 +20,7 @@ class HFX_OT_place_dropped(HfxOperator):
     bl_label = "Place Sensation"
     requires = (
         (
-            lambda context: effect_assets.dropped_in(context.scene),
+            lambda context: effect_assets.dropped_objects(context.scene),
             "Drag a sensation out of the Asset Browser first",
         ),
     )
@@ -29,9 +29,9 @@ class HFX_OT_place_dropped(HfxOperator):
         made, faults = [], []
         if context.object is not None and context.object.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        for dropped in effect_assets.dropped_in(context.scene):
+        for dropped in effect_assets.dropped_objects(context.scene):
             try:
-                made += effect_assets.take_dropped(context.scene, dropped)
+                made += effect_assets.replace_dropped(context.scene, dropped)
             except HfxError as error:
                 faults.append(str(error))
         if faults:
@@ -53,13 +53,13 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 @persistent
 def _on_undo(*_: object) -> None:
     # The undo step between the drop and ours, with the bare asset, is of no use.
-    if effect_assets.dropped_in(bpy.context.scene):
+    if effect_assets.dropped_objects(bpy.context.scene):
         call_soon(_undo_further)
 
 
 @persistent
 def _on_redo(*_: object) -> None:
-    if effect_assets.dropped_in(bpy.context.scene):
+    if effect_assets.dropped_objects(bpy.context.scene):
         call_soon(_redo_further)
 
 
@@ -68,7 +68,7 @@ def _take() -> float | None:
         return None
     manager = bpy.context.window_manager
     window = manager.windows[0] if len(manager.windows) else None
-    if window is None or not effect_assets.dropped_in(window.scene):
+    if window is None or not effect_assets.dropped_objects(window.scene):
         return None
     if len(window.modal_operators):  # still being dragged
         return 0.1
@@ -79,13 +79,13 @@ def _take() -> float | None:
 
 def _undo_further() -> None:
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-        if effect_assets.dropped_in(bpy.context.scene) and bpy.ops.ed.undo.poll():
+        if effect_assets.dropped_objects(bpy.context.scene) and bpy.ops.ed.undo.poll():
             bpy.ops.ed.undo()
 
 
 def _redo_further() -> None:
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-        if effect_assets.dropped_in(bpy.context.scene) and bpy.ops.ed.redo.poll():
+        if effect_assets.dropped_objects(bpy.context.scene) and bpy.ops.ed.redo.poll():
             bpy.ops.ed.redo()
 
 

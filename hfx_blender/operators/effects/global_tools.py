@@ -144,7 +144,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.effects import rain
 
-        made = rain.make(
+        made = rain.add_rain(
             context.scene,
             target_body(context),
             name=self.name or "Rain",

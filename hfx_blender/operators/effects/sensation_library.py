@@ -45,14 +45,14 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
     body = target_body(context)
     from ...authoring.effects import effect_exchange, swarms
 
-    made = effect_exchange.place(
+    made = effect_exchange.place_sensation(
         context.scene,
         sensation,
         body=body,
         frame=float(context.scene.frame_current),
         origin=_origin(context, body),
     )
-    seen = [obj for effect in made for obj in swarms.shown_by(context.scene, effect)]
+    seen = [obj for effect in made for obj in swarms.objects_showing(context.scene, effect)]
     select_only(context, *seen)
     return made
 

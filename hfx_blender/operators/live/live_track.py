@@ -85,7 +85,7 @@ class HFX_OT_hide_meshes(HfxOperator):
 def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """Objects that show bodies, are effects or emit them."""
     found = swarms.listed_effects(scene)
-    kept = {obj for effect in found for obj in swarms.shown_by(scene, effect)}
+    kept = {obj for effect in found for obj in swarms.objects_showing(scene, effect)}
     for body in effects.bodies_of(scene):
         kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
         kept |= set(body.children_recursive)

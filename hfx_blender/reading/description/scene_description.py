@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...authoring.effects import effect_values, effects, model_migration
-from ...authoring.effects.effect_values import Shapes
+from ...authoring.effects.effect_values import ShapeCache
 from ...avatars import avatar_meshes, body_binding
 from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import bad_values
@@ -116,14 +116,14 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     # First of all: Blender forgets a stored value of another type where the property is read.
     sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
     warnings += tuple(text for each in sound.values() for text in each)
-    bodiless = {e: effects.why_bodiless(e) for e in sound if effects.needs_body(scene, e)}
+    bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
-    warnings += _of_bodiless(bodiless, effects.silenced(shown))
+    warnings += _of_bodiless(bodiless, effects.muted_effects(shown))
     if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise InputError(next(iter(faults.values()), None) or next(of_bodiless))
     left_out += soundness.left_out(faults)
-    silent = effects.silenced(sound)
+    silent = effects.muted_effects(sound)
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
@@ -251,7 +251,7 @@ def _of_bodiless(
 def describe(
     found: HapticObjects,
     time: TimeBase,
-    shapes: Shapes,
+    shapes: ShapeCache,
     *,
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
@@ -420,7 +420,7 @@ def _painted_area(
         raise InputError(
             f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
             f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})"
-            f"{model_migration.reason_not_carried(wanted, hfx.model_hash)}."
+            f"{model_migration.missing_scipy_reason(wanted, hfx.model_hash)}."
         )
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import bpy
 
-from ...authoring.effects.effect_values import Shapes
+from ...authoring.effects.effect_values import ShapeCache
 from ...blender.scene_info import scene_objects
 from ...engine.scene import EffectDescription
 from ..description.scene_description import HapticObjects
@@ -26,7 +26,7 @@ FEWEST = 64
 class LiveInstances:
     """Slots for the instances of one scene's volumes."""
 
-    def __init__(self, found: HapticObjects, shapes: Shapes) -> None:
+    def __init__(self, found: HapticObjects, shapes: ShapeCache) -> None:
         self._layer = found.layer
         self._sources = instances.Sources(found, shapes)
         self._slots: dict[str, list[Key | None]] = {}

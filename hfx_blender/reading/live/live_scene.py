@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from ...authoring.effects import effects
-from ...authoring.effects.effect_values import Shapes
+from ...authoring.effects.effect_values import ShapeCache
 from ...authoring.responses import responses
 from ...authoring.surfaces import surfaces
 from ...blender.scene_info import fps_of
@@ -105,7 +105,7 @@ class LiveScene:
     ) -> None:
         self.signature = signature_of(scene)
         found = scene_description.find(scene, layer)
-        shapes = Shapes()
+        shapes = ShapeCache()
         self._instances = LiveInstances(found, shapes)
         more = self._instances.descriptions
         # While Blender plays, an update is a frame: this gives contacts on surfaces their speed.

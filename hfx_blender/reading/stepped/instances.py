@@ -60,7 +60,7 @@ def _states(
 ) -> dict[str, activation.Activation]:
     """Activations of volumes, by their full names; solo volumes silence all others."""
     every = {obj.name_full: obj for obj in effects.effects_of(scene)}
-    silenced = effects.silenced({**every, **sources}.values())
+    silenced = effects.muted_effects({**every, **sources}.values())
     return {
         name: activation.SILENCED if source in silenced else activation.activation_of(source)
         for name, source in sources.items()
@@ -131,7 +131,7 @@ class Sources:
     def __init__(
         self,
         found: HapticObjects,
-        shapes: effect_values.Shapes,
+        shapes: effect_values.ShapeCache,
         faults: dict[str, set[int]] | None = None,
         time: TimeBase | None = None,
     ) -> None:
@@ -202,7 +202,7 @@ class Sources:
             shape = shapes[which]
             if shape is None:
                 continue
-            world = effect_values.world_of(instance)
+            world = effect_values.world_matrix(instance)
             parameters = values.parameters
             if evaluated.hfx.modality == "wind":
                 parameters = [*parameters, *effect_values.directions(world).tolist()]
@@ -262,7 +262,7 @@ class Instances:
         self,
         found: HapticObjects,
         time: TimeBase,
-        shapes: effect_values.Shapes,
+        shapes: effect_values.ShapeCache,
         faults: dict[str, set[int]],
     ) -> None:
         self._time = time

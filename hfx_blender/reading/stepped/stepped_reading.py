@@ -55,7 +55,7 @@ class SteppedReading:
         self,
         found: HapticObjects,
         scene: SceneDescription,
-        shapes: effect_values.Shapes,
+        shapes: effect_values.ShapeCache,
         *,
         keeps_settings: bool = False,
         faults: dict[str, set[int]] | None = None,
@@ -107,7 +107,7 @@ class SteppedReading:
         if state.source is activation.ActivationSource.OFF:
             return values
         values.level = state.level(hfx)
-        matrix = effect_values.world_of(evaluated)
+        matrix = effect_values.world_matrix(evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
         values.place = skin_values.place(hfx, self._unit_m)
         values.drive = skin_values.drive(hfx)
@@ -171,7 +171,7 @@ class SteppedReading:
         row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
         if known.scale is None and not known.is_wind:
             return row
-        world = effect_values.world_of(evaluated)
+        world = effect_values.world_matrix(evaluated)
         if known.is_wind:
             row.parameters = [*known.parameters, *effect_values.directions(world).tolist()]
         if known.scale is not None:
@@ -235,14 +235,14 @@ class SteppedReading:
             return None
         unit_m = self._unit_m
         if isinstance(binding, SurfaceBinding):
-            matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
+            matrix = effect_values.world_matrix(stepper.evaluated(body.hfx.avatar))
             surface = body_binding.read_surfaces(body, stepper.evaluated)
             return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
         armature = stepper.evaluated(body)
         matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
         armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
-        matrix = effect_values.world_of(armature)
+        matrix = effect_values.world_matrix(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)
 
 

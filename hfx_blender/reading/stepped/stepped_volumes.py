@@ -83,7 +83,7 @@ class FarVolumes:
             evaluated = stepper.evaluated(self._effects[k])
             there[k] = evaluated.is_evaluated and not evaluated.hide_viewport
             if there[k]:
-                matrices[k] = effect_values.world_of(evaluated)
+                matrices[k] = effect_values.world_matrix(evaluated)
                 boxes[k] = np.where(self._is_mesh[k], np.nan, boxes[k])
         return Places(there, matrices, boxes)
 

@@ -190,7 +190,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
         return  # painting goes on
     if 0 <= index < len(manager.hfx_rows):
         found = _effects_of_row(manager.hfx_rows[index])
-        shown = [obj for effect in found for obj in swarms.shown_by(context.scene, effect)]
+        shown = [obj for effect in found for obj in swarms.objects_showing(context.scene, effect)]
         select_only(context, *shown)
         push_undo_soon()
 

@@ -38,10 +38,10 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     """
     column = layout.column()
     column.alert = True
-    bodiless = effects.without_body(context.scene)
+    bodiless = effects.effects_without_body(context.scene)
     if which == "ACTIVE" or len(bodiless) == 1:
         effect = active_effect(context) if which == "ACTIVE" else bodiless[0]
-        text = f"'{effect.name}' {effects.why_bodiless(effect)}: not felt"
+        text = f"'{effect.name}' {effects.missing_body_reason(effect)}: not felt"
     else:
         text = f"The bodies of {len(bodiless)} effects are not in this scene: not felt"
     draw_text(context, column, text, "ERROR")
@@ -84,7 +84,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         found = swarms.listed_effects(context.scene)
         if found:
             effect_list.draw(context, layout)
-        if effects.without_body(context.scene):
+        if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
         elif context.window_manager.hfx_preview and found:
             draw_preview_state(context, layout)

@@ -51,7 +51,7 @@ def test_an_effect_of_a_deleted_body_is_not_felt_and_said(
     assert cli.run(words) == 3
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     touch = bpy.data.objects["Touch"]
-    assert effects.without_body(bpy.context.scene) == [touch]
+    assert effects.effects_without_body(bpy.context.scene) == [touch]
     bpy.ops.hfx.move_to_body(which="GONE", body="Ben")
     assert _bodies_felt(tmp_path) == ({("Touch", "Ben"), ("Ball", "Ben")}, [])
 
@@ -94,14 +94,14 @@ def test_a_file_that_stored_no_names_gets_them_when_it_is_opened(
 ) -> None:
     touch = bpy.data.objects["Touch"]
     with monkeypatch.context() as patch:
-        patch.setattr(effects, "remember_bodies", lambda found: None)
+        patch.setattr(effects, "store_body_names", lambda found: None)
         touch.hfx.property_unset("body_name")
         path = hfx_scenes.save(tmp_path / "old.blend")
     bpy.ops.wm.open_mainfile(filepath=str(path))
     bpy.data.objects.remove(bpy.data.objects["Anna"])
     touch = bpy.data.objects["Touch"]
     assert effects.body_in(bpy.context.scene, touch) is None
-    assert "'Anna'" in effects.why_bodiless(touch)
+    assert "'Anna'" in effects.missing_body_reason(touch)
 
 
 def test_undo_brings_the_body_back(anna: Any) -> None:
@@ -109,9 +109,9 @@ def test_undo_brings_the_body_back(anna: Any) -> None:
     bpy.data.objects.remove(anna)
     bpy.ops.ed.undo_push(message="after")
     touch = bpy.data.objects["Touch"]
-    assert effects.without_body(bpy.context.scene) == [touch]
+    assert effects.effects_without_body(bpy.context.scene) == [touch]
     bpy.ops.ed.undo()
-    assert effects.without_body(bpy.context.scene) == []
+    assert effects.effects_without_body(bpy.context.scene) == []
     assert bpy.data.objects["Touch"].hfx.body == bpy.data.objects["Anna"]
 
 
@@ -135,5 +135,5 @@ def test_an_appended_effect_is_not_felt_on_a_stranger(anna: Any, tmp_path: Path)
         with bpy.data.libraries.load(str(source)) as (_, wanted):
             wanted.objects = ["Touch"]
         bpy.context.scene.collection.objects.link(wanted.objects[0])
-        assert effects.without_body(bpy.context.scene) == wanted.objects[:]
-        assert "'Anna'" in effects.why_bodiless(wanted.objects[0])
+        assert effects.effects_without_body(bpy.context.scene) == wanted.objects[:]
+        assert "'Anna'" in effects.missing_body_reason(wanted.objects[0])

@@ -62,7 +62,7 @@ def test_what_is_dropped_on_the_body_is_painted_on_it(dropped: Any) -> None:
     assert bpy.ops.hfx.place_dropped() == {"FINISHED"}
     (body,) = effects.bodies_of(bpy.context.scene)
     assert made() and all(effect.hfx.body == body for effect in made())
-    assert effect_assets.dropped_in(bpy.context.scene) == []
+    assert effect_assets.dropped_objects(bpy.context.scene) == []
     starts = {s.frame_start for e in made() for t in e.animation_data.nla_tracks for s in t.strips}
     assert min(starts) == 20
 

@@ -52,7 +52,7 @@ def again(effect: Any, path: Path, frame: float = 100.0, **placed: Any) -> Any:
     loaded = effect_file.load(path)
     effect_file.save(loaded, path.with_suffix(".again"))
     assert path.with_suffix(".again").read_bytes() == path.read_bytes()
-    return effect_exchange.place(scene, loaded, body=None, frame=frame, **placed)[0]
+    return effect_exchange.place_sensation(scene, loaded, body=None, frame=frame, **placed)[0]
 
 
 def test_every_filter_comes_back_with_all_that_it_is(ball: Any, tmp_path: Path) -> None:
@@ -149,7 +149,9 @@ def test_particles_of_a_loaded_swarm_are_felt(nest: Any, tmp_path: Path) -> None
     where = replace(recipe.where, swarm=swarm)
     found = effect_file.Sensation("Swarm", "", (replace(recipe, where=where),))
     scene.frame_set(1)
-    (made,) = effect_exchange.place(scene, found, body=None, frame=1.0, origin=(1.0, 0.0, 0.0))
+    (made,) = effect_exchange.place_sensation(
+        scene, found, body=None, frame=1.0, origin=(1.0, 0.0, 0.0)
+    )
     for frame in range(1, 6):
         scene.frame_set(frame)
     places = [

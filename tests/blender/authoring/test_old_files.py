@@ -83,7 +83,10 @@ def test_without_scipy_the_report_says_what_is_missing(
 
 
 def test_only_editions_that_were_are_known() -> None:
-    assert len(model_migration.known()) >= 4
+    assert len(model_migration.known_editions()) >= 4
     assert model_migration.load("hfx-pressure-1", "0" * 64) is None
     for model_id in ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"):
-        assert f"{model_id}.{load_model(model_id).content_hash}" not in model_migration.known()
+        assert (
+            f"{model_id}.{load_model(model_id).content_hash}"
+            not in model_migration.known_editions()
+        )

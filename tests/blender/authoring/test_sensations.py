@@ -47,7 +47,7 @@ def test_every_sensation_can_be_added_and_most_are_felt(body: Any) -> None:
     scene, layer = bpy.context.scene, bpy.context.view_layer
     silent = set()
     for name in NAMES:
-        made = effect_exchange.place(
+        made = effect_exchange.place_sensation(
             scene, effect_exchange.load_library(name), body=body, frame=0.0
         )
         felt = False
@@ -165,7 +165,7 @@ def test_an_area_of_another_edition_is_refused_and_nothing_is_made(body: Any) ->
     good = effect_exchange.load_library("hug").effects[0]
     before = len(bpy.data.objects)
     with pytest.raises(InputError, match="another edition"):
-        effect_exchange.place(
+        effect_exchange.place_sensation(
             bpy.context.scene,
             effect_file.Sensation("Both", "", (good, recipe)),
             body=body,

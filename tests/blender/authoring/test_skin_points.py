@@ -215,7 +215,9 @@ def test_points_are_saved_with_effects(spot: Any, tmp_path: Path) -> None:
     sensation = effect_file.load(file)
     effect_file.save(sensation, tmp_path / "again.hfxeffect")
     assert effect_file.load(tmp_path / "again.hfxeffect") == sensation
-    (made,) = effect_exchange.place(bpy.context.scene, sensation, body=spot.hfx.body, frame=50.0)
+    (made,) = effect_exchange.place_sensation(
+        bpy.context.scene, sensation, body=spot.hfx.body, frame=50.0
+    )
     assert made.hfx.kind == "SPOT" and made.hfx.radius == pytest.approx(0.05)
     assert (made.hfx.falloff, made.hfx.falloff_share) == ("linear", 1.0)
     # Traced anew: on a flat back a way a little beside is as short.

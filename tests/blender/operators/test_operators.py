@@ -461,10 +461,10 @@ def test_effects_of_a_deleted_body_move_to_another_at_their_places(body: Any) ->
     bpy.ops.hfx.fill_part(part="head")
     area = effects.area(other)
     delete(body)
-    assert effects.without_body(bpy.context.scene) == [other, effect]
+    assert effects.effects_without_body(bpy.context.scene) == [other, effect]
     new, _ = bodies.add_avatar(bpy.context)
     bpy.ops.hfx.move_to_body(which="GONE", body=new.name)
-    assert effects.without_body(bpy.context.scene) == []
+    assert effects.effects_without_body(bpy.context.scene) == []
     assert (effect.hfx.body, other.hfx.body) == (new, new)
     assert effects.area(other) == area
 

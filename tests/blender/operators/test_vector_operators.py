@@ -106,7 +106,7 @@ def test_it_is_saved_and_loaded_with_its_curves(vector: Any, tmp_path: Path) -> 
     effect_file.save(sensation, tmp_path / "again.hfxeffect")
     assert effect_file.load(tmp_path / "again.hfxeffect") == sensation
     body = vector.hfx.body
-    (made,) = effect_exchange.place(bpy.context.scene, sensation, body=body, frame=100.0)
+    (made,) = effect_exchange.place_sensation(bpy.context.scene, sensation, body=body, frame=100.0)
     assert made.hfx.device == "mango_pad" and made.hfx.drive["r1c1"].value == 0.75
     bpy.context.scene.frame_set(105)
     assert made.hfx.drive["r2c1"].value == pytest.approx(0.5)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.effects.effect_values import Shapes
+from hfx_blender.authoring.effects.effect_values import ShapeCache
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.reading.stepped.nearness import swept_boxes
@@ -72,7 +72,7 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
 def test_the_box_is_around_the_evaluated_mesh(scene: Any, blob: Any) -> None:
     scene.frame_set(24)
     evaluated = blob.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    shapes = Shapes()
+    shapes = ShapeCache()
     box, mesh = shapes.box_of(blob, evaluated), shapes.shape_of(blob, evaluated)
     assert box is not None
     assert np.abs(box.bounds - mesh.bounds).max() < 1e-6
