@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator
 import bpy
 
 from ...authoring.effects import swarms
-from ...blender.background_scenes import scene_objects
+from ...blender.scene_info import scene_objects
 
 Reference = tuple[bpy.types.ID, bpy.types.ID]
 """Data, and other data that it refers to."""
