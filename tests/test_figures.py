@@ -17,13 +17,18 @@ from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.spatial_sound import hearing, layouts
 from hfx_blender.export.batch import local_workers
 from hfx_blender.files import json_shapes, limits, resources, strict_json
-from hfx_blender.formats.ahap import ahap, ahap_rules
-from hfx_blender.formats.device_files import haptic, openxr
-from hfx_blender.formats.he import he, he_rules
+from hfx_blender.formats.device_files import (
+    ahap,
+    ahap_rules,
+    haptic,
+    he,
+    he_rules,
+    openxr,
+    tact_rules,
+)
 from hfx_blender.formats.hjif import envelopes, semantics
 from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.sound import wav, waveforms
-from hfx_blender.formats.tact import tact_rules
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 CLIPS = DOCS.parent / "players" / "conformance"

@@ -15,7 +15,7 @@ from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.raster import columns_of
 from ..errors import InputError
 from ..files.strict_json import read_data
-from ..formats.clip import baked, rules
+from ..formats.clip import baked, clip_rules
 from ..formats.clip.container import Records, Sections, texts_at
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class PlayedClip:
     def __init__(
         self, path: Path, devices: Mapping[str, DeviceConfig], body: str | None = None
     ) -> None:
-        sections = rules.read(read_data(path), str(path))
+        sections = clip_rules.read(read_data(path), str(path))
         at = sections["TIME"][0]
         self._rate_hz, self._last = float(at["rate_hz"]), int(at["rows"]) - 1
         self.sample_s = 1.0 / self._rate_hz

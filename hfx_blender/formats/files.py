@@ -232,7 +232,7 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
     info = format_of(path)
     signals, frequencies = decoded(info, read_bytes(path), str(path))
     if info.id == "ahap":
-        from .ahap.ahap import with_ticks_beside
+        from .device_files.ahap import with_ticks_beside
 
         signals = with_ticks_beside(path, signals)
     return signals, frequencies

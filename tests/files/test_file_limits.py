@@ -32,14 +32,13 @@ from hfx_blender.files import limits
 from hfx_blender.files.limits import TooLargeError
 from hfx_blender.files.staging import staging
 from hfx_blender.formats import files
-from hfx_blender.formats.ahap import ahap as ahap_format
-from hfx_blender.formats.ahap import ahap_rules
+from hfx_blender.formats.device_files import ahap as ahap_format
+from hfx_blender.formats.device_files import ahap_rules, tact
 from hfx_blender.formats.pictures import png
 from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, mixed
-from hfx_blender.formats.tact import tact
 from hfx_blender.formats.writing import write_signals
 
 MOST_BYTES = 24 << 20  # that a refusal may take

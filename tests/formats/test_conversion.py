@@ -17,10 +17,8 @@ from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.formats import files, writing
-from hfx_blender.formats.ahap import ahap
-from hfx_blender.formats.device_files import haptic
-from hfx_blender.formats.hjif import from_actuators, to_signals
-from hfx_blender.formats.hjif import reader as hjif_reader
+from hfx_blender.formats.device_files import ahap, haptic
+from hfx_blender.formats.hjif import from_actuators, hjif_reader, to_signals
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses

@@ -34,9 +34,9 @@ from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.hjif import (
     envelopes,
     from_track,
+    hjif_reader,
+    hjif_rules,
     perceptions,
-    reader,
-    rules,
     to_signals,
 )
 from hfx_blender.formats.hjif.body_parts import BITS, described, place_mask, vertex_masks
@@ -168,11 +168,11 @@ def with_change(place, value):
 
 
 def codes(document):
-    return [each.code for each in rules.findings(document)]
+    return [each.code for each in hjif_rules.findings(document)]
 
 
 def test_the_sample_is_valid():
-    assert rules.findings(sample()) == []
+    assert hjif_rules.findings(sample()) == []
 
 
 # One entry for each semantic rule of the standard's conformance configuration.
@@ -233,7 +233,7 @@ SEMANTIC = {
 @pytest.mark.parametrize("code", SEMANTIC)
 def test_each_semantic_rule_has_its_code(code):
     place, value = SEMANTIC[code]
-    found = rules.findings(with_change(place, value))
+    found = hjif_rules.findings(with_change(place, value))
     assert f"HJIF-{code}" in [each.code for each in found]
     is_warning = code.startswith("REFERENCE")
     severities = {each.severity for each in found if each.code == f"HJIF-{code}"}
@@ -255,9 +255,9 @@ def test_what_the_reference_software_takes_is_valid_with_a_warning(code):
     place, value = TAKEN[code]
     document = sample()
     at(document, place[:-1])[place[-1]] = value
-    found = rules.findings(document)
+    found = hjif_rules.findings(document)
     assert [(each.code, each.severity) for each in found] == [(code, "warning")]
-    _, notes = reader.decode(encoded(document), "x")
+    _, notes = hjif_reader.decode(encoded(document), "x")
     assert any(f"[{code}]" in each for each in notes)
 
 
@@ -266,7 +266,7 @@ def test_channels_of_several_perceptions_are_too_many_with_a_warning():
     channels = [{**at(document, C), "id": k} for k in range(100)]
     first = {**at(document, P), "channels": channels}
     document["perceptions"] = [first, {**first, "id": 1}]
-    found = [each for each in rules.findings(document) if each.code == "HJIF-CHANNEL-COUNT"]
+    found = [each for each in hjif_rules.findings(document) if each.code == "HJIF-CHANNEL-COUNT"]
     assert [each.severity for each in found] == ["warning"]
 
 
@@ -293,7 +293,7 @@ def test_what_the_reference_software_needs_is_a_warning():
     found = sample()
     del found["syncs"], found["timescale"], at(found, C)["body_part_mask"]
     assert codes(found) == ["HJIF-REFERENCE-MISSING"] * 3
-    assert reader.decode(encoded(found), "x")[0].get("timescale") is None
+    assert hjif_reader.decode(encoded(found), "x")[0].get("timescale") is None
 
 
 def places(value, place=()):
@@ -331,7 +331,7 @@ def test_each_member_is_checked(place):
         original = at(sample(), place)
         if type(wrong) is type(original) and place[-1] in ("description", "name", "wavelet_stream"):
             continue
-        assert any(each.severity == "error" for each in rules.findings(found)), wrong
+        assert any(each.severity == "error" for each in hjif_rules.findings(found)), wrong
     misspelt = sample()
     parent = at(misspelt, place[:-1])
     parent[f"{place[-1]}s"] = parent[place[-1]]
@@ -407,16 +407,18 @@ def test_the_standards_schemas_agree():
 
 def test_what_is_wrong_is_found_among_a_thousand_unknown_members():
     found = {**{f"more{k}": 1 for k in range(1200)}, **sample()}
-    assert reader.decode(encoded(found), "x")[0] == reader.decode(encoded(sample()), "x")[0]
+    assert (
+        hjif_reader.decode(encoded(found), "x")[0] == hjif_reader.decode(encoded(sample()), "x")[0]
+    )
     found["perceptions"][0]["channels"][0]["vertices"] = "all"
     with pytest.raises(InputError, match='vertices is "all", allowed is a list'):
-        reader.decode(encoded(found), "x")
+        hjif_reader.decode(encoded(found), "x")
 
 
 def test_a_round_trip_keeps_everything():
-    document = reader.decode(encoded(sample()), "x")[0]
+    document = hjif_reader.decode(encoded(sample()), "x")[0]
     assert json.loads(encoded(document)) == sample()
-    assert reader.decode(encoded(document), "x")[0] == document
+    assert hjif_reader.decode(encoded(document), "x")[0] == document
 
 
 NAMES = st.text(max_size=20).map(lambda text: text.encode("utf-8", "replace").decode())
@@ -484,8 +486,8 @@ DOCUMENTS = st.builds(
 @settings(max_examples=60, deadline=None)
 def test_any_document_survives(document):
     data = encoded(document)
-    assert rules.validate(data, "x") == []
-    assert reader.decode(data, "x")[0] == document
+    assert hjif_rules.validate(data, "x") == []
+    assert hjif_reader.decode(data, "x")[0] == document
     with contextlib.suppress(limits.TooLargeError):  # a position may be a day away
         for each in to_signals.envelopes(document):
             assert np.isfinite(each.strength.values).all()
@@ -505,16 +507,16 @@ def test_many_channels_and_keyframes_survive():
     perception |= {"perception_modality": "Vibrotactile", "channels": channels}
     document = perceptions.document_of("big", [perception], 1000, [])
     data = encoded(document)
-    assert rules.validate(data, "x") == []
-    assert reader.decode(data, "x")[0] == document
+    assert hjif_rules.validate(data, "x") == []
+    assert hjif_reader.decode(data, "x")[0] == document
     one = {**document, "level": 1}
-    assert "HJIF-CHANNEL-COUNT" in [each.code for each in rules.validate(encoded(one), "x")]
+    assert "HJIF-CHANNEL-COUNT" in [each.code for each in hjif_rules.validate(encoded(one), "x")]
 
 
 def test_envelopes_of_references_compositions_and_ticks():
     waves = sample()  # without the curve and the wavelet, which are samples of the vibration
     at(waves, (*C, "bands"))[:] = at(waves, (*C, "bands"))[1:3]
-    (found,) = to_signals.envelopes(reader.decode(encoded(waves), "x")[0])
+    (found,) = to_signals.envelopes(hjif_reader.decode(encoded(waves), "x")[0])
     # A wave from 0.1 to 0.5 s; the library's from 0.6 to 1.1 s; the composition from 1.5 s on.
     assert found.strength.at([0.05, 0.3, 0.6, 0.85, 1.2, 1.6]) == pytest.approx(
         [0.0, 0.5, 1.0, 0.5, 0.0, 0.5]
@@ -607,8 +609,8 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
     with track_of(tmp_path, modality, kind, levels) as track:
         written = from_track.write(track, (), tmp_path / "scene ä")
     data = (tmp_path / "scene ä.hjif").read_bytes()
-    assert rules.validate(data, "x") == []
-    document = reader.decode(data, "x")[0]
+    assert hjif_rules.validate(data, "x") == []
+    document = hjif_reader.decode(data, "x")[0]
     (perception,) = document["perceptions"]
     assert perception["perception_modality"] == MODALITIES[modality].hjif
     assert perception["description"].startswith("Zoë")
@@ -647,7 +649,7 @@ def test_repeated_clips_are_in_the_library_once(tmp_path):
 def test_short_and_constant_scenes(tmp_path, modality, levels):
     with track_of(tmp_path, modality, "painted", levels) as track:
         document, *_ = from_track.compose(track, (), "x")
-    assert rules.findings(json.loads(encoded(document))) == []
+    assert hjif_rules.findings(json.loads(encoded(document))) == []
     frames = document["perceptions"][0]["channels"][0]["bands"][0]["effects"][0]["keyframes"]
     assert len(frames) >= (3 if modality == "pressure" else 2)
     assert frames[-1]["amplitude_modulation"] == pytest.approx(1.0, abs=0.01)

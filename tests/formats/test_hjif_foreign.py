@@ -13,7 +13,14 @@ from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.files import facts_of
-from hfx_blender.formats.hjif import interpolation, reader, rules, spiht, to_signals, wavelets
+from hfx_blender.formats.hjif import (
+    hjif_reader,
+    hjif_rules,
+    interpolation,
+    spiht,
+    to_signals,
+    wavelets,
+)
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.sound.waveforms import Waveform, piece_of
 
@@ -338,7 +345,7 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
     takes = name in ("date", "keys", "optional")
     assert facts_of(path)["valid"] == "yes" if takes else facts_of(path)["valid"].startswith("no, ")
     assert any("HJIF-" in each for each in convert(path, tmp_path / "x.haptic").notes)
-    assert takes != any(each.severity == "error" for each in rules.findings(document))
+    assert takes != any(each.severity == "error" for each in hjif_rules.findings(document))
 
 
 def test_anything_in_a_composition_is_read_without_it():
@@ -356,18 +363,18 @@ def test_unknown_members_of_a_vector_are_only_unknown():
     document = channel_with()
     vector = {"X": 1, "Y": 1, "Z": 1, "size": []}
     document["perceptions"][0]["channels"][0]["actuator_resolution"] = vector
-    assert "HJIF-UNKNOWN" in {each.code for each in rules.findings(document)}
+    assert "HJIF-UNKNOWN" in {each.code for each in hjif_rules.findings(document)}
 
 
 def test_strict_findings_name_the_tool():
     document = channel_with()
     early(document)
-    told = {each.code: each.message for each in rules.findings(document)}
+    told = {each.code: each.message for each in hjif_rules.findings(document)}
     assert "from before the standard" in told["HJIF-VERSION"]
     del document["version"]
-    assert "MPEG's reference encoder" in str(rules.findings({**document, "version": "2023"})) or (
-        "from before the standard" in told["HJIF-MISSING"]
-    )
+    assert "MPEG's reference encoder" in str(
+        hjif_rules.findings({**document, "version": "2023"})
+    ) or ("from before the standard" in told["HJIF-MISSING"])
 
 
 def test_what_has_no_clear_meaning_is_refused():
@@ -375,7 +382,7 @@ def test_what_has_no_clear_meaning_is_refused():
         document = sample()
         at(document, place[:-1])[place[-1]] = value
         with pytest.raises(InputError, match=r"HJIF-(TYPE|COUNT)"):
-            reader.decode(json.dumps(document).encode(), "x")
+            hjif_reader.decode(json.dumps(document).encode(), "x")
 
 
 def test_amplitudes_of_both_signs_pass_silence_in_between():

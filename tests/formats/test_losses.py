@@ -18,10 +18,9 @@ from hfx_blender.errors import InputError
 from hfx_blender.files import strict_json
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import writing
-from hfx_blender.formats.ahap import ahap
-from hfx_blender.formats.device_files import haptic
+from hfx_blender.formats.device_files import ahap, haptic, he, tact
+from hfx_blender.formats.device_files.tact_layouts import Motor
 from hfx_blender.formats.files import read_signals
-from hfx_blender.formats.he import he
 from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.registry import FORMATS
@@ -29,8 +28,6 @@ from hfx_blender.formats.signals import losses, signals
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
 from hfx_blender.formats.signals.simplified_writer import error_note
-from hfx_blender.formats.tact import tact
-from hfx_blender.formats.tact.tact_layouts import Motor
 
 DEVICE = load_device("phone_lra")
 ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral

@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
-from hfx_blender.formats.ahap import ahap, ahap_rules
-from hfx_blender.formats.device_files import haptic, openxr
-from hfx_blender.formats.he import he, he_rules
+from hfx_blender.formats.device_files import ahap, ahap_rules, haptic, he, he_rules, openxr
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
 
 FORMATS = {

@@ -17,9 +17,9 @@ from hfx_blender.engine.rendering.device_config import BhapticsEncoder
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import writing
+from hfx_blender.formats.device_files import tact, tact_rules
+from hfx_blender.formats.device_files.tact_layouts import Motor, motors_of
 from hfx_blender.formats.rasters import npz_raster
-from hfx_blender.formats.tact import tact, tact_rules
-from hfx_blender.formats.tact.tact_layouts import Motor, motors_of
 
 BACK = Motor("Vest", "VestBack", 0)
 

@@ -13,10 +13,15 @@ from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
-from hfx_blender.formats.ahap import ahap, ahap_rules
-from hfx_blender.formats.device_files import haptic
-from hfx_blender.formats.he import he, he_rules
-from hfx_blender.formats.tact import tact, tact_rules
+from hfx_blender.formats.device_files import (
+    ahap,
+    ahap_rules,
+    haptic,
+    he,
+    he_rules,
+    tact,
+    tact_rules,
+)
 
 
 def errors(findings):

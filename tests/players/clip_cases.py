@@ -24,7 +24,7 @@ from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import Clip, TimeBase
 from hfx_blender.engine.track import TrackHeader, TrackReader, TrackWriter
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackModel
-from hfx_blender.formats.clip.writing import write
+from hfx_blender.formats.clip.clip_writer import write
 
 F64 = npt.NDArray[np.float64]
 

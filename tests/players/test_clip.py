@@ -18,7 +18,7 @@ from damage import damaged
 
 from hfx_blender.cli import run
 from hfx_blender.errors import InputError
-from hfx_blender.formats.clip import baked, rules
+from hfx_blender.formats.clip import baked, clip_rules
 from hfx_blender.formats.clip.container import with_checksum
 
 TEXT = b"\0touch\0m\0Hz\0amplitude_m_s2\0frequency_hz\0part\0"
@@ -57,7 +57,7 @@ def by_hand(**changed: bytes) -> bytes:
 
 
 def test_a_clip_made_by_hand_is_read_and_played() -> None:
-    sections = rules.read(by_hand(), "x")
+    sections = clip_rules.read(by_hand(), "x")
     rows, values = baked.values_of(sections, 0)
     assert rows.tolist() == [0, 3, 4]
     assert values == pytest.approx(np.array([[0, 60], [2, 160], [5.0000763, 60]]), abs=1e-6)
@@ -93,7 +93,7 @@ def test_texts_are_utf_8() -> None:
         content = by_hand(TEXT=TEXT + text + b"\0")
         assert Clip(content).error == -5
         with pytest.raises(InputError, match=f"TEXT' byte {len(TEXT)}|byte {len(TEXT) + 1}"):
-            rules.read(content, "x")
+            clip_rules.read(content, "x")
 
 
 def test_gain_parameter_and_silence() -> None:
@@ -185,7 +185,7 @@ def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path
         assert run(["validate", str(path)]) == 3
     again = with_checksum(good[: table[b"VALU"]] + b"ROWS" + good[table[b"VALU"] + 4 :])
     with pytest.raises(InputError, match="occurs twice"):
-        rules.read(again, "x")
+        clip_rules.read(again, "x")
 
 
 def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
@@ -201,7 +201,7 @@ def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
     ):
         assert Clip(content).error == error
         with pytest.raises(InputError, match=word):
-            rules.read(content, "x")
+            clip_rules.read(content, "x")
 
 
 def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
@@ -212,7 +212,7 @@ def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
         content = next(changed)
         clip = Clip(content)
         try:
-            is_valid = not rules.validate(content, "x")
+            is_valid = not clip_rules.validate(content, "x")
         except InputError:
             is_valid = False
         if is_valid:
@@ -244,7 +244,7 @@ def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFi
     told = json.loads(capsys.readouterr().out)
     assert (told["rows"], told["rate_hz"], told["seconds"]) == (240, 100.0, 2.4)
     assert [each["device"] for each in told["devices"]] == ["oculus_touch"]
-    sections = rules.read(made.read_bytes(), "made")
+    sections = clip_rules.read(made.read_bytes(), "made")
     assert sections["ACTR"]["latency_ms"].tolist() == [20.0, 20.0]
     assert sections["DEVC"]["dead_man_ms"].tolist() == [250]
     human = [bytes(sections["TEXT"])[k:].split(b"\0")[0] for k in sections["ACTR"]["human"]]

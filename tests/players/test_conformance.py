@@ -57,10 +57,10 @@ class Scales:
     """Difference that is allowed: a 65535th of full scale, as gain and factors enlarge it."""
 
     def __init__(self, path: Path) -> None:
-        from hfx_blender.formats.clip import rules
+        from hfx_blender.formats.clip import clip_rules
         from hfx_blender.formats.clip.container import texts_at
 
-        sections = rules.read(path.read_bytes(), str(path))
+        sections = clip_rules.read(path.read_bytes(), str(path))
         columns = sections["COLM"]
         self._names = np.array(texts_at(sections, columns["parameter"]))
         self._is_strength = np.isin(np.arange(len(columns)), sections["ACTR"]["first_column"])

@@ -31,11 +31,11 @@ from hfx_blender.engine.scene import (
     TimeBase,
 )
 from hfx_blender.engine.track import TrackHeader
-from hfx_blender.formats.clip import rules
+from hfx_blender.formats.clip import clip_rules
+from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.common_rigs import rig_names
 from hfx_blender.formats.clip.container import encoded, texts_at
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
-from hfx_blender.formats.clip.writing import write
 
 
 @pytest.mark.parametrize(("level", "seconds"), [(2, 0.25), (0, 0.04)])
@@ -110,7 +110,7 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     header = TrackHeader.of(scene, {model.id: model}, settings={}, tools={})
     device = load_device("oculus_touch")
     (path,) = write(header, [(device, render(header, [], device))], tmp_path / "x", recorder).files
-    sections = rules.read(path.read_bytes(), "x")
+    sections = clip_rules.read(path.read_bytes(), "x")
     assert sections["EFCT"]["level"].tolist() == [1.0]  # the highest
     body = Body(Clip(path.read_bytes()))
     bones = len(sections["BONE"])
@@ -129,7 +129,7 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     coarse.add(AnimationBlock(np.arange(2), (animated,), (still,)))
     told = write(header, [(fan, render(header, [], fan))], tmp_path / "coarse", coarse)
     assert any("actuators at a place in the room follow no avatar: 2" in n for n in told.notes)
-    models = rules.read(told.files[0].read_bytes(), "coarse")["MODL"]
+    models = clip_rules.read(told.files[0].read_bytes(), "coarse")["MODL"]
     assert models["level"].tolist() == [2] and models["vertices"] < sections["MODL"]["vertices"] / 3
     human = texts_at(sections, sections["BONE"]["human"])
     assert {"leftHand", "hips", "head", "rightLowerLeg"} <= set(human)
@@ -152,7 +152,7 @@ def test_bones_have_the_names_of_common_rigs() -> None:
 
 def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> None:
     content = write_small_clip(tmp_path).read_bytes()
-    assert rules.validate(content, "x") == []
+    assert clip_rules.validate(content, "x") == []
     body = Body(Clip(content))
     body.set_bones(np.tile(np.eye(4)[:3], (2, 1, 1)))
     assert body.trigger(4, 1.0) == 0
@@ -164,7 +164,7 @@ def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> N
 
 def test_skin_is_felt_that_arrives_after_frames_far_away(tmp_path: Path) -> None:
     content = write_small_clip(tmp_path).read_bytes()
-    places = rules.read(content, "x")["VERT"]["place"].astype(np.float64)
+    places = clip_rules.read(content, "x")["VERT"]["place"].astype(np.float64)
     body = Body(Clip(content))
     bones = np.tile(np.eye(4)[:3], (2, 1, 1))
     bones[:, 0, 3] = 10.0
@@ -182,7 +182,7 @@ def test_skin_is_felt_that_arrives_after_frames_far_away(tmp_path: Path) -> None
 
 def test_the_speed_of_a_touch_is_the_mean_over_the_touched_skin(tmp_path: Path) -> None:
     content = write_small_clip(tmp_path).read_bytes()
-    places = rules.read(content, "x")["VERT"]["place"].astype(np.float64)
+    places = clip_rules.read(content, "x")["VERT"]["place"].astype(np.float64)
     body = Body(Clip(content))
     for scale in (1.0, 1.01):
         body.set_bones(np.tile(scale * np.eye(4)[:3], (2, 1, 1)))
@@ -198,7 +198,7 @@ def test_the_speed_of_a_touch_is_the_mean_over_the_touched_skin(tmp_path: Path) 
 
 
 def test_filters_beyond_all_measure_give_numbers_that_a_device_may_play(tmp_path: Path) -> None:
-    known = rules.read(write_small_clip(tmp_path).read_bytes(), "x")
+    known = clip_rules.read(write_small_clip(tmp_path).read_bytes(), "x")
     sections = {name: of.copy() for name, of in known.items()}
     sections["FLTR"]["kind"] = 0
     sections["FLTR"]["controls"] = [3e38, 0.0, 1.0, 3e38, 3e38]

@@ -18,7 +18,7 @@ from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
 from ...files.strict_json import read_bytes
 from ...formats.glb import glb_reader
-from ...formats.hjif import reader
+from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
@@ -55,7 +55,7 @@ def import_hjif(
     InputError
         The file cannot be read; the scene is unchanged.
     """
-    document, tolerated = reader.decode(read_bytes(path), str(path))
+    document, tolerated = hjif_reader.decode(read_bytes(path), str(path))
     # All is read before the first effect is added, as an error must leave the scene unchanged.
     channels = [_with_ticks(envelope) for envelope in envelopes(document, str(path))]
     own_models = _own_models(document, path.parent)

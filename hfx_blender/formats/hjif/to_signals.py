@@ -15,8 +15,8 @@ from ..signals.curves import Curve, clipped
 from ..signals.signals import Credits, FrequencyRange, Piece, Signal, Transient, mixed
 from ..sound.waveforms import Waveform, added, piece_of
 from . import bands, wavelets
+from .hjif_reader import decode as read
 from .perceptions import DATE
-from .reader import decode as read
 
 VIBRATIONS: Final = ("Vibrotactile", "Other")
 """HJIF modalities taken as vibration; the reference encoder writes Other for any sound or AHAP."""

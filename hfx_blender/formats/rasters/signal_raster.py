@@ -15,8 +15,8 @@ from ...engine.rendering.device_config import Actuator, DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...errors import InputError
 from ...files import limits
+from ..device_files.tact_layouts import motors_of
 from ..signals.signals import Signal
-from ..tact.tact_layouts import motors_of
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022

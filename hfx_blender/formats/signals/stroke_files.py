@@ -15,9 +15,7 @@ from ...errors import InputError, UsageError
 from ...files import suffixes
 from ...files.atomic import atomic_file
 from ...files.strict_json import read_bytes
-from ..ahap import ahap
-from ..device_files import haptic
-from ..he import he
+from ..device_files import ahap, haptic, he
 from ..sound import wav
 from ..written import Written, write_json
 from .curves import Curve, clipped

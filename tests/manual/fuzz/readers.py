@@ -34,9 +34,9 @@ from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.files import json_shapes, limits
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
-from hfx_blender.formats.clip import rules as clip_rules
+from hfx_blender.formats.clip import clip_rules
 from hfx_blender.formats.clip.container import with_checksum
-from hfx_blender.formats.hjif import reader, to_signals
+from hfx_blender.formats.hjif import hjif_reader, to_signals
 from hfx_blender.formats.pictures import png, point_cloud, texture_map
 from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS, FormatInfo
@@ -148,8 +148,8 @@ def _checked(info: FormatInfo) -> Reader:
 
 def _hjif(content: bytes) -> None:
     """Read, write again, read again: the same; and unfold."""
-    document, _ = reader.decode(content, "x")
-    assert reader.decode(encoded(document), "x")[0] == document
+    document, _ = hjif_reader.decode(content, "x")
+    assert hjif_reader.decode(encoded(document), "x")[0] == document
     for each in to_signals.envelopes(document):
         assert len(each.strength) > 0
     to_signals.decode(content, "x")

@@ -31,10 +31,10 @@ from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.tolerance import PAPER, STANDARD
 from hfx_blender.engine.track import TrackHeader
-from hfx_blender.formats.clip import COARSEST, rules
+from hfx_blender.formats.clip import COARSEST, clip_rules
+from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.container import texts_at
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
-from hfx_blender.formats.clip.writing import write
 
 DEVICES = ("oculus_touch", "pressure_vest", "fan_heater")
 
@@ -70,7 +70,7 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
     live = replace(made.block, live_s=made.scene.time.times_s(made.block.indices))
     runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(live)
     path, bones, given = _written(made, folder, level, runs if level == 0 else [])
-    sections = rules.read(path.read_bytes(), str(path))
+    sections = clip_rules.read(path.read_bytes(), str(path))
     felt = {run.stream.effect_id: run for run in runs}
     ranks = {
         text: _ranks(sections["VERT"]["id"][int(at["first_vertex"]) :][: int(at["vertices"])])
@@ -98,7 +98,7 @@ def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
     whole = _models(made)
     runs = Engine(made.scene, models=whole.__getitem__, tolerance=STANDARD).evaluate(made.block)
     path, bones, given = _written(made, folder, level, runs)
-    columns = rules.read(path.read_bytes(), str(path))["COLM"]
+    columns = clip_rules.read(path.read_bytes(), str(path))["COLM"]
     strengths = np.flatnonzero((columns["highest"] > columns["lowest"]) & _are_first(columns))
     body = Body(Clip(path.read_bytes()))
     found = []
@@ -123,7 +123,7 @@ def _are_first(columns: np.ndarray) -> np.ndarray:
 def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
     """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
     path, told = moments(made, folder, level)
-    sections = rules.read(path.read_bytes(), str(path))
+    sections = clip_rules.read(path.read_bytes(), str(path))
     body = Body(Clip(path.read_bytes()))
     assert body.error == 0
     full = sections["COLM"]["highest"] - sections["COLM"]["lowest"]
@@ -168,7 +168,7 @@ def _written(
     recorder = SpatialRecorder(made.scene, level)
     recorder.add(made.block)
     (path,) = write(header, played, folder / "walk", recorder).files
-    sections = rules.read(path.read_bytes(), str(path))
+    sections = clip_rules.read(path.read_bytes(), str(path))
     number = {name: k for k, name in enumerate(made.scene.bodies[0].binding.bone_names)}
     bones = [number[each] for each in texts_at(sections, sections["BONE"]["name"])]
     return path, bones, np.concatenate([raster.values for _, raster in played], axis=1)

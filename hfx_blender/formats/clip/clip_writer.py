@@ -12,7 +12,7 @@ from ...files.atomic import atomic_file
 from ...files.strict_json import read_data
 from ..signals import losses
 from ..written import Written
-from . import baked, rules, spatial
+from . import baked, clip_rules, spatial
 from .container import SUFFIX, Texts, encoded, texts_at
 from .spatial_recorder import SpatialRecorder
 
@@ -37,7 +37,7 @@ def write(
     sections["TEXT"] = texts.records
     content = encoded(sections, path.name)
     limits.MEMORY.check(len(content), path.name, "it would have")
-    rules.refuse_long(sections, path.name)
+    clip_rules.refuse_long(sections, path.name)
     with atomic_file(path) as file:
         file.write(content)
     notes = tuple(note for _, raster in played for note in losses.several_frequencies(raster))
@@ -49,7 +49,7 @@ def facts(path: Path) -> dict[str, Any]:
 
     Raises InputError if it is not a clip or breaks a rule.
     """
-    sections = rules.read(read_data(path), str(path))
+    sections = clip_rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]
     names = zip(texts_at(sections, devices["id"]), texts_at(sections, devices["body"]), strict=True)

@@ -12,7 +12,7 @@ from ...files.strict_json import parse, read_bytes
 from ..leniency import ToleratedFaults, as_fact, refuse_but
 from .body_parts import described
 from .foreign import in_standard_form
-from .rules import DOCUMENT, findings
+from .hjif_rules import DOCUMENT, findings
 
 _STRUCTURAL = {f"HJIF-{word}" for word in ("MISSING", "TYPE", "RANGE", "CHOICE", "COUNT")}
 _STRUCTURAL |= {"HJIF-MODALITY", "HJIF-VERSION"}
