@@ -50,7 +50,7 @@ def ramp(counts: I64) -> tuple[I64, I64]:
     return steps, owners
 
 
-def lacking(is_there: Bool, wanted: I64) -> I64:
+def missing_ids(is_there: Bool, wanted: I64) -> I64:
     """Numbers in ``wanted`` for which nothing is there, each once, ascending."""
     known = is_there[wanted]
     return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])

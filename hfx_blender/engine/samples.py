@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -46,6 +46,16 @@ class Drive:
     def part(self, chosen: slice) -> Drive:
         """Values of some samples."""
         return Drive(self.device_id, self.actuators, self.values[chosen])
+
+    def gains(self, device_id: str, actuators: Sequence[str]) -> F64:
+        """Values (n, A) for A actuators of a device; 0 for other actuators and devices."""
+        gains = np.zeros((len(self.values), len(actuators)))
+        if self.device_id == device_id:
+            columns = {actuator: k for k, actuator in enumerate(self.actuators)}
+            for a, actuator in enumerate(actuators):
+                if actuator in columns:
+                    gains[:, a] = self.values[:, columns[actuator]]
+        return gains
 
 
 @dataclass(frozen=True, eq=False)

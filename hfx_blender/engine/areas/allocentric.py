@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class AllocentricAreas:
                 counters.reach(body.id)
                 if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
                     counters.meshes_searched += int(np.count_nonzero(reported))
-            return self._felt(effect, animated, body, block, pose, skin, hits)
+            return self._felt(effect, animated, body, block, hits)
 
         return felt
 
@@ -116,24 +116,21 @@ class AllocentricAreas:
         animated: EffectBlock,
         body: BodyDescription,
         block: AnimationBlock,
-        pose: PoseBlock,
-        skin: BodySkin,
         hits: Contacts,
     ) -> SampleRun | None:
         """Make a run of samples from contacts."""
         if not len(hits.rows):
             return None
-        positions, velocities = self._builder.motion(
-            skin.vertices, pose, hits.rows, hits.vertices, hits.offsets, block.indices
-        )
-        depth = surface = normals = impact = None
+        details: dict[str, Any] = {}
         if hits.details is not None:
             if "depth" in self._builder.record:
-                depth = on_demand.depths(animated, hits)
+                details["depth_m"] = on_demand.depths(animated, hits)
             if "surface" in self._builder.record:
                 surface, normals = on_demand.surface(animated, hits)
+                details.update(surface=surface, surface_normals=normals)
             if "impact" in self._builder.record:
-                impact = on_demand.impact(animated, hits, block.indices, self._builder.scene.time)
+                time = self._builder.scene.time
+                details["impact"] = on_demand.impact(animated, hits, block.indices, time)
         return self._builder.run(
             effect,
             body.id,
@@ -144,12 +141,7 @@ class AllocentricAreas:
             offsets=hits.offsets,
             vertices=hits.vertices,
             weights=hits.weights.astype(np.float32),
-            positions=positions,
-            velocities=velocities,
-            depth_m=depth,
-            surface=surface,
-            surface_normals=normals,
-            impact=impact,
+            **details,
         )
 
     def _between(
@@ -200,9 +192,6 @@ class AllocentricAreas:
         felt = self._surfaces.evaluate(effect, animated, body.id, skin, pose, bounds, rows, block)
         if felt is None:
             return None
-        positions, velocities = self._builder.motion(
-            skin.vertices, pose, felt.rows, felt.vertices, felt.offsets, block.indices
-        )
         run = self._builder.run(
             effect,
             body.id,
@@ -213,8 +202,6 @@ class AllocentricAreas:
             offsets=felt.offsets,
             vertices=felt.vertices,
             weights=felt.weights,
-            positions=positions,
-            velocities=velocities,
             depth_m=felt.distance_m if "depth" in self._builder.record else None,
         )
         return replace(run, parameters=felt.parameters)
@@ -258,13 +245,10 @@ class AllocentricAreas:
             return felt
         felt = with_own_sets(felt)
         at = np.searchsorted(block.indices, felt.indices)
-        positions, velocities = self._builder.motion(
-            skin.vertices, pose, at, felt.vertices, felt.offsets, block.indices
+        felt = replace(
+            felt,
+            **self._builder.motion(effect, body.id, at, felt.vertices, felt.offsets, block),
         )
-        if "positions" in self._builder.record:
-            felt = replace(felt, positions=positions)
-        if "velocities" in self._builder.record:
-            felt = replace(felt, velocities=velocities)
         if "depth" in self._builder.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt

@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..active_rows import posed_rows, with_pose
 from ..arrays import I64
-from ..samples import SampleRun
+from ..samples import Drive, SampleRun
 from ..scene import (
     ActuatorArea,
     AnimationBlock,
@@ -18,7 +16,7 @@ from ..scene import (
     PaintedArea,
     SpotArea,
 )
-from . import spot, vector_sensation
+from . import spot
 from .sample_run_builder import SampleRunBuilder
 
 
@@ -38,7 +36,6 @@ class EgocentricAreas:
         block: AnimationBlock,
     ) -> SampleRun | None:
         """An area with weights for its vertices."""
-        positions = velocities = None
         if self._builder.wants_motion:
             k = self._builder.body_index[area.body_id]
             body, pose = self._builder.scene.bodies[k], block.poses[k]
@@ -51,11 +48,6 @@ class EgocentricAreas:
         count = int(sets[-1]) + 1
         offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)
         vertices = np.tile(area.vertices, count)
-        if self._builder.wants_motion:
-            skin = self._builder.skins.of(body, effect.model_id).vertices
-            positions, velocities = self._builder.motion(
-                skin, pose, rows, vertices, offsets, block.indices
-            )
         return self._builder.run(
             effect,
             area.body_id,
@@ -66,8 +58,6 @@ class EgocentricAreas:
             offsets=offsets,
             vertices=vertices,
             weights=np.tile(area.weights, count),
-            positions=positions,
-            velocities=velocities,
         )
 
     def spot(
@@ -95,13 +85,7 @@ class EgocentricAreas:
         found = self._spots[effect.model_id].sets(
             focus, radii_m, area.falloff, own_sets=bool(self._builder.record)
         )
-        positions = velocities = None
-        if with_motion:
-            skin = self._builder.skins.of(body, effect.model_id).vertices
-            positions, velocities = self._builder.motion(
-                skin, pose, rows, found.vertices, found.offsets, block.indices
-            )
-        run = self._builder.run(
+        return self._builder.run(
             effect,
             area.body_id,
             animated,
@@ -111,10 +95,8 @@ class EgocentricAreas:
             offsets=found.offsets,
             vertices=found.vertices,
             weights=found.weights,
-            positions=positions,
-            velocities=velocities,
+            focus=focus,
         )
-        return replace(run, focus=focus)
 
     def actuators(
         self,
@@ -125,14 +107,22 @@ class EgocentricAreas:
         block: AnimationBlock,
     ) -> SampleRun | None:
         """Values for single actuators of one device."""
-        rows, drive = vector_sensation.driven(
-            effect.name, area, animated, rows, self._builder.counters
-        )
+        assert animated.drive is not None
+        values = animated.drive[rows]
+        is_known = np.isfinite(values).all(axis=1)
+        if not is_known.all():
+            self._builder.counters.warn(
+                f"effect '{effect.name}': an actuator's value is not a finite number; "
+                "it is silent there",
+                int(np.count_nonzero(~is_known)),
+            )
+        values = np.clip(np.where(is_known[:, None], values, 0.0), 0.0, 1.0).astype(np.float32)
+        is_on = (values > 0.0).any(axis=1)
+        rows = rows[is_on]
         if not len(rows):
             return None
         count = len(rows) if self._builder.record else 1
-        nothing = np.zeros((0, 3), np.float32)
-        run = self._builder.run(
+        return self._builder.run(
             effect,
             area.body_id,
             animated,
@@ -142,7 +132,5 @@ class EgocentricAreas:
             offsets=np.zeros(count + 1, np.int64),
             vertices=np.zeros(0, np.int32),
             weights=np.zeros(0, np.float32),
-            positions=nothing,
-            velocities=nothing,
+            drive=Drive(area.device_id, area.actuators, values[is_on]),
         )
-        return replace(run, drive=drive)

@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from ..arrays import F32, I32, I64
 from ..counters import Counters
 from ..modality import MODALITIES
-from ..samples import Impact, SampleRun, Stream
-from ..scene import AnimationBlock, EffectBlock, EffectDescription, PoseBlock, SceneDescription
+from ..samples import SampleRun, Stream
+from ..scene import AnimationBlock, EffectBlock, EffectDescription, SceneDescription
 from ..skin.bound_skins import BoundSkins
-from ..skin.posing import PosableModel
 from . import on_demand
 
 
@@ -56,14 +56,13 @@ class SampleRunBuilder:
         offsets: I64,
         vertices: I32,
         weights: F32,
-        positions: F32 | None,
-        velocities: F32 | None,
-        depth_m: F32 | None = None,
-        surface: F32 | None = None,
-        surface_normals: F32 | None = None,
-        impact: Impact | None = None,
+        **details: Any,
     ) -> SampleRun:
-        """A run of an effect on a body at some rows of a block; see :class:`SampleRun`."""
+        """Run of an effect on a body at some rows of a block, with motion if recorded.
+
+        ``details`` are further fields of :class:`SampleRun`; levels and parameters are clipped to
+        their ranges.
+        """
         indices = block.indices[rows]
         least, largest = MODALITIES[effect.modality].limits
         return SampleRun(
@@ -76,37 +75,40 @@ class SampleRunBuilder:
             offsets=offsets,
             vertices=vertices,
             weights=weights,
-            positions=positions if "positions" in self.record else None,
-            velocities=velocities if "velocities" in self.record else None,
-            depth_m=depth_m,
-            surface=surface,
-            surface_normals=surface_normals,
-            impact=impact,
+            **self.motion(effect, body_id, rows, vertices, offsets, block),
+            **details,
         )
 
     def motion(
         self,
-        model: PosableModel,
-        pose: PoseBlock,
+        effect: EffectDescription,
+        body_id: str,
         rows: I64,
         vertices: I32,
         offsets: I64,
-        indices: I64,
-    ) -> tuple[F32 | None, F32 | None]:
-        """World positions and velocities (total, 3) of touched vertices; None if not wanted.
+        block: AnimationBlock,
+    ) -> dict[str, Any]:
+        """Recorded ones of "positions" and "velocities" (total, 3), world space.
 
-        Row ``k`` of ``rows`` touches ``vertices[offsets[k]:offsets[k + 1]]``; ``indices`` are
-        the samples of the block. See :func:`on_demand.motion`.
+        Row ``k`` of ``rows`` has ``vertices[offsets[k]:offsets[k + 1]]``. See
+        :func:`on_demand.motion`.
         """
         if not self.wants_motion:
-            return None, None
-        self.counters.vertices_posed += len(vertices)
-        return on_demand.motion(
-            model,
-            pose,
-            rows,
-            [vertices[a:b] for a, b in pairwise(offsets)],
-            indices,
-            1.0 / float(self.scene.time.rate_hz),
-            with_velocities="velocities" in self.record,
-        )
+            return {}
+        if len(vertices):
+            k = self.body_index[body_id]
+            skin = self.skins.of(self.scene.bodies[k], effect.model_id).vertices
+            self.counters.vertices_posed += len(vertices)
+            positions, velocities = on_demand.motion(
+                skin,
+                block.poses[k],
+                rows,
+                [vertices[a:b] for a, b in pairwise(offsets)],
+                block.indices,
+                1.0 / float(self.scene.time.rate_hz),
+                with_velocities="velocities" in self.record,
+            )
+        else:
+            positions = velocities = np.zeros((0, 3), np.float32)
+        columns = {"positions": positions, "velocities": velocities}
+        return {name: column for name, column in columns.items() if name in self.record}

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..active_rows import posed_rows
 from ..arrays import F64, I64
-from ..kinematics.motion import turned_by
+from ..kinematics.placement_motion import turned_by
 from ..native import kinematics as native
 from ..native import library
 from ..scene import AnimationBlock, BodyDescription, EffectBlock

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..kinematics.motion import Motion
+from ..kinematics.placement_motion import Motion
 from ..native.declarations import structure
 from ..native.library import f64, i64, loaded
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere

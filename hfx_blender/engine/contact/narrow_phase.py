@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..arrays import F64, I64, Weights
-from ..kinematics.motion import Motion
+from ..kinematics.placement_motion import Motion
 from ..native.declarations import structure
 from ..native.library import loaded
 from ..native.skin import Clusters, PosedBones

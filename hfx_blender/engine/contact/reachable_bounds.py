@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..kinematics.motion import largest_stretch
+from ..kinematics.placement_motion import largest_stretch
 from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel

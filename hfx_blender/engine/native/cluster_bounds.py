@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F32, F64, I32, I64, lacking
+from ..arrays import F32, F64, I32, I64, missing_ids
 from .declarations import structure
 from .library import i64, loaded
 from .skin import Clusters
@@ -184,7 +184,7 @@ class CellGroups:
 
     def missing(self, clusters: I64) -> I64:
         """Sorted unique ids of clusters without an entry."""
-        return lacking(self._is_known, clusters)
+        return missing_ids(self._is_known, clusters)
 
     def add(
         self,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F64, I32, I64, lacking
+from ..arrays import F64, I32, I64, missing_ids
 from .declarations import structure
 from .library import i64, loaded
 from .skin_arrays import SkinTableArrays, table_structure
@@ -181,11 +181,11 @@ class Clusters:
         With a table, whose skin must be filled in there, also the distances and weight differences
         between neighbouring units; these stay 0 otherwise.
         """
-        new = lacking(self._is_known, clusters)
+        new = missing_ids(self._is_known, clusters)
         if len(new):
             self._bind(new)
         if table is not None:
-            new = lacking(self._is_linked, clusters)
+            new = missing_ids(self._is_linked, clusters)
             if len(new):
                 self._link(new, table)
 

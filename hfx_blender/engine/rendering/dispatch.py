@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ...text import counted
-from ..areas.vector_sensation import gains_of
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
@@ -90,7 +89,7 @@ class ActuatorGroup:
             A place of the device does not fit the run's model.
         """
         if run.drive is not None:
-            return gains_of(run.drive, self._device.id, [each.id for each in self._actuators])
+            return run.drive.gains(self._device.id, [each.id for each in self._actuators])
         panning = None if run.focus is None else self.panning_on(run.stream.model_id)
         if panning is not None and run.focus is not None:
             return panning.gains(run.focus)

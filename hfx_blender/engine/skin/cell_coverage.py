@@ -16,7 +16,6 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, ramp, sorted_by
-from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..body.temperature_cells import cell_of_skin
 from ..native import cluster_bounds as native
@@ -25,7 +24,7 @@ from ..native.cluster_bounds import CellGroups, Outline
 from ..native.skin import UsedBones
 from ..scene import SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
-from .posing import PosableModel
+from .posing import PosableModel, clusters_of
 from .skin_table import SkinMesh, SkinTable
 from .skinned_model import SkinnedModel
 

@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..arrays import F32, F64, I32, I64, lacking, sorted_by
+from ..arrays import F32, F64, I32, I64, missing_ids, sorted_by
 from ..body.model import PerceptualModel
 from ..native import skin_arrays as native
 from ..tolerance import Tolerance
@@ -147,7 +147,7 @@ class SkinTable:
 
     def need(self, clusters: I64) -> None:
         """Fill in the skin of clusters that have not been filled yet."""
-        new = lacking(self._is_made, clusters)
+        new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
         self._fill(new)

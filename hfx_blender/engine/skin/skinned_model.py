@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..matmul import stacked_product
 from ..native import skin as native
@@ -16,7 +15,7 @@ from ..native.cluster_bounds import Outline
 from ..native.skin_arrays import SkinTableArrays
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
-from .posing import runs
+from .posing import cluster_slices, clusters_of
 
 
 class SkinnedModel:
@@ -90,12 +89,12 @@ class SkinnedModel:
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
         is_used = np.zeros(self._weights.bone_count + 1, np.bool_)
-        for cluster, _ in runs(clusters):
+        for cluster, _ in cluster_slices(clusters):
             is_used[self.cluster_bones(cluster)] = True
         slots = np.cumsum(is_used) - 1
         every = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
         found = []
-        for cluster, mine in runs(clusters):
+        for cluster, mine in cluster_slices(clusters):
             bones, factors = self._cluster_factors(cluster)
             found.append(_products(every[at[mine, None], slots[bones]], factors))
         return np.concatenate(found, axis=1)

@@ -10,11 +10,10 @@ from functools import lru_cache
 import numpy as np
 
 from ..arrays import F64, I32, I64
-from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..reference.pose import by_bones
 from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
-from .posing import runs
+from .posing import cluster_slices, clusters_of
 
 
 class PointwiseModel(ABC):
@@ -51,7 +50,7 @@ class PointwiseModel(ABC):
     ) -> F64:
         found = [
             self.cluster_points(cluster, pose, rows[at[mine]], to_target[at[mine]]).reshape(3, -1)
-            for cluster, mine in runs(clusters)
+            for cluster, mine in cluster_slices(clusters)
         ]
         return np.concatenate(found, axis=1)
 

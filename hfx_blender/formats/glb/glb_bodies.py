@@ -19,7 +19,7 @@ import numpy.typing as npt
 from ...engine.active_rows import posed_rows
 from ...engine.arrays import F32, F64, I64
 from ...engine.body.model import PerceptualModel, load_model
-from ...engine.kinematics.motion import longest_axis
+from ...engine.kinematics.placement_motion import longest_axis
 from ...engine.scene import (
     AnimationBlock,
     BodyDescription,

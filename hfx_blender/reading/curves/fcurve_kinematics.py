@@ -15,8 +15,7 @@ import numpy as np
 
 from ...blender import compat
 from ...engine.arrays import F64, I64
-from ...engine.kinematics.bone_hierarchy import rotations, transforms
-from ...engine.kinematics.keyed_rig import KeyedRig, rotation_channel
+from ...engine.kinematics.bone_hierarchy import KeyedRig, rotation_channel, rotations, transforms
 from .animation_curves import AnimatedValues, NotModelledError
 
 _POSE = "pose.bones["

@@ -11,7 +11,7 @@ from coverage_synthetic import ball, evaluated, moved_along, placed, rigid, shee
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.kinematics.motion import Motion, turned_by
+from hfx_blender.engine.kinematics.placement_motion import Motion, turned_by
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume

@@ -16,7 +16,7 @@ from hfx_blender.engine.contact import broad_phase
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.contact.reachable_bounds import ReachableBounds, bounds_of
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.kinematics.motion import largest_stretch, turned_by
+from hfx_blender.engine.kinematics.placement_motion import largest_stretch, turned_by
 from hfx_blender.engine.native import cluster_bounds as native_bounds
 from hfx_blender.engine.native import kinematics as placement
 from hfx_blender.engine.scene import PoseBlock, SkinBinding

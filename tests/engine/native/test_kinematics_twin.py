@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hfx_blender.engine.kinematics import bone_hierarchy
-from hfx_blender.engine.kinematics.bone_hierarchy import Rig, from_quaternions
+from hfx_blender.engine.kinematics.bone_hierarchy import BoneHierarchy, from_quaternions
 from hfx_blender.engine.native.library import library
 
 pytestmark = pytest.mark.skipif(library() is None, reason="no library was built")
@@ -52,7 +52,7 @@ def test_poses(seed: int) -> None:
     rest = np.tile(np.eye(4), (bones, 1, 1))
     rest[:, :3] = random.normal(0.0, 1.0, (bones, 3, 4))
     local = random.random(bones) < random.choice([0.5, 1.0])
-    rig = Rig(parents, rest, local.tolist())
+    rig = BoneHierarchy(parents, rest, local.tolist())
     channels = (
         random.normal(0.0, 1.0, (times, bones, 3)),
         from_quaternions(random.normal(0.0, 1.0, (times, bones, 4))),

@@ -9,7 +9,7 @@ from both_ways import needs_library
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.kinematics.motion import Motion, turned_by
+from hfx_blender.engine.kinematics.placement_motion import Motion, turned_by
 
 pytestmark = needs_library
 
