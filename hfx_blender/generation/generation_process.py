@@ -16,8 +16,7 @@ import numpy as np
 from ..engine.texture.device_range import NoticeableSteps
 from ..errors import HfxError
 from ..processes.messages import Message, decode_json, json_message
-from ..processes.owner import Owner
-from ..processes.worker import Worker
+from ..processes.worker import Owner, Worker
 from . import library_search, picture_folder
 from .generated import Generated, write
 

@@ -141,7 +141,7 @@ def albedo(
     direction_deg : int
         Direction of the grain: 0, 45 or 90.
     """
-    # Patches and tint have wavelengths of the tile's size, so that they repeat without a seam.
+    # noise() repeats at the edges of the tile, and independent texels have no seam.
     look = _LOOKS[kind]
     rng = np.random.default_rng([seed, 17, *kind.encode()])
     texels, size = field.heights_m.shape[0], field.size_m[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender without a screen, for the command line: starting it, opening a file, leaving it."""
+"""Blender without a window, for the command line: start, opening of files, temporary files."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _SYSTEM_PACKAGES = (
 
 
 _temporary: Path | None = None
-"""Folder that this process has made for Blender's temporary files; only that is removed."""
+"""Folder of Blender's temporary files that this process has created and removes at its end."""
 
 
 def start() -> Any:
-    """The ``bpy`` module, with this package registered.
+    """Import ``bpy`` and register this package in it; return the module.
 
     Raises
     ------
     HfxError
-        Blender cannot be loaded on this machine; says what is missing.
+        Blender cannot be loaded; the message names the missing packages.
     """
     if is_child():
         end_on_signals(at_once=True)
@@ -58,21 +58,21 @@ def start() -> Any:
             f"{_SYSTEM_PACKAGES}."
         ) from error
     if not hasattr(bpy.types.Object, "hfx"):
-        sys.modules[__package__.rpartition(".")[0]].register()  # of the package itself
-    check()  # of signals that arrived while Blender started
+        sys.modules[__package__.rpartition(".")[0]].register()  # of hfx_blender
+    check()  # for signals during the start of Blender
     return bpy
 
 
 @contextmanager
 def _temporary_folder() -> Iterator[None]:
-    """Context in which Blender, when it starts, takes a new folder of ours for temporary files.
+    """Context manager in which a starting Blender uses a new folder for temporary files.
 
-    Where it cannot make a folder of its own, Blender uses the user's temporary folder itself. So
-    ``bpy.app.tempdir`` does not tell what may be removed.
+    ``bpy.app.tempdir`` cannot be removed instead: without permission to create a folder, Blender
+    uses the user's temporary folder itself.
     """
     global _temporary
     if "bpy" not in sys.modules:
-        with suppress(OSError):  # no folder, or a full one: Blender finds what it can use
+        with suppress(OSError):  # missing or full: Blender looks for a folder
             _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
             remove_at_end(_temporary, remove_tree)
             atexit.register(remove_temporary_files)
@@ -92,12 +92,12 @@ def _temporary_folder() -> Iterator[None]:
 
 
 def new_temporary_folder(prefix: str) -> Path:
-    """A new folder within Blender's temporary folder; it goes with Blender, or before.
+    """Create a folder in Blender's temporary folder, to be removed by the caller or with Blender.
 
     Raises
     ------
     OutputError
-        It cannot be made.
+        The folder cannot be created.
     """
     folder = sys.modules["bpy"].app.tempdir
     try:
@@ -109,19 +109,13 @@ def new_temporary_folder(prefix: str) -> Path:
 
 
 def inside_blender() -> bool:
-    """Test that this runs in a whole Blender, not in its Python module: a file is open already."""
+    """Test that this runs in the Blender program, not in its Python module."""
     bpy = sys.modules.get("bpy")
-    return bpy is not None and bool(bpy.app.binary_path)  # app.module is not there before 4.5
+    return bpy is not None and bool(bpy.app.binary_path)  # bpy.app.module is missing before 4.5
 
 
 def refuse_name(path: Path) -> None:
-    """Refuse a path that Blender, a report and a track cannot name.
-
-    Raises
-    ------
-    InputError
-        It is not UTF-8.
-    """
+    """Raise ``InputError`` for a path that is not UTF-8: Blender and reports cannot hold it."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -129,26 +123,26 @@ def refuse_name(path: Path) -> None:
 
 
 def open_blend(path: Path) -> None:
-    """Open a .blend. No script, driver or handler of the file is run.
+    """Open a .blend file; no script, driver or handler of the file is run.
 
     Raises
     ------
     InputError
-        It is missing, is not a .blend, or Blender cannot read it.
+        The file is missing, is no .blend, links to a pipe or device, or Blender cannot read it.
     """
     refuse_name(path)
     if not path.is_file():
-        found = "it is a folder" if path.is_dir() else "there is no such file"
-        found = "it is no plain file" if is_endless(path) else found
-        raise InputError(f"{path}: {found}; expected a .blend file.")
+        fault = "it is a folder" if path.is_dir() else "there is no such file"
+        fault = "it is no plain file" if is_endless(path) else fault
+        raise InputError(f"{path}: {fault}; expected a .blend file.")
     if path.suffix.lower() == ".json":
         raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
     bpy = start()
     from ..blender import blend_paths, linked_files
 
-    blend_paths.refuse_endless(path)  # some are read while the file is opened
+    blend_paths.refuse_endless(path)  # Blender reads linked files while opening the file
     try:
-        # Blender does not look for bare names in the working folder.
+        # Blender does not look for a name without folder in the working folder.
         full = os.path.abspath(path)
         bpy.ops.wm.open_mainfile(filepath=full, load_ui=False, use_scripts=False)
     except RuntimeError as error:
@@ -159,15 +153,15 @@ def open_blend(path: Path) -> None:
 
 
 def remove_temporary_files() -> None:
-    """Remove the folder that this process has made for Blender's temporary files, if any."""
+    """Remove the folder that this process has created for Blender's temporary files, if any."""
     if _temporary is not None:
         shutil.rmtree(_temporary, ignore_errors=True)
 
 
 def open_standard_streams() -> None:
-    """Give the process the standard streams that it was started without (``hfx ... >&-``).
+    """Open missing standard streams (``hfx ... >&-``) on the null device.
 
-    Else the first files that are opened would get their numbers.
+    Otherwise the first opened files would get their descriptors, and prints would go there.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is not None:
@@ -184,22 +178,24 @@ def open_standard_streams() -> None:
 
 
 def without_chatter(work: Callable[[], int]) -> int:
-    """Run ``work`` with Blender's own output discarded, so that only ours reaches stdout.
+    """Run ``work`` without Blender's output on stdout; prints of Python still reach stdout.
 
-    Blender writes to the file descriptor, past ``sys.stdout``; Python's stream is moved to a
-    copy of it meanwhile.
+    Blender writes to descriptor 1, past ``sys.stdout``. During the call descriptor 1 is the null
+    device, and ``sys.stdout`` writes to a copy of the original descriptor.
     """
     sys.stdout.flush()
-    ours = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    kept = sys.stdout
+    original = os.dup(1)
+    null = os.open(os.devnull, os.O_WRONLY)
+    stream = sys.stdout
     try:
-        os.dup2(nowhere, 1)
-        with os.fdopen(ours, "w", encoding=kept.encoding, errors="replace", closefd=False) as out:
-            sys.stdout = out
+        os.dup2(null, 1)
+        with os.fdopen(
+            original, "w", encoding=stream.encoding, errors="replace", closefd=False
+        ) as copy:
+            sys.stdout = copy
             return work()
     finally:
-        sys.stdout = kept
-        os.dup2(ours, 1)
-        os.close(ours)
-        os.close(nowhere)
+        sys.stdout = stream
+        os.dup2(original, 1)
+        os.close(original)
+        os.close(null)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Start of a process of this package: load the package by its path, then run one of its modules.
+"""Entry point of child processes: loads the package by its path, then runs one of its modules.
 
-Run by its path, as ``start.py`` tells: ``child.py PACKAGES MODULE ARGUMENT...``, or
-``child.py PACKAGES -c PROGRAM ARGUMENT...``. The folder that holds the package may hold a
-``queue.py``, in Blender another extension of that name: it is no place to import from. Folders of
-packages that Python does not know by itself come after all others.
+Run by its path (``start.py``): ``child.py PACKAGES MODULE ARGUMENT...`` or ``child.py PACKAGES -c
+PROGRAM ARGUMENT...``. The parent folder of the package is not added to ``sys.path``: with Blender
+it contains all extensions, and one may be called ``queue``. The folders in PACKAGES are appended.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 from runpy import run_module
 
 _FOLDER = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-_NAME = "hfx_blender"  # also in an extension, which Blender knows by another one
-_TOOLS = "hfx_tools"  # beside the package, but not in an extension
+_NAME = "hfx_blender"  # also in an extension, whose package has another name in Blender
+_TOOLS = "hfx_tools"  # next to the package; missing in an extension
 
 
 def _load_package(name: str, folder: str) -> None:
@@ -30,15 +29,15 @@ def _load_package(name: str, folder: str) -> None:
 
 
 def main() -> None:
-    """Run a module or program from the command line, as Python would."""
+    """Run the module or program of the command line, as ``python -m`` and ``python -c`` do."""
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-        # Ctrl-C ends the parent, which tells of it: no traceback of each child.
+        # Ctrl-C ends the parent, which reports it: no traceback of each child.
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     packages, what, *arguments = sys.argv[1:]
     sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]
     _load_package(_NAME, _FOLDER)
     tools = os.path.join(os.path.dirname(_FOLDER), _TOOLS)
-    # A folder of that name beside an extension belongs to another extension.
+    # Next to an extension, a folder of that name would be another extension.
     if not what.startswith(f"{_NAME}.") and os.path.isdir(tools):
         _load_package(_TOOLS, tools)
     if what == "-c":

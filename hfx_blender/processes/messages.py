@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages between processes of this package: length-prefixed, bounded.
+"""Messages between processes of this package, with a length prefix and an upper bound.
 
-A message is its body's length (uint32), its kind (uint8), a number (uint16), all little-endian, and
-the body: nothing, text, JSON, float64 values, or JSON followed by plain arrays
-(``devices/workers/message_bodies.py``). Nothing in it is ever run.
+Layout: length of the body (uint32), kind (uint8), number (uint16), little-endian, then the body:
+empty, text, JSON, float64 values, or JSON with arrays (``devices/workers/message_bodies.py``).
+No part of a message is executed as code.
 """
 
 from __future__ import annotations
@@ -15,40 +15,41 @@ from enum import IntEnum
 from typing import IO, Any, Final, NamedTuple
 
 MAX_BODY: Final = 1 << 24
-"""Largest body of a message, 16 MiB; of one that is all JSON, 16 times as much."""
+"""Largest body of a message, 16 MiB; 16 times as much for the kind JSON."""
 
 EVERY_DEVICE: Final = 0xFFFF
+"""Number for all devices, and of messages without a number."""
 
 _HEAD: Final = struct.Struct("<IBH")
 
 
 class MessageKind(IntEnum):
-    """Kind of a message."""
+    """Kind of a message, with the content of the body."""
 
-    # Blender to the output process; the number is the device's
+    # Blender to the output process; the number is the device's.
     HEARTBEAT = 0
     CONNECT = 1  # JSON
     DISCONNECT = 2
     ARM = 3
     STOP = 4
     VALUES = 5  # float64, one for each column
-    HAPTICS = 6  # packed; also on to a script
+    HAPTICS = 6  # JSON with arrays; also from the output process to a script
     PULSE = 7  # JSON
     SETTINGS = 8  # JSON
-    PAUSE = 9  # silence without a stop: of one device, or of all while Blender works
-    SCENE = 10  # JSON; scene data for rendering its moments, for all devices
-    MOMENT = 11  # packed: the present samples
-    # a script worker, or the one that renders, back to the output process
+    PAUSE = 9  # silence without a stop: of one device, or of all during work of Blender
+    SCENE = 10  # JSON: scene data for later moments, for all devices
+    MOMENT = 11  # JSON with arrays: the present samples
+    # A script worker or render worker to the output process.
     READY = 16
     ANSWER = 17  # float64
     FAULT = 18  # text
     LOG = 19  # text
-    # jobs and their progress, units of a batch, events of the output process; without a number
+    # Jobs and their progress, units of a batch, events of the output process; without a number.
     JSON = 32
 
 
 class Message(NamedTuple):
-    """Message as it was read."""
+    """Decoded message; ``device`` is a device's number, or the number of a question."""
 
     kind: MessageKind
     device: int
@@ -56,33 +57,27 @@ class Message(NamedTuple):
 
 
 class MessageError(Exception):
-    """Raised for input that breaks the protocol."""
+    """Raised for data that violates the protocol."""
 
 
 def message(kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
-    """The bytes of a message.
-
-    Raises
-    ------
-    MessageError
-        The body is longer than :data:`MAX_BODY`.
-    """
+    """Encode a message; MessageError for a body above :data:`MAX_BODY`."""
     _check_length(len(body), kind)
     return _HEAD.pack(len(body), kind, device) + body
 
 
 def json_message(content: Any) -> bytes:
-    """The bytes of a message whose body is JSON."""
+    """Encode a message of the kind JSON."""
     return message(MessageKind.JSON, body=encode_json(content))
 
 
 def read_message(stream: IO[bytes]) -> Message | None:
-    """Read the next message of a buffered stream; None at its end, also in the middle of one.
+    """Read the next message of a buffered stream; None at the end, also within a message.
 
     Raises
     ------
     MessageError
-        What comes is not a message.
+        The data is no message: unknown kind or too long.
     """
     head = stream.read(_HEAD.size)
     if len(head) < _HEAD.size:
@@ -100,15 +95,9 @@ def read_message(stream: IO[bytes]) -> Message | None:
 
 
 def messages(stream: IO[bytes]) -> Iterator[Message]:
-    """Yield the messages of a buffered stream, each as soon as it is there, to its end.
-
-    Raises
-    ------
-    MessageError
-        What comes is not a message.
-    """
-    while (found := read_message(stream)) is not None:
-        yield found
+    """Yield each message of a buffered stream on arrival; MessageError for invalid data."""
+    while (content := read_message(stream)) is not None:
+        yield content
 
 
 def _check_length(length: int, kind: MessageKind | None) -> None:
@@ -122,17 +111,11 @@ def encode_json(content: Any) -> bytes:
 
 
 def decode_json(body: bytes) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises
-    ------
-    MessageError
-        It is none.
-    """
+    """Decode a JSON object; MessageError for anything else."""
     try:
-        found = json.loads(body)
+        content = json.loads(body)
     except (ValueError, RecursionError) as error:
         raise MessageError(f"not JSON: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise MessageError("not a JSON object")
-    return found
+    return content

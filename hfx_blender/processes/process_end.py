@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""End of a process of this package by Ctrl-C, SIGTERM or SIGHUP, whatever it is doing.
+"""End of a process of this package by Ctrl-C, SIGTERM or SIGHUP, at any moment.
 
-An exception from a signal handler is lost where Blender or ctypes is calling Python, and leaves
-locks taken. So handlers only note the signal. The main thread looks at the note between two pieces
-of work (:func:`check`) and unwinds. Where it does not within a second, as in Blender's long work, a
-thread that the signal wakes ends the process: child processes first, then unfinished files.
+An exception from a signal handler is lost within a call from Blender or ctypes to Python, and may
+leave locks held. So the handler only records the signal. The main thread polls for it between two
+pieces of work (:func:`check`) and unwinds. If that takes longer than a second, as during long work
+of Blender, a watching thread ends the process: child processes first, then unfinished files.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from . import start
 from .startup import SIGNALS, end_at_once, farewell
 
 UNNOTICED_S: Final = 1.0
-"""Time for the main thread to notice a signal, seconds."""
+"""Time limit for the main thread to poll for a signal, seconds."""
 
 UNWINDING_S: Final = 2.0
-"""Time from a signal to the end of the work that noticed it, seconds."""
+"""Time limit from a signal to the end of unwinding, seconds."""
 
 TIDYING_S: Final = 2.6
-"""Longest time for ending child processes and removing unfinished files after that, seconds."""
+"""Time limit for ending child processes and removing unfinished files, seconds."""
 
 _CHILDREN_S: Final = 2.0
 _WRITING_S: Final = 0.3
@@ -39,7 +39,7 @@ _LOOK_S: Final = 0.02
 
 
 class TerminatedError(KeyboardInterrupt):
-    """Raised by :func:`check` after a signal to end the process."""
+    """Raised by :func:`check` after a signal; ``exit_code`` is 128 and the signal's number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(farewell(number))
@@ -47,27 +47,29 @@ class TerminatedError(KeyboardInterrupt):
 
 
 @dataclass
-class _State:
-    number: int = 0  # of the signal; 0: none
-    noted_s: float = 0.0
-    handled: int = 0  # count of signals that reached the main thread
-    is_unwinding: bool = False
-    is_answered: bool = False
+class _SignalState:
+    number: int = 0  # of the first signal; 0: none
+    noted_s: float = 0.0  # time of the signal
+    handled: int = 0  # number of calls of the handler
+    is_unwinding: bool = False  # TerminatedError was raised
+    is_answered: bool = False  # TerminatedError was caught
     unnoticed_s: float = UNNOTICED_S
     writes_farewell: bool = True
 
 
-_state = _State()
-_ending = threading.Lock()  # taken by the thread that ends the process, for good
+_state = _SignalState()
+_ending = threading.Lock()  # acquired once, by the thread that ends the process
 
 
 def end_on_signals(*, at_once: bool = False) -> None:
-    """Let Ctrl-C, SIGTERM and SIGHUP end this process, unless they have other handlers.
+    """Let Ctrl-C, SIGTERM and SIGHUP end this process; signals with custom handlers are left.
+
+    Has no effect outside the main thread.
 
     Parameters
     ----------
     at_once : bool
-        End without a word and without unwinding: a process whose parent reports the end.
+        End without message and without unwinding, for a process whose parent reports the end.
     """
     if threading.current_thread() is not threading.main_thread():
         return
@@ -75,11 +77,13 @@ def end_on_signals(*, at_once: bool = False) -> None:
     ours = [number for number in SIGNALS if signal.getsignal(number) in replaced]
     if not ours:
         return
+    # A wakeup pipe and a thread, as handlers run in the main thread only, which may be busy.
     _state.unnoticed_s, _state.writes_farewell = 0.0 if at_once else UNNOTICED_S, not at_once
     reading, writing = os.pipe()
     if os.name == "posix":  # set_wakeup_fd demands it there
         os.set_blocking(writing, False)
-    # The system's own handler writes to it, whatever the main thread is doing.
+    # Python's C handler writes the signal's number to the pipe, even while the main thread is in
+    # C code and cannot run Python's handler.
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(reading,), name="signals", daemon=True).start()
     for number in ours:
@@ -87,10 +91,9 @@ def end_on_signals(*, at_once: bool = False) -> None:
 
 
 def check() -> None:
-    """Raise TerminatedError in the main thread if a signal to end the process has come.
+    """Raise TerminatedError, once, if a signal has come; does nothing outside the main thread.
 
-    To be called between two pieces of work, not within callbacks of Blender's and not under a
-    lock. Raises once.
+    To be called between two pieces of work, neither in callbacks of Blender nor under a lock.
     """
     if not _state.number or _state.is_unwinding:
         return
@@ -100,14 +103,15 @@ def check() -> None:
 
 
 def answered() -> None:
-    """Forget a signal whose TerminatedError was caught: the caller ends the process, or goes on."""
+    """Mark the signal as answered after catching TerminatedError: no thread ends the process."""
     _state.number, _state.is_unwinding, _state.is_answered = 0, False, True
 
 
 def leave(code: int) -> NoReturn:
-    """End the process at once, whatever its threads are waiting for; remove unfinished files.
+    """Exit at once with a code, past all threads; end child processes, remove unfinished files.
 
-    Blender's module sometimes hangs while Python takes it down, after all work is done.
+    In place of a normal exit of Python, in which Blender's module sometimes hangs. A signal that
+    has not been answered overrides the code.
     """
     if _ending.acquire(timeout=TIDYING_S):
         if _state.is_answered:
@@ -116,7 +120,7 @@ def leave(code: int) -> NoReturn:
         else:
             _tidy()
             _flush()
-    if _state.number and not _state.is_answered:  # it came too late for the work
+    if _state.number and not _state.is_answered:  # came after the last check()
         _end(_state.number)
     os._exit(code)
 
@@ -132,13 +136,13 @@ def _note(number: int) -> None:
 
 
 def _watch(reading: int) -> None:
-    """Thread that ends the process where the main thread does not."""
+    """Run the watching thread: end the process after the time limits of the main thread."""
     while True:
         handled = _state.handled
         numbers = os.read(reading, 64)
         if _state.handled == handled:
             time.sleep(_LOOK_S)
-        # The main thread is in C, where it runs no handlers.
+        # Python's handler has not run, as the main thread is in C code: record the signal here.
         if _state.handled == handled and not _state.is_answered:
             for number in numbers:
                 if signal.getsignal(number) is _handle:
@@ -158,14 +162,14 @@ def _end_by_force(number: int) -> NoReturn:
 
 def _end(number: int) -> NoReturn:
     text = f"hfx: {farewell(number)}\n".encode()
-    if _state.writes_farewell and not _state.is_answered:  # else the main thread has written it
-        # Past sys.stderr, whose lock the main thread may hold.
+    if _state.writes_farewell and not _state.is_answered:  # answered: written by the main thread
+        # Not through sys.stderr, whose lock the main thread may hold.
         _in_time(lambda: os.write(2, text), _WRITING_S)
     os._exit(128 + number)
 
 
 def _in_time(work: Callable[[], object], limit_s: float) -> None:
-    """Do work, but go on after a time: a file system or a reader of ours may hang."""
+    """Run ``work`` in a thread for ``limit_s`` at most, as file systems and pipes may hang."""
 
     def safely() -> None:
         with suppress(OSError):
@@ -184,5 +188,5 @@ def _flush() -> None:
 
 def _tidy() -> None:
     start.end_all(_CHILDREN_S)
-    with atomic.placing:  # not between two files of one result
+    with atomic.placing:  # waits while the files of a result are moved into place
         atomic.remove_unfinished()

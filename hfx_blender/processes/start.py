@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of this package's own modules, that it starts to work beside it, and their pipes."""
+"""Start of processes that run modules of this package: command line, environment, and their end."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from .startup import absolute
 _START: Final = Path(__file__).resolve().with_name("child.py")
 _started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
 _LOOK_S: Final = 0.01
-ended: list[bool] = []  # not empty: this process ends, and starts no other
+ended: list[bool] = []  # not empty: this process is ending and starts no process
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a module, by its name within the package: ``generation.generation_process``.
+    """Command line of a module, by its name within the package: ``devices.host.host``.
 
-    A module of ``hfx_tools`` is given by its full name.
+    Modules of ``hfx_tools`` have their full name.
     """
     name = module if module.startswith("hfx_tools.") else f"hfx_blender.{module}"
     return [*python_command(), name, *map(os.fspath, arguments)]
 
 
 def python_command() -> list[str]:
-    """Command line of Python up to the module or program that it shall run."""
-    # The wheels of a Blender extension are in a folder that its Python does not know by itself.
+    """Command line of Python up to the module or ``-c`` program."""
+    # Blender adds the folder of an extension's wheels to sys.path; a plain Python lacks it.
     packages = [path for path in sys.path if os.path.basename(path) == "site-packages"]
-    # -P: a child never imports from the current folder, where a stranger's files may lie.
+    # -P: a child never imports from the current folder, which may hold downloaded files.
     options = ["-P", "-s"] if sys.flags.no_user_site else ["-P"]
     return [
         *(sys.executable, *options, str(_START)),
@@ -46,21 +46,21 @@ def python_command() -> list[str]:
 def start(
     command: Sequence[str], variables: Mapping[str, str] | None = None, **settings: Any
 ) -> subprocess.Popen[Any]:
-    """Start a process of this package: the only place where processes are started.
+    """Start a process of this package; all processes are started here.
 
     Parameters
     ----------
     command : sequence of str
-        As :func:`command` gives it.
+        Result of :func:`command`.
     variables : mapping, optional
-        Of its environment, besides those of :func:`environment`.
+        Environment variables besides those of :func:`environment`.
     settings
-        Of :class:`subprocess.Popen`.
+        Arguments of :class:`subprocess.Popen`.
 
     Raises
     ------
     OSError
-        It cannot be started, or this process is ending.
+        The process cannot be started, or this process is ending.
     """
     if ended:
         raise OSError("this process is ending")
@@ -71,14 +71,14 @@ def start(
 
 
 def end_all(limit_s: float) -> None:
-    """End all processes that were started here; those that do not end within a time are killed.
+    """Terminate all processes started by :func:`start`; kill them after ``limit_s``, seconds.
 
-    No other is started afterwards: this process ends.
+    Later starts fail: this process is ending.
     """
     ended.append(True)
     known = [reference() for reference in list(_started.values())]
     running = [process for process in known if process is not None and process.poll() is None]
-    if os.name == "nt":  # there it would be a kill; they end with their input
+    if os.name == "nt":  # terminate() kills there; processes with a pipe exit with their input
         running = [process for process in running if process.stdin is None]
     for process in running:
         with suppress(OSError):
@@ -97,18 +97,18 @@ def is_child() -> bool:
 
 
 def environment() -> dict[str, str]:
-    """Environment of a process of this package: with the user's model folders and import paths,
-    without entries of PYTHONPATH relative to the current folder."""
-    # A Blender heeds none of Python's variables. Nor does what it starts.
+    """Environment of a child: this process's, the user's folder of body models, and of PYTHONPATH
+    only the absolute entries."""
+    # Blender ignores Python's variables, and so do the processes that it starts.
     ignored = "PYTHON" if sys.flags.ignore_environment else ()
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
-    if "PYTHONPATH" in kept:
-        kept["PYTHONPATH"] = os.pathsep.join(absolute(kept["PYTHONPATH"]))
-    return {**kept, resources.BODY_MODELS_VARIABLE: str(resources.user_body_models())}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
+    if "PYTHONPATH" in variables:
+        variables["PYTHONPATH"] = os.pathsep.join(absolute(variables["PYTHONPATH"]))
+    return {**variables, resources.BODY_MODELS_VARIABLE: str(resources.user_body_models())}
 
 
 def cores() -> int:
-    """Number of processor cores that this process may use."""
+    """Number of processor cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

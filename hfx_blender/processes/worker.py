@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parent side of a worker process: start, messages both ways, time limits, and its end."""
+"""Worker processes: start, messages in both directions, time limits and end; both their sides."""
 
 from __future__ import annotations
 
@@ -18,22 +18,26 @@ from . import start
 from .messages import Message, MessageError, messages
 
 END_LIMIT_S = 10.0
-"""Time for a process to end after its input, seconds; then it is killed."""
+"""Time limit for the exit of a process after the end of its input, seconds; then it is killed."""
 
 _REPORTED_LINES: Final = 40
 _LONGEST_LINE: Final = 200
 _LAST_WORDS_S: Final = 1.0
 
+_STDIN: Final = 0
+_STDOUT: Final = 1
+STDERR: Final = 2
+
 _PIPE: Final = 4096
-"""Bytes that an empty pipe takes at once on every system."""
+"""Bytes that an empty pipe takes without blocking, on every system."""
 
 
 class Worker:
-    """Process that runs a module of this package, and the messages to and from it.
+    """Parent side: a process that runs a module of this package, and its messages.
 
-    Nobody waits for its pipes but threads of this object. The module talks by
-    :class:`.owner.Owner`, and so ends with this process. A Ctrl-C that is meant for this process
-    does not reach it; one that is killed takes with it what it has started. ::
+    Threads of this object read and write the pipes, so that a caller never waits for a pipe. The
+    module uses :class:`Owner` and so ends with this process. Ctrl-C for this process does not
+    reach the module; :meth:`kill` also ends all processes started by the module. ::
 
         worker = Worker("generation.generation_process")
         worker.start()
@@ -44,21 +48,28 @@ class Worker:
     Parameters
     ----------
     module : str
-        As :func:`.start.command` takes it; ``arguments`` are those of its command line.
+        Module as for :func:`.start.command`; ``arguments`` are its command line.
     received : callable, optional
-        Takes the worker and each message, in a thread, instead of :meth:`receive`. A text that it
-        returns is a fault, at which reading ends.
+        Takes the worker and each message, in the reading thread; replaces :meth:`receive`. A
+        returned text is a fault, which ends the reading.
     ended : callable, optional
-        Takes the worker and how its messages ended, in that thread: "has ended", "sent ..." of
-        what is no message, or the text of ``received``.
+        Takes the worker and the reason for the end of its messages, in the reading thread: "has
+        ended", "sent ..." for invalid data, or the text returned by ``received``.
     outgoing : callable, optional
-        Takes the worker and yields what is to be written next, in a thread of its own, instead of
-        :meth:`send`. At its end the process's input ends.
+        Takes the worker and yields bytes to write, in the writing thread; replaces :meth:`send`.
+        The end of the iterator ends the process's input.
     variables : mapping, optional
-        Of its environment, besides those of :func:`.start.environment`.
+        Environment variables besides those of :func:`.start.environment`.
     keeps_errors : bool
-        Keep what it writes to standard error for :meth:`how_it_ended`. Otherwise that goes where
-        this process's goes.
+        Keep the last lines of standard error for :meth:`how_it_ended`; by default standard error
+        is that of this process.
+
+    Attributes
+    ----------
+    process : subprocess.Popen or None
+        None before the start.
+    fault : str
+        "sent ..." after invalid data; "" before.
     """
 
     def __init__(
@@ -82,7 +93,6 @@ class Worker:
         self._readers: list[threading.Thread] = []
         self.process: subprocess.Popen[bytes] | None = None
         self.fault = ""
-        """Fault of the process that sent no message, "sent ...", where :meth:`receive` is used."""
 
     @property
     def pid(self) -> int | None:
@@ -94,13 +104,9 @@ class Worker:
         return self.process is not None and self.process.poll() is None
 
     def start(self) -> None:
-        """Start the process.
-
-        Raises
-        ------
-        OSError
-            It cannot be started.
-        """
+        """Start the process and the threads of its pipes; OSError if that fails."""
+        # A session of its own: Ctrl-C of the terminal does not reach the process, and kill() can
+        # signal the whole process group.
         self.process = start.start(
             start.command(*self._module),
             self._variables,
@@ -121,52 +127,55 @@ class Worker:
             reader.start()
 
     def send(self, content: bytes, *, is_awaited: bool = False) -> None:
-        """Send messages, as :func:`.messages.message` makes them; they arrive in their order.
+        """Send encoded messages, in order, without waiting.
 
         Parameters
         ----------
+        content : bytes
+            Results of :func:`.messages.message`.
         is_awaited : bool
-            Promise that the process has read all before: little is then written without a thread,
-            as an empty pipe takes it.
+            The process has read all earlier messages. Up to 4 KiB are then written in this
+            thread, which saves the switch to the writing thread: an empty pipe does not block.
         """
         if not is_awaited or len(content) > _PIPE:
             self._unsent.put(content)
         elif self.process is not None:
-            with suppress(OSError, ValueError):  # it has ended, which its reader tells
+            with suppress(OSError, ValueError):  # ended; the reading thread reports the end
                 _write_all(self.process.stdin, content)
 
     def receive(self, limit_s: float | None = None) -> Message | None:
-        """Wait for the next message; None at the end, also of what is no message (:attr:`fault`).
+        """Wait for the next message; None after the last, and after invalid data (:attr:`fault`).
 
         Raises
         ------
         TimeoutError
-            None has come within ``limit_s``.
+            No message has come within ``limit_s``, seconds; None waits without limit.
         """
         try:
-            found = self._received.get(timeout=limit_s)
+            message = self._received.get(timeout=limit_s)
         except queue.Empty:
             raise TimeoutError from None
-        if found is None:
-            self._received.put(None)
-        return found
+        if message is None:
+            self._received.put(None)  # for the next call
+        return message
 
     def wait(self, limit_s: float | None = None) -> int:
-        """Wait for the end; the exit code. All that the process sent is known then.
+        """Wait for the exit and return the exit code; all messages have been read then.
 
         Raises
         ------
         subprocess.TimeoutExpired
-            It did not end within ``limit_s``.
+            The process did not exit within ``limit_s``, seconds.
         """
         assert self.process is not None
         code = self.process.wait(limit_s)
-        for reader in self._readers:  # a child of its own may keep a pipe open
+        # With a limit, as a process started by the worker may keep a pipe open.
+        for reader in self._readers:
             reader.join(_LAST_WORDS_S)
         return code
 
     def kill(self) -> None:
-        """End the process at once, with all that it has started, and wait for nothing."""
+        """Kill the process and all processes that it has started, without waiting."""
         if self.process is None:
             return
         with suppress(OSError):
@@ -178,7 +187,7 @@ class Worker:
         threading.Thread(target=self.process.wait, daemon=True).start()
 
     def close(self, limit_s: float | None = None) -> None:
-        """End the process's input, and wait for its end; it is killed if it takes too long."""
+        """End the process's input and wait for the exit; kill after ``limit_s``, default 10 s."""
         if self.process is None:
             return
         self._unsent.put(None)
@@ -189,7 +198,7 @@ class Worker:
             self.process.wait()
 
     def how_it_ended(self) -> str:
-        """Describe the end of a process that is ending: ``crashed (SIGSEGV)``."""
+        """Wait for the exit and describe it for messages: ``crashed (SIGSEGV)``."""
         try:
             code = self.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:
@@ -200,10 +209,10 @@ class Worker:
         last = next((line for line in reversed(self._last_lines) if line), "")
         return f"ended with code {code}" + (f" ({last[:_LONGEST_LINE]})" if last else "")
 
-    # Threads: pipes may make them wait.
+    # Run in threads: pipes may block.
 
     def _write(self, stream: IO[bytes]) -> None:
-        with suppress(OSError, ValueError):  # it has ended, which its reader tells
+        with suppress(OSError, ValueError):  # ended; the reading thread reports the end
             for content in self._outgoing(self):
                 _write_all(stream, content)
         with suppress(OSError):
@@ -241,6 +250,7 @@ def _write_all(stream: Any, content: bytes) -> None:
 
 
 def _end_by_signal(number: int) -> str:
+    """Description of an exit by a signal."""
     try:
         name = signal.Signals(number).name
     except ValueError:
@@ -250,3 +260,48 @@ def _end_by_signal(number: int) -> str:
     if name in ("SIGSEGV", "SIGBUS", "SIGILL", "SIGABRT", "SIGFPE"):
         return f"crashed ({name})"
     return f"was ended by {name}"
+
+
+def _end_now() -> None:
+    os._exit(0)
+
+
+class Owner:
+    """Child side: messages from and to the process that started this one by :class:`Worker`.
+
+    Standard input and output are used for messages from now on. This process exits at once when
+    the owner ends or closes its pipe.
+
+    Parameters
+    ----------
+    printed : int
+        File descriptor that receives prints to standard output, which must not come between
+        messages.
+    at_end : callable
+        Called in a thread at the end of the owner's messages; exits by default.
+    """
+
+    def __init__(self, printed: int = STDERR, at_end: Callable[[], object] = _end_now) -> None:
+        self._out = os.fdopen(os.dup(_STDOUT), "wb")
+        self._source = os.fdopen(os.dup(_STDIN), "rb")
+        os.dup2(printed, _STDOUT)
+        self._at_end = at_end
+        self._sending = threading.Lock()
+        self._received: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def receive(self) -> Message:
+        """Wait for the next message."""
+        return self._received.get()
+
+    def send(self, content: bytes) -> None:
+        """Send encoded messages; may be called from any thread."""
+        with self._sending:
+            self._out.write(content)
+            self._out.flush()
+
+    def _read(self) -> None:
+        with suppress(MessageError, OSError):
+            for message in messages(self._source):
+                self._received.put(message)
+        self._at_end()

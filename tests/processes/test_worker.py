@@ -22,7 +22,7 @@ PATIENCE_S = 60.0
 ECHO = """
 import os, signal, struct, sys, time
 from hfx_blender.processes.messages import MessageKind, message
-from hfx_blender.processes.owner import Owner
+from hfx_blender.processes.worker import Owner
 owner = Owner()
 print("printed, but no message")
 while True:

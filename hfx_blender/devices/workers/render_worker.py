@@ -18,7 +18,7 @@ from ...engine.modality import MODALITIES
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...processes.messages import EVERY_DEVICE, Message, MessageError, MessageKind, message
-from ...processes.owner import Owner
+from ...processes.worker import Owner
 from ..configuration import load_device
 from ..host.tones import Tones, frame_of, of_partials
 from .haptics import encode_haptics

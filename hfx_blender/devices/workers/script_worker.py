@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from ...engine.rendering.device_config import DeviceConfig
 from ...processes.messages import Message, MessageKind, decode_json, message
-from ...processes.owner import Owner
+from ...processes.worker import Owner
 from ..configuration import load_device
 from ..live.approval import fingerprint_of, how_to_approve, may_run
 from .haptics import as_values, decode_haptics

@@ -15,7 +15,7 @@ from functools import partial
 from ...errors import HfxError
 from ...processes import blender_session
 from ...processes.messages import decode_json, json_message
-from ...processes.owner import Owner
+from ...processes.worker import Owner
 from .units import Unit
 from .work import run_safely
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ....errors import HfxError
 from ....processes.messages import json_message
-from ....processes.owner import Owner
+from ....processes.worker import Owner
 from .relief_estimate import estimate
 
 
