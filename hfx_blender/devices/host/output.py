@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 from ...engine.arrays import F64
+from ...text import printable
 from .tones import Tones
+
+_SHOWN: Final = 60
 
 
 class OutputLostError(Exception):
@@ -49,3 +52,9 @@ class SoundingOutput(Output, Protocol):
         ------
         OutputLostError
         """
+
+
+def shown(received: str) -> str:
+    """Beginning of a text of another program, on one line, as a message quotes it."""
+    cut = received if len(received) <= _SHOWN else received[:_SHOWN] + "..."
+    return f"'{printable(cut)}'"

@@ -15,8 +15,9 @@ from typing import Any, Final
 
 from ...engine.arrays import F64
 from ...engine.rendering.device_config import ButtplugEncoder, DeviceConfig
+from ...text import printable
 from ..host.encoders import Channels
-from ..host.output import OutputLostError
+from ..host.output import OutputLostError, shown
 from .reservations import Keys, are_free, release, reserve, server_key
 from .websocket import WebSocket
 
@@ -24,6 +25,8 @@ ANSWER_S: Final = 3.0
 _LEAST_INTERVAL_S: Final = 0.02
 _LONGEST_INTERVAL_S: Final = 0.25
 """A server cannot have a device changed less often than this; silence waits for nothing."""
+
+_EXPECTED: Final = "Expected is what a Buttplug server such as Intiface Central sends"
 
 _opening: defaultdict[tuple[str, int], threading.Lock] = defaultdict(threading.Lock)
 _users = threading.Lock()
@@ -149,7 +152,7 @@ class Server:
         try:
             self._greet()
             self._request("RequestDeviceList")
-            self._answer(lambda: self.devices, "The server does not answer like a list of devices.")
+            self._answer(lambda: self.devices, f"{self.socket.name} sent no list of devices.")
         except BaseException:  # a server may say anything
             self.socket.close()
             raise
@@ -158,10 +161,15 @@ class Server:
         self._request("RequestServerInfo", ClientName="HFX", ProtocolVersionMajor=4,
                   ProtocolVersionMinor=0)  # fmt: skip
         info = self._answer(
-            lambda: self._info, "The server does not answer like a Buttplug server of version 4."
+            lambda: self._info,
+            f"{self.socket.name} does not answer. {_EXPECTED}, ServerInfo of version 4.",
         )
-        if info.get("ProtocolVersionMajor") != 4:
-            raise OutputLostError("The server does not speak version 4 of Buttplug's protocol.")
+        version = info.get("ProtocolVersionMajor")
+        if version != 4:
+            raise OutputLostError(
+                f"The Buttplug server at {self.socket.name} speaks version {shown(str(version))} "
+                "of the protocol; expected is version 4. Update the server."
+            )
         self._ping_s = _seconds(info.get("MaxPingTime"))
 
     def message(self, kind: str, **content: Any) -> dict[str, Any]:
@@ -206,11 +214,18 @@ class Server:
     # In the upkeep's thread:
 
     def _on_text(self, text: str) -> None:
-        messages = json.loads(text)
-        with self._received:
-            for each in messages if isinstance(messages, list) else []:
-                self._process(each)
-            self._received.notify_all()
+        try:
+            messages = json.loads(text)
+            if not isinstance(messages, list):
+                raise TypeError
+            with self._received:
+                for each in messages:
+                    self._process(dict(each))
+                self._received.notify_all()
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            raise OutputLostError(
+                f"the server sent {shown(text)}. {_EXPECTED}, a JSON list of messages of version 4."
+            ) from None
 
     def _process(self, message: dict[str, Any]) -> None:
         if "ServerInfo" in message:
@@ -221,8 +236,8 @@ class Server:
         elif "Ok" in message:
             self.unanswered.discard(message["Ok"]["Id"])
         elif "Error" in message:
-            reason = str(message["Error"].get("ErrorMessage", ""))[:200]
-            self._fault = f"The server reports a fault: {reason}"
+            reason = printable(str(message["Error"].get("ErrorMessage", "")))[:200]
+            self._fault = f"The Buttplug server at {self.socket.name} reports a fault: {reason}"
 
     def _on_tick(self) -> None:
         now = time.monotonic()

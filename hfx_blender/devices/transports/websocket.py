@@ -23,7 +23,7 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
-from ..host.output import OutputLostError
+from ..host.output import OutputLostError, shown
 
 OPEN_S: Final = 3.0
 MAX_MESSAGE: Final = 1 << 20
@@ -67,11 +67,11 @@ class WebSocket:
         on_text: Callable[[str], None],
         on_tick: Callable[[], None] = lambda: None,
     ) -> None:
-        self._name = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+        self.name = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
         self._on_text = on_text
         self._on_tick = on_tick
         self._lock = threading.Lock()  # of the protocol and the bytes to be written
-        self._protocol = ClientProtocol(parse_uri(self._name + path), max_size=MAX_MESSAGE)
+        self._protocol = ClientProtocol(parse_uri(self.name + path), max_size=MAX_MESSAGE)
         self._waiting = bytearray()  # to be written
         self._moved_s = 0.0  # when the server took something of it last, or it was empty
         self._message = bytearray()  # of fragments so far
@@ -81,18 +81,18 @@ class WebSocket:
         try:
             self._socket = socket.create_connection((host, port), timeout=OPEN_S)
         except OSError as error:
-            raise OutputLostError(f"{self._name} does not answer ({error}).") from None
+            raise OutputLostError(f"{self.name} does not answer ({error}).") from None
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._shake_hands()
             self._socket.setblocking(False)
         except OSError as error:
             self._socket.close()
-            raise OutputLostError(f"{self._name} does not answer ({error}).") from None
+            raise OutputLostError(f"{self.name} does not answer ({error}).") from None
         except OutputLostError:
             self._socket.close()
             raise
-        self._thread = threading.Thread(target=self._keep_alive, name=self._name, daemon=True)
+        self._thread = threading.Thread(target=self._keep_alive, name=self.name, daemon=True)
         self._thread.start()
 
     @property
@@ -116,14 +116,14 @@ class WebSocket:
         with self._lock:
             self.check()
             if self.waiting > (2 if is_urgent else 1) * MAX_WAITING:
-                raise OutputLostError(f"{self._name} does not read any more.")
+                raise OutputLostError(f"{self.name} does not read any more.")
             self._protocol.send_text(text.encode())
             self._write()
 
     def check(self) -> None:
         """Raise ``OutputLostError`` if the connection is lost."""
         if self._lost or self._is_closed:
-            raise OutputLostError(f"{self._name}: {self._lost or 'is closed'}.")
+            raise OutputLostError(f"{self.name}: {self._lost or 'is closed'}.")
 
     def finish(self) -> None:
         """Say goodbye and wait, at most :data:`STALLED_S`, for the server's own goodbye, which
@@ -142,7 +142,7 @@ class WebSocket:
         while not self._lost and time.monotonic() < until:
             time.sleep(0.002)
         if self._waiting or not self._is_left:
-            raise OutputLostError(f"{self._name}: {self._lost or _STALLED}.")
+            raise OutputLostError(f"{self.name}: {self._lost or _STALLED}.")
 
     def close(self) -> None:
         """Close the connection, after pending data if that takes no time; may be called again."""
@@ -172,7 +172,11 @@ class WebSocket:
                 break
         else:
             return
-        raise OutputLostError(f"{self._name} is not a websocket server.")
+        reason = shown(str(self._protocol.handshake_exc or "its answer does not end"))
+        raise OutputLostError(
+            f"{self.name} is not a websocket server: the handshake got no answer 101 "
+            f"Switching Protocols ({reason}). Check the port."
+        )
 
     def _write(self) -> None:
         """Add what the protocol has to say to the bytes that wait, and write what finds room."""
@@ -186,7 +190,7 @@ class WebSocket:
                 return
             except OSError as error:
                 self._lost = self._lost or f"the connection is lost ({error})"
-                raise OutputLostError(f"{self._name}: {self._lost}.") from None
+                raise OutputLostError(f"{self.name}: {self._lost}.") from None
             self._moved_s = time.monotonic()
             del self._waiting[:sent]
 
@@ -238,10 +242,18 @@ class WebSocket:
             self._write()
         for frame in frames:
             if frame.opcode is Opcode.BINARY:
-                raise OutputLostError("the server sent data that is not text.")
+                raise OutputLostError(
+                    f"the server sent a binary message, 0x{frame.data[:8].hex()}; expected is text."
+                )
             if frame.opcode in (Opcode.TEXT, Opcode.CONT):
                 self._message += frame.data
                 if frame.fin:
-                    text = self._message.decode("utf-8")
+                    try:
+                        text = self._message.decode("utf-8")
+                    except UnicodeDecodeError as error:
+                        sent = shown(self._message.decode("utf-8", "backslashreplace"))
+                        raise OutputLostError(
+                            f"the server sent text that is not UTF-8 ({sent}; {error.reason})."
+                        ) from None
                     self._message.clear()
                     self._on_text(text)

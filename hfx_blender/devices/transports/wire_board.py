@@ -14,7 +14,7 @@ from ...engine.arrays import F64
 from ...engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
 from ..host import wire
 from ..host.encoders import Channels
-from ..host.output import OutputLostError
+from ..host.output import OutputLostError, shown
 from .serial_port import STOPS, SerialPort
 
 START_S: Final = 5.0
@@ -22,6 +22,7 @@ START_S: Final = 5.0
 
 ANSWER_S: Final = 0.5
 _RETRY_S: Final = 0.1
+_MOST_NOISE: Final = 100
 
 
 class WireBoard:
@@ -91,20 +92,27 @@ class WireBoard:
         self._is_stopped, self._is_ready = False, False
         self._patience_ends_s = time.monotonic() + patience_s
         self._asked_s = -math.inf
+        self._noise = ""  # text other than frames, since the session began
         self._request_again()
 
     def _request_again(self) -> None:
         now = time.monotonic()
         if now > self._patience_ends_s:
+            sent = f" It sends {shown(self._noise)}." if self._noise else ""
             raise OutputLostError(
-                f"The board at {self._name} does not answer; does it run our firmware?"
+                f"The board at {self._name} does not answer.{sent} Expected are frames of HFX's "
+                "firmware: does the board run it?"
             )
         if now >= self._asked_s + _RETRY_S:
             self._asked_s = now
             self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
 
     def _listen(self) -> None:
-        for each in self._receiver.take(self._port.read()):
+        content = self._port.read()
+        frames = self._receiver.take(content)
+        text = content.decode("ascii", "backslashreplace")
+        self._noise = "" if frames else (self._noise + text)[:_MOST_NOISE]
+        for each in frames:
             if each.kind == wire.FrameKind.READY:
                 self._check_ready(each.payload)
             elif each.kind == wire.FrameKind.STOPPED and self._is_ready:

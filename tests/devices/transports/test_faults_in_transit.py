@@ -82,7 +82,10 @@ def test_fragments_that_grow_too_long_are_refused(
 
 
 def test_bytes_that_are_no_text_are_refused(serve: Any) -> None:
-    for content, fault in ((b"\x82\x01a", "not text"), (b"\x81\x01\xff", "lost")):
+    for content, fault in (
+        (b"\x82\x01a", "0x61; expected is text"),
+        (b"\x81\x01\xff", "not UTF-8"),
+    ):
         connection = serve(content).connect()
         assert fault in fault_of(connection)
         connection.close()

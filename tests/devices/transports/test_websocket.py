@@ -427,8 +427,11 @@ def test_buttplug_pings_while_nothing_is_sent(serve):
         (intiface(devices={"0": [], "1": None}), "it has: none"),
         (intiface(devices={"3": {**EDGE, "DeviceIndex": "x"}}), "that fits"),
         (intiface(devices={"3": {**EDGE, "DeviceIndex": float("inf")}}), "that fits"),
-        (lambda text: [["nonsense"]], "lost|does not answer"),
-        (lambda text: [{"a": 1}], "does not answer"),
+        (lambda text: [["nonsense"]], r"sent '\[\"nonsense\"\]'. Expected .* Intiface Central"),
+        (lambda text: [{"a": 1}], r"sent '{\"a\": 1}'. Expected .* JSON list of messages"),
+        (lambda text: [[{"Ok": 5}]], r"sent '\[{\"Ok\": 5}\]'. Expected"),
+        (lambda text: [[{"ServerInfo": None}]], "Expected is what a Buttplug server"),
+        (lambda text: [[]], "does not answer. Expected is what a Buttplug server"),
         (lambda text: [[{"Error": {"Id": 1, "ErrorMessage": "bad"}}]], "reports a fault: bad"),
     ],
 )
@@ -440,6 +443,29 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
     for each in left:
         each.join(10.0)
     assert not any(each.is_alive() for each in left)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    ["{'a': 1}", "\x1b[31mHTTP", "[" * 100_000, "", '[{"Ok": {"Id": {}}}]', '{"a": NaN'],
+    ids=["no JSON", "escape", "deep", "nothing", "unhashable", "cut off"],
+)
+def test_a_message_names_what_came_instead_of_buttplugs_json(sent):
+    server = RawServer(text_frame(sent))
+    with pytest.raises(OutputLostError) as lost:
+        buttplug.devices_at("127.0.0.1", server.port)
+    server.close()
+    text = str(lost.value)
+    assert f"ws://127.0.0.1:{server.port}: the server sent '" in text
+    assert "Expected is what a Buttplug server such as Intiface Central sends" in text
+    assert text.isprintable() and len(text) < 300
+    assert not re.search("property name|recursion|unhashable|object", text)
+
+
+def text_frame(text):
+    """Websocket frame of a server (RFC 6455): final, text, not masked, length of 64 bits."""
+    content = text.encode()
+    return b"\x81\x7f" + len(content).to_bytes(8, "big") + content
 
 
 @pytest.mark.parametrize("gap", [1e9, float("inf"), float("nan"), -5, True, "x", None])
@@ -469,7 +495,7 @@ def test_any_bytes_of_a_server_end_the_connection_and_nothing_else(content):
     server = RawServer(content, ends=True)
     heard = []
     connection = server.connect(heard.append)
-    assert re.search("closed|not a frame|too long|not text|is lost", fault_of(connection))
+    assert re.search("closed|not a frame|too long|binary|UTF-8", fault_of(connection))
     connection.close()
     server.close()
     assert all(isinstance(each, str) for each in heard)

@@ -118,10 +118,21 @@ def test_a_board_that_does_not_answer_is_refused_and_its_port_is_free_again(
     board.is_deaf = True
     monkeypatch.setattr(wire_board, "START_S", 0.3)
     for _ in range(2):
-        with pytest.raises(OutputLostError, match="does not answer"):
+        with pytest.raises(OutputLostError, match=r"not answer\. Expected are frames of HFX"):
             opened(terminal)
     board.is_deaf = False
     opened(terminal).close()
+
+
+def test_what_another_firmware_prints_is_named(board, terminal, monkeypatch):
+    board.is_deaf = True
+    monkeypatch.setattr(wire_board, "START_S", 0.5)
+    printing = threading.Timer(0.1, lambda: os.write(terminal.master, b"Ready.\r\n\x1b[1m\xff"))
+    printing.start()
+    with pytest.raises(OutputLostError) as lost:
+        opened(terminal)
+    printing.join()
+    assert r"It sends 'Ready.\r\n\x1b[1m\xff'. Expected are frames of HFX" in str(lost.value)
 
 
 def test_a_board_that_starts_slowly_is_waited_for(board, terminal):

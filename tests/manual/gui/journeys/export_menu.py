@@ -41,6 +41,7 @@ def steps(h: Any) -> Iterator[float]:
     files = sorted(path.name for path in h.out.iterdir() if path.name.startswith("back"))
     h.check(any(name.endswith(".csv") for name in files), f"and what the device plays: {files}")
     h.shot("3_written.png")
+    yield from h.key("Escape")  # the popup, which takes every click and key
     yield from reported(h)
     told = bpy.context.window_manager.clipboard
     h.check("Wrote back.hfxtrack" in told, "the message says what was written")

@@ -118,7 +118,7 @@ def press(h: Any, which: int) -> Iterator[float]:
 
 def sounds() -> list[Any]:
     editor = bpy.context.scene.sequence_editor
-    strips = hands.module("compat").strips(editor) if editor else ()
+    strips = hands.module("blender.compat").strips(editor) if editor else ()
     return [strip for strip in strips if strip.type == "SOUND"]
 
 
