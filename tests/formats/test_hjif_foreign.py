@@ -14,10 +14,9 @@ from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.files import facts_of
 from hfx_blender.formats.hjif import (
+    bands,
     hjif_reader,
     hjif_rules,
-    interpolation,
-    spiht,
     to_signals,
     wavelets,
 )
@@ -158,9 +157,9 @@ def test_a_coded_block_is_its_numbers(count, planes):
     random = np.random.default_rng(count)
     values = (random.laplace(0, 2**planes / 6, count)).astype(int)
     values = np.clip(values, 1 - 2 ** (planes + 1), 2 ** (planes + 1) - 1).tolist()
-    found = spiht.decode(stream_of(values, planes, 96, False), count)
+    found = wavelets.decoded_block(stream_of(values, planes, 96, False), count)
     assert found * 2**planes == pytest.approx(np.array(values) * 96 / 128)
-    louder = spiht.decode(stream_of(values, planes, 20, True), count)
+    louder = wavelets.decoded_block(stream_of(values, planes, 20, True), count)
     assert louder * 2**planes == pytest.approx(np.array(values) * (1 + 20 / 8))
 
 
@@ -218,7 +217,7 @@ def test_quiet_and_loud_blocks_keep_their_ratio(loudness):
     bits, whole = (7, 0) if largest < 1.0 else (3, 1)
     scale = int(np.ceil((largest - whole) * 2**bits))
     values = np.rint(blocks / (whole + scale / 2**bits) * 2**12).astype(int).tolist()
-    found = spiht.decode(stream_of(values, 12, scale, whole == 1), 1024)
+    found = wavelets.decoded_block(stream_of(values, 12, scale, whole == 1), 1024)
     assert found == pytest.approx(blocks, abs=0.6 * 2**-12 * (whole + scale / 2**bits))
 
 
@@ -293,7 +292,7 @@ def test_the_curve_of_a_vibration_is_its_slow_part():
 )
 def test_curves_between_keyframes(kind, times, expected):
     keyframes = Curve.of([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
-    found = interpolation.interpolated(keyframes, kind)
+    found = bands.interpolated(keyframes, kind)
     assert found.at(times) == pytest.approx(expected, abs=0.004)
 
 

@@ -21,7 +21,7 @@ from hfx_blender.engine.rendering.device_config import (
 )
 from hfx_blender.engine.rendering.raster import Column, Partial, Raster
 from hfx_blender.errors import InputError, OutputError
-from hfx_blender.formats.sound import wav, wav_reader
+from hfx_blender.formats.sound import wav, wav_rules
 
 RATE = 48_000
 FULL_SCALE = 20.0
@@ -220,7 +220,7 @@ def test_other_depths_than_the_one_that_is_written_are_read(tmp_path):
         file.setparams((2, 3, RATE, 7, "NONE", ""))
         file.writeframes(bytes(2 * 3 * 7))
     for name, form in (("float", (3, 32, True)), ("24", (2, 24, False))):
-        found, findings = wav_reader.inspect((tmp_path / f"{name}.wav").read_bytes())
+        found, findings = wav_rules.inspect((tmp_path / f"{name}.wav").read_bytes())
         assert [each.severity for each in findings] in ([], ["warning"])
         assert (found.channels, found.bits, found.is_float) == form and found.frames == 7
 
@@ -230,10 +230,10 @@ def test_a_sample_that_is_no_number_is_found(tmp_path, value):
     path = tmp_path / "x.wav"
     samples = np.zeros(100, np.float64)
     wavfile.write(path, RATE, samples)
-    assert wav_reader.validate(path.read_bytes(), "x") == []
+    assert wav_rules.validate(path.read_bytes(), "x") == []
     samples[99] = value
     wavfile.write(path, RATE, samples)
-    assert [each.code for each in wav_reader.validate(path.read_bytes(), "x")] == ["WAV-DATA"]
+    assert [each.code for each in wav_rules.validate(path.read_bytes(), "x")] == ["WAV-DATA"]
 
 
 def test_files_that_would_be_too_long_are_refused(tmp_path):
@@ -252,5 +252,5 @@ def test_an_unwritable_place(tmp_path):
 @pytest.mark.parametrize("name", [b"data", b"LIST", b"\xb5\x01ab"])
 def test_a_chunk_beyond_the_end_is_named_as_it_is(name):
     content = b"RIFF" + struct.pack("<I", 12) + b"WAVE" + name + struct.pack("<I", 99)
-    message = wav_reader.inspect(content)[1][0].message
+    message = wav_rules.inspect(content)[1][0].message
     assert message == f"the chunk '{name.decode('latin-1')}' is longer than the file"

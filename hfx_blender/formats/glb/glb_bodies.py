@@ -30,8 +30,7 @@ from ...engine.scene import (
 from ...engine.skin.bound_weights import BoundWeights
 from ...engine.skin.surface_joints import SurfaceJoints
 from ...files.strict_json import clean
-from .glb import TO_GLTF, Document, add_model
-from .glb_motion import move, turned
+from .glb import TO_GLTF, Document, add_model, move, turned
 
 _SET: Final = 4  # influences per vertex attribute of glTF
 _STILL: Final = "rest"

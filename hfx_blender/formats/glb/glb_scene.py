@@ -32,9 +32,8 @@ from ...engine.volume.shape import Shape
 from ...files.atomic import atomic_file
 from ...files.strict_json import clean
 from ..written import Written
-from .glb import SUFFIX, TO_GLTF, Document, add_extensions, hjif_media
+from .glb import SUFFIX, TO_GLTF, Document, add_extensions, hjif_media, move, to_gltf
 from .glb_bodies import BodyRecorder
-from .glb_motion import move, to_gltf
 
 _COLLISION, _ACTION_HAPTIC = 0, 7
 _CAPSULE: Final = 3

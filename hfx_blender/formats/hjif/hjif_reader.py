@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF reader for own and foreign files."""
+"""HJIF reader for own and foreign files.
+
+Documents of other tools, and of drafts before the standard, are converted to the standard's form.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ...files.findings import Report, refuse_errors
-from ...files.json_shapes import check, known_members
+from ...files.json_shapes import Items, Number, Record, Shape, Text, check, known_members
 from ...files.strict_json import parse, read_bytes
 from ..leniency import ToleratedFaults, as_fact, refuse_but
 from .body_parts import described
-from .foreign import in_standard_form
 from .hjif_rules import DOCUMENT, findings
 
 _STRUCTURAL = {f"HJIF-{word}" for word in ("MISSING", "TYPE", "RANGE", "CHOICE", "COUNT")}
@@ -63,3 +67,124 @@ def facts(path: Path) -> dict[str, Any]:
             for perception in document["perceptions"]
         ],
     }
+
+
+_OLD_NAMES: Final = {
+    "mixing_weight": "mixing_coefficient",
+    "tracks": "channels",
+    "window_length": "block_length",
+    "bitstream": "wavelet_stream",
+    "semantic": "semantic_keywords",
+    "signals": "bands",
+}
+_OLD_VALUES: Final = {
+    "perception_modality": {"Vibration": "Vibrotactile", "Texture": "Vibrotactile Texture"},
+    "band_type": {"Vectorial": "VectorialWave", "Wavelet": "WaveletWave"},
+}
+_ENCODINGS: Final = {
+    "Vectorial": "VectorialWave",
+    "Quantized": "WaveletWave",
+    "Wavelet": "WaveletWave",
+}
+_DEFAULTS: Final[Mapping[str, Any]] = {
+    "version": "2023",
+    "profile": "Main",
+    "level": 1,
+    "date": "",
+    "description": "",
+    "name": "",
+    "avatars": [],
+    "avatar_id": 0,
+    "effect_library": [],
+    "gain": 1.0,
+    "mixing_coefficient": 1.0,
+    "lower_frequency_limit": 0,
+    "upper_frequency_limit": 1000,
+    "effects": [],
+    "effect_type": "Basis",
+    "curve_type": "Unknown",
+    "base_signal": "Sine",
+    "type": "Custom",
+    "lod": 0,
+}
+"""Values of missing or unknown members that do not change the haptic content."""
+
+_LARGEST_SCALE: Final = 16.0
+_HIGHEST_RATE: Final = 192_000  # upper limit of wavelet bands, their sampling rate
+
+
+def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
+    """Convert a value to the standard's form as far as its meaning is clear.
+
+    Old names and choices are replaced, unknown members dropped, missing members without haptic
+    effect added, and numbers clipped to their range. Other values are returned unchanged.
+    """
+    if isinstance(shape, Record):
+        return _record(shape, value) if isinstance(value, dict) else value
+    if isinstance(shape, Items):
+        if not isinstance(value, list):
+            return value
+        items = [in_standard_form(shape.item, element) for element in value]
+        if name == "composition":  # the standard's schema lets anything be in it
+            return [item for item in items if _is_effect(shape.item, item)]
+        if isinstance(shape.item, Text) and shape.item.choices:
+            return [item for item in items if item in shape.item.choices]
+        return items
+    if isinstance(shape, Number):
+        return _number(shape, value, name)
+    if isinstance(shape, Text) and isinstance(value, str):
+        return _text(shape, value, name)
+    return value
+
+
+def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
+    """Convert an object: old member names, defaults, and draft encodings of bands."""
+    known = {**shape.required, **shape.optional}
+    members = {}
+    for key, item in value.items():
+        name = key
+        if key not in known and _OLD_NAMES.get(key) not in value:
+            name = _OLD_NAMES.get(key, key)
+        if name == "block_length" and not _is_length(item):
+            continue  # of other bands, in files from before the standard
+        if name in known:
+            members[name] = in_standard_form(known[name], item, name)
+    if value.get("band_type") == "Wave" and value.get("encoding_modality") in _ENCODINGS:
+        members["band_type"] = _ENCODINGS[value["encoding_modality"]]
+    for name in shape.required:
+        if name not in members and name in _DEFAULTS:
+            members[name] = _DEFAULTS[name]
+    return members
+
+
+def _is_effect(shape: Shape, item: Any) -> bool:
+    """Test for a readable effect of a composition, ignoring nested compositions."""
+    report = Report("HJIF")
+    if isinstance(item, dict):
+        item = {key: member for key, member in item.items() if key != "composition"}
+    check(shape, item, report)
+    return not any(finding.code != "HJIF-RANGE" for finding in report.findings)
+
+
+def _is_length(item: Any) -> bool:
+    """Test for a whole block length of 16 or more."""
+    return isinstance(item, int | float) and item >= 16 and float(item).is_integer()
+
+
+def _number(shape: Number, value: Any, name: str) -> Any:
+    """Clip a number to its range; wavelet scales and sampling rates have wider ranges."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
+        return min(max(value, -_LARGEST_SCALE), _LARGEST_SCALE)
+    highest = _HIGHEST_RATE if name == "upper_frequency_limit" else shape.highest
+    within = min(max(value, shape.lowest), highest)
+    return int(within) if shape.is_whole and float(within).is_integer() else within
+
+
+def _text(shape: Text, value: str, name: str) -> str:
+    """Replace an old choice by the standard's; the default for an unknown choice."""
+    known = _OLD_VALUES.get(name, {}).get(value, value)
+    is_known = not shape.choices or known in shape.choices
+    is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None
+    return known if is_known else str(_DEFAULTS.get(name, known))

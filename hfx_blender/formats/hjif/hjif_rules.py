@@ -6,12 +6,12 @@ Rules across several members are in :mod:`.semantics`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 from ...files.findings import Finding, Report
 from ...files.json_shapes import Items, Number, Record, Shape, Text, check
 from ...files.strict_json import parse
-from .foreign import with_tool
 from .semantics import check_semantics
 
 MODALITIES: Final = (
@@ -160,6 +160,24 @@ DOCUMENT = Record(
     },
     {"timescale": _POSITIVE, "syncs": Items(_SYNC)},
 )
+_EARLY: Final = "files of MPEG's reference software from before the standard are like that"
+_ENCODER: Final = "MPEG's reference encoder writes files like that"
+_TOOLS: Final = (  # code, part of the place or message, the tool
+    ("DATE", "", f"{_ENCODER}, and 5G-MAG's samples have a day only"),
+    ("VERSION", "", _EARLY),
+    ("UNKNOWN", "'mixing_weight'", _EARLY),
+    ("UNKNOWN", "'bitstream'", _EARLY),
+    ("UNKNOWN", "'tracks'", _EARLY),
+    ("MISSING", "'mixing_coefficient'", _EARLY),
+    ("MISSING", "'channels'", _EARLY),
+    ("TYPE", "block_length", _EARLY),
+    ("RANGE", "block_length", _EARLY),
+    ("RANGE", "amplitude_modulation", _EARLY),
+    ("CURVE-TYPE", "", _EARLY),
+    ("WAVELET-KEYFRAMES", "", _EARLY),
+    ("WAVELET-STREAM", "", _EARLY),
+    ("RANGE", "avatar_id", "files of SenseGlove's tools are like that"),
+)
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
@@ -179,4 +197,12 @@ def findings(document: Any) -> list[Finding]:
     structural = [finding for finding in report.findings if finding.code != "HJIF-UNKNOWN"]
     if not structural:
         check_semantics(document, report)
-    return [with_tool(finding) for finding in report.findings]
+    return [_with_tool(finding) for finding in report.findings]
+
+
+def _with_tool(finding: Finding) -> Finding:
+    """Append the name of the tool known for this fault to a finding's message."""
+    for code, part, tool in _TOOLS:
+        if finding.code == f"HJIF-{code}" and part in f"{finding.place} {finding.message}":
+            return replace(finding, message=f"{finding.message} ({tool})")
+    return finding
