@@ -123,7 +123,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configurations import surface_calibration
     from ..devices.configurations.stroke_device import StrokeDevice
     from ..engine.texture.stroke_rendering import render_stroke
-    from ..engine.texture.surface_texture import Renderer, SurfaceTexture
+    from ..engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
     from ..formats.signals import stroke_files
 
     for path in options.output:
@@ -139,8 +139,8 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
         if options.drive is None
         else options.drive * 1000.0
     )
-    renderer = Renderer(options.renderer)
-    if source.height is None and renderer is not Renderer.MCHA:
+    renderer = SurfaceRenderer(options.renderer)
+    if source.height is None and renderer is not SurfaceRenderer.MCHA:
         raise InputError(
             f"{options.source}: a map has no heights; --renderer {renderer.value} needs the "
             "picture, scan or material that it was made of."

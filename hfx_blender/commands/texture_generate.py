@@ -192,7 +192,7 @@ def _of_picture(picture: Path, options: argparse.Namespace) -> Generated:
 
 def steps_of(options: argparse.Namespace) -> Any:
     """Just-noticeable steps, if they are asked for."""
-    from ..engine.texture.device_range import NoticeableSteps
+    from ..engine.texture.haptic_map import NoticeableSteps
 
     return NoticeableSteps() if options.steps else None
 

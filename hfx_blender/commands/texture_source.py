@@ -279,7 +279,7 @@ def _built(
     options: Any,
     slope: Any = None,
 ) -> TextureSource:
-    from ..engine.texture.device_range import DeviceRange, NoticeableSteps
+    from ..engine.texture.haptic_map import DeviceRange, NoticeableSteps
     from ..engine.texture.mcha import MapSettings, make_map
 
     if options.roughness is not None:

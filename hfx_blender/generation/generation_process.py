@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.texture.device_range import NoticeableSteps
+from ..engine.texture.haptic_map import NoticeableSteps
 from ..errors import HfxError
 from ..processes.messages import Message, decode_json, json_message
 from ..processes.worker import Owner, Worker

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ..engine.texture import procedural
-from ..engine.texture.device_range import NoticeableSteps
+from ..engine.texture.haptic_map import NoticeableSteps
 from ..engine.texture.mcha import MapSettings, make_map
 from .generated import Generated, name_of
 from .interpretation import Interpretation, read_words

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..engine.arrays import F64
-from ..engine.texture.device_range import NoticeableSteps
+from ..engine.texture.haptic_map import NoticeableSteps
 from ..engine.texture.mcha import MapSettings
 from ..errors import InputError
 from ..files.hashes import sha256_of

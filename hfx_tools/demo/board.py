@@ -21,11 +21,11 @@ from hfx_blender.blender.compat import new_fcurve, set_keys
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 from hfx_blender.engine.texture.procedural import MATERIALS
 from hfx_blender.engine.texture.stroke import line
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.errors import OutputError
 from hfx_blender.files.atomic import atomic_file
 from hfx_blender.files.staging import temporary_folder
@@ -143,7 +143,7 @@ def _make_felt(square: bpy.types.Object, name: str) -> None:
 def _friction(name: str) -> bpy.types.Sound:
     """Make a second of the sound of a nail on a material: its own profile, at audio rate."""
     field, _ = MATERIALS[name].make(_TEXELS)
-    texture = SurfaceTexture(field, None, Renderer.DIRECT)
+    texture = SurfaceTexture(field, None, SurfaceRenderer.DIRECT)
     way = line((0.0, 0.0), np.pi / 3.0, _SPEED_M_S, _SPEED_M_S)
     felt = render_stroke(texture, way, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
     peak = float(np.abs(felt.waveform_m_s2).max()) / STANDARD_GRAVITY

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hfx_blender.engine.texture.device_range import NoticeableSteps
+from hfx_blender.engine.texture.haptic_map import NoticeableSteps
 from hfx_blender.engine.texture.mcha import MapSettings
 from hfx_blender.files.hashes import sha256_of
 from hfx_blender.generation.generated import Generated, name_of

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.texture.device_range import DeviceRange
-from hfx_blender.engine.texture.haptic_map import HapticMap
+from hfx_blender.engine.texture.haptic_map import DeviceRange, HapticMap
 from hfx_blender.errors import InputError
 from hfx_blender.formats.pictures import png, texture_map
 

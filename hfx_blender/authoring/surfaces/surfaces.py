@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from ...engine.texture.device_range import DeviceRange
-    from ...engine.texture.haptic_map import HapticMap
+    from ...engine.texture.haptic_map import DeviceRange, HapticMap
     from ...engine.texture.height_field import HeightField
     from ...engine.texture.surface_texture import SurfaceTexture
     from .surface_sources import Relief
@@ -65,7 +64,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
     InputError
         It is no mesh, or has another haptic meaning.
     """
-    from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+    from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     if obj.type != "MESH":
         raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no surface.")
@@ -241,7 +240,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
 
 def device_of(obj: bpy.types.Object) -> DeviceRange:
     """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1."""
-    from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+    from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     hfx = obj.hfx
     if hfx.surface.lowest_hz > hfx.surface.highest_hz:
@@ -281,8 +280,7 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
     import numpy as np
 
-    from ...engine.texture.device_range import NoticeableSteps
-    from ...engine.texture.haptic_map import HapticMap
+    from ...engine.texture.haptic_map import HapticMap, NoticeableSteps
     from ...engine.texture.mcha import MapSettings, make_map
     from . import image_values
 
@@ -337,12 +335,12 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
         Its maps cannot be made.
     """
     from ...devices.configurations import surface_calibration
-    from ...engine.texture.surface_texture import Renderer, SurfaceTexture
+    from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 
     ensure(obj)
     settings, field = obj.hfx.surface, field_of(obj)
-    renderer = Renderer[settings.renderer]
-    if field is None and renderer is not Renderer.MCHA:
+    renderer = SurfaceRenderer[settings.renderer]
+    if field is None and renderer is not SurfaceRenderer.MCHA:
         raise InputError(
             f"The surface of '{obj.name}' is an imported map, which has no heights; only "
             "micro-collisions can render it."
@@ -360,7 +358,7 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 
 def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
     """Store an imported map as the object's surface."""
-    from ...engine.texture.device_range import STANDARD_GRAVITY
+    from ...engine.texture.haptic_map import STANDARD_GRAVITY
 
     settings = obj.hfx.surface
     _store_layers(obj, made)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...engine.rendering.conditioning.actuator_limits import limited
 from ...engine.rendering.device_config import ActuatorType, DeviceConfig
-from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
-from ...engine.texture.stroke_rendering import Signal, carrier
+from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
+from ...engine.texture.stroke_rendering import StrokeSignal, carrier
 from ...errors import InputError
 
 
@@ -46,7 +46,7 @@ class StrokeDevice:
             self.update_s,
         )
 
-    def played(self, felt: Signal) -> Signal:
+    def played(self, felt: StrokeSignal) -> StrokeSignal:
         """A stroke within the limits of the device, as an export of it is."""
         controls = self._kind.controls
         values = limited(

@@ -20,7 +20,7 @@ from ...errors import InputError
 from ..arrays import F64
 from ..samples import SampleRun
 from ..scene import HapticSurface, SceneDescription
-from ..texture.surface_texture import Renderer, SurfaceTexture
+from ..texture.surface_texture import SurfaceRenderer, SurfaceTexture
 
 SETTING: Final = "surface_drive"
 """Key of a track's settings: ``{effect id: [c_v in 1/m, strongest amplitude in m/s^2]}``."""
@@ -38,7 +38,7 @@ class SurfaceDrive:
         """Drive of a texture; None where c_v is not the device's: micro-collisions, or set for the
         object.
         """
-        by_heights = texture.renderer is not Renderer.MCHA
+        by_heights = texture.renderer is not SurfaceRenderer.MCHA
         if not (by_heights and texture.is_calibrated and texture.drive_per_m > 0.0):
             return None
         return cls(texture.drive_per_m, float(texture.device.amplitude_m_s2(1.0)))

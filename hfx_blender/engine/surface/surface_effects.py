@@ -18,7 +18,7 @@ from ..scene import AnimationBlock, EffectBlock, EffectDescription, HapticSurfac
 from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
 from ..texture.contact_rendering import ContactRenderer
-from ..texture.device_range import DeviceRange
+from ..texture.haptic_map import DeviceRange
 
 _FINGERS = PARTS.index("fingers")
 _AT_ONCE = 512

@@ -17,7 +17,7 @@ from ..arrays import F64, I64
 from .contact_path import ContactPaths
 from .height_field import HeightField, Order
 from .lookup import REST_M_S, strongest_crossed
-from .surface_texture import Renderer, SurfaceTexture
+from .surface_texture import SurfaceRenderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, without_waviness
 from .textile import RATE_HZ, WINDOW_S, weighted_rms
 
@@ -44,9 +44,9 @@ class ContactRenderer:
         self._blocks = math.ceil(self._window / self._steps)
         self._kept = np.zeros((0, self._blocks, self._steps))  # of the last time, newest last
         self._field: HeightField | None = None
-        if texture.renderer is not Renderer.MCHA:
+        if texture.renderer is not SurfaceRenderer.MCHA:
             assert texture.height is not None
-            is_direct = texture.renderer is Renderer.DIRECT
+            is_direct = texture.renderer is SurfaceRenderer.DIRECT
             self._field = without_waviness(texture.height) if is_direct else texture.height
             self._order: Order = "cubic" if is_direct else "linear"  # as strokes are rendered
             across, up = self._field.texel_m
@@ -69,7 +69,7 @@ class ContactRenderer:
         heights = self._heights(self._field, paths, felt)
         if not len(felt):
             return drive, frequency
-        if self._texture.renderer is Renderer.TEXTILE:
+        if self._texture.renderer is SurfaceRenderer.TEXTILE:
             level = weighted_rms(heights, self._rate_hz)
         else:
             level, frequency[felt] = amplitude_and_frequency(heights, self._rate_hz)

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ...files import limits
 from ..arrays import F32
-from .device_range import DeviceRange, NoticeableSteps
-from .haptic_map import HapticMap
+from .haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from .height_field import HeightField, wrapped
 
 TRUNCATE: Final = 4.0

@@ -9,16 +9,16 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64
-from .device_range import STANDARD_GRAVITY
+from .haptic_map import STANDARD_GRAVITY
 from .lookup import strongest_in_steps
 from .stroke import Stroke
-from .surface_texture import Renderer, SurfaceTexture
+from .surface_texture import SurfaceRenderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, profile
 from .textile import WINDOW_S, drive_levels
 
 
 @dataclass(frozen=True, eq=False)
-class Signal:
+class StrokeSignal:
     """A vibration over time.
 
     Value ``i`` of amplitude and frequency belongs to the time from ``times_s[i]`` to
@@ -69,7 +69,7 @@ def render_stroke(
     step_s: float | None = None,
     window_s: float | None = None,
     waveform_rate_hz: float = 8000.0,
-) -> Signal:
+) -> StrokeSignal:
     """Render a stroke as a vibration signal.
 
     Parameters
@@ -98,9 +98,9 @@ def render_stroke(
             f"Stroke: it lasts {stroke.duration_s:g} s, less than one step of {step:g} s."
         )
     window = max(WINDOW_S, step) if window_s is None else window_s
-    if texture.renderer is Renderer.DIRECT:
+    if texture.renderer is SurfaceRenderer.DIRECT:
         return _direct(texture, stroke, step, window, count, waveform_rate_hz)
-    if texture.renderer is Renderer.TEXTILE:
+    if texture.renderer is SurfaceRenderer.TEXTILE:
         assert texture.height is not None
         levels = drive_levels(texture.height, stroke, texture.drive_per_m, window, step)
         amplitude = texture.device.amplitude_m_s2(levels)
@@ -110,7 +110,7 @@ def render_stroke(
         intensity, sharpness = strongest_in_steps(texture.map, stroke, step, count)
         amplitude = texture.device.amplitude_m_s2(intensity)
         frequency = texture.device.frequency_of(sharpness)
-    return Signal(
+    return StrokeSignal(
         stroke.times_s[0] + step * np.arange(count),
         step,
         amplitude,
@@ -127,7 +127,7 @@ def _direct(
     window_s: float,
     count: int,
     rate_hz: float,
-) -> Signal:
+) -> StrokeSignal:
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
@@ -135,7 +135,7 @@ def _direct(
     begins = np.rint(step * rate_hz * np.arange(1, count + 1)).astype(np.int64) - length
     window = np.clip(begins[:, None] + np.arange(length), 0, len(drive) - 1)
     amplitude, frequency = amplitude_and_frequency(drive[window], rate_hz)  # before it is cut
-    return Signal(
+    return StrokeSignal(
         stroke.times_s[0] + step * np.arange(count),
         step,
         full * np.minimum(amplitude, 1.0),

@@ -5,17 +5,44 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Final
 
 import numpy as np
 
 from ...errors import InputError
-from .device_range import DeviceRange
-from .haptic_map import HapticMap
+from .haptic_map import DeviceRange, HapticMap
 from .height_field import HeightField
-from .surface_names import DRIVE_PER_M as DRIVE_PER_M
+
+MATERIAL_TITLES: Final = {
+    "gravel-fine": ("gravel", "Fine gravel"),
+    "gravel-coarse": ("gravel", "Coarse gravel"),
+    "gravel-pebbles": ("gravel", "Pebbles"),
+    "gravel-sharp": ("gravel", "Crushed stone"),
+    "metal-brushed": ("metal", "Brushed metal"),
+    "metal-satin": ("metal", "Satin metal"),
+    "metal-cast": ("metal", "Cast metal"),
+    "metal-hammered": ("metal", "Hammered metal"),
+    "fabric-shirting": ("fabric", "Shirting"),
+    "fabric-denim": ("fabric", "Denim"),
+    "fabric-twill": ("fabric", "Twill"),
+    "fabric-basket": ("fabric", "Basket weave"),
+    "fabric-satin": ("fabric", "Satin"),
+    "fabric-corduroy": ("fabric", "Corduroy"),
+    "wood-oak": ("wood", "Oak"),
+    "wood-pine": ("wood", "Pine"),
+    "wood-weathered": ("wood", "Weathered planks"),
+    "wood-veneer": ("wood", "Veneer"),
+}
+"""Kind and title of each procedural material, in the order in which they are offered."""
+
+FABRICS: Final = ("shirting", "denim", "costume")
+"""Reference cloths, from smooth to rough."""
+
+DRIVE_PER_M: Final = 1.0e4
+"""Default of c_v: 50 micrometres RMS drive a device at one half."""
 
 
-class Renderer(Enum):
+class SurfaceRenderer(Enum):
     """Method by which a surface is turned into vibration."""
 
     MCHA = "mcha"  # micro-collisions: the haptic map's strongest texel on the way
@@ -49,15 +76,15 @@ class SurfaceTexture:
 
     height: HeightField | None = None
     map: HapticMap | None = None
-    renderer: Renderer = Renderer.MCHA
+    renderer: SurfaceRenderer = SurfaceRenderer.MCHA
     drive_per_m: float = DRIVE_PER_M
     device: DeviceRange = field(default_factory=DeviceRange)
     is_calibrated: bool = False
 
     def __post_init__(self) -> None:
-        if self.renderer is Renderer.MCHA and self.map is None:
+        if self.renderer is SurfaceRenderer.MCHA and self.map is None:
             raise InputError("Haptic surface: micro-collisions need a haptic map.")
-        if self.renderer is not Renderer.MCHA and self.height is None:
+        if self.renderer is not SurfaceRenderer.MCHA and self.height is None:
             raise InputError(f"Haptic surface: renderer '{self.renderer.value}' needs heights.")
         if not (np.isfinite(self.drive_per_m) and self.drive_per_m >= 0.0):
             raise InputError(

@@ -13,8 +13,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.texture.device_range import DeviceRange, NoticeableSteps
-from ...engine.texture.haptic_map import HapticMap
+from ...engine.texture.haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from ...engine.texture.height_field import HeightField
 from ...errors import InputError
 from ...files import suffixes

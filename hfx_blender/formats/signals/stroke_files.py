@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
+from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 from ...engine.texture.stroke import Stroke
-from ...engine.texture.stroke_rendering import Signal as FeltStroke
+from ...engine.texture.stroke_rendering import StrokeSignal
 from ...errors import InputError, UsageError
 from ...files import suffixes
 from ...files.atomic import atomic_file
@@ -34,7 +34,7 @@ def check(path: Path) -> None:
         raise UsageError(f"{path}: expected a file name with one of: {', '.join(SUFFIXES)}")
 
 
-def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
+def write(felt: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
     """Write a stroke in the format of the path's suffix.
 
     Full scale is the device's largest amplitude. A WAV file holds the rendered waveform, 16 bits,
@@ -60,7 +60,7 @@ def write(felt: FeltStroke, stroke: Stroke, device: DeviceRange, path: Path) -> 
     return Written((path,), notes=(note,))
 
 
-def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
+def _envelope(felt: StrokeSignal, device: DeviceRange) -> Signal:
     """Amplitude and frequency as stepped curves from time 0."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     begins = felt.times_s - felt.times_s[0]
@@ -72,7 +72,7 @@ def _envelope(felt: FeltStroke, device: DeviceRange) -> Signal:
     return Signal("stroke", Curve(times, amplitude), pitch)
 
 
-def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:
+def _wav(felt: StrokeSignal, device: DeviceRange, path: Path) -> Written:
     """Write the waveform as 16-bit mono WAV; the note gives full scale and peak."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     peak = float(np.abs(felt.waveform_m_s2).max(initial=0.0)) / full
@@ -83,7 +83,7 @@ def _wav(felt: FeltStroke, device: DeviceRange, path: Path) -> Written:
     return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the peak is {peak:.0%}",))
 
 
-def _csv(felt: FeltStroke, stroke: Stroke, path: Path) -> Written:
+def _csv(felt: StrokeSignal, stroke: Stroke, path: Path) -> Written:
     """Write one CSV row per step: place, speed, amplitude and frequency."""
     middles = felt.times_s + 0.5 * felt.step_s
     places, speeds = stroke.at(felt.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0

@@ -139,7 +139,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
 
     def _key(self, key: str) -> None:
-        from ...engine.texture.surface_texture import Renderer
+        from ...engine.texture.surface_texture import SurfaceRenderer
         from ...playback.strokes.stroke_pad import TARGETS_M_S
 
         pad = self._pad
@@ -147,7 +147,9 @@ class HFX_OT_stroke_pad(HfxOperator):
         if key in ("ONE", "TWO"):
             pad.target_m_s = TARGETS_M_S[key == "TWO"]
         elif key == "R":
-            order = list(Renderer) if pad.texture.height is not None else [Renderer.MCHA]
+            order = (
+                list(SurfaceRenderer) if pad.texture.height is not None else [SurfaceRenderer.MCHA]
+            )
             following = order[(order.index(pad.texture.renderer) + 1) % len(order)]
             pad.texture = replace(pad.texture, renderer=following)
         elif last_take is not None:

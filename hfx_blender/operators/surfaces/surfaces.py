@@ -191,7 +191,7 @@ class HFX_OT_feel_fabric(HfxOperator):
     bl_options = {"REGISTER"}
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...engine.texture.device_range import DeviceRange
+        from ...engine.texture.haptic_map import DeviceRange
         from ...engine.texture.stroke import FAST_M_S, SLOW_M_S
         from ...playback.strokes import reference_strokes
 

@@ -10,8 +10,8 @@ import numpy as np
 from ...blender.events import call_soon, remove_timers
 from ...engine.texture.height_field import HeightField
 from ...engine.texture.stroke import line
-from ...engine.texture.stroke_rendering import Signal, render_stroke
-from ...engine.texture.surface_texture import Renderer, SurfaceTexture
+from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
+from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from ...engine.texture.weave import reference_fabrics, woven
 from ..live.live import live
 from .stroke_sound import StrokeSound
@@ -29,9 +29,9 @@ def fabric(name: str) -> HeightField:
     return woven(reference_fabrics()[name], _SIZE_M, _TEXELS)
 
 
-def felt(name: str, speed_m_s: float, drive_per_m: float) -> Signal:
+def felt(name: str, speed_m_s: float, drive_per_m: float) -> StrokeSignal:
     """Render an even stroke over a reference fabric."""
-    texture = SurfaceTexture(fabric(name), None, Renderer.TEXTILE, drive_per_m)
+    texture = SurfaceTexture(fabric(name), None, SurfaceRenderer.TEXTILE, drive_per_m)
     stroke = line((0.0, 0.0), float(_DIRECTION_RAD), speed_m_s * SECONDS, speed_m_s)
     return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
 
@@ -41,18 +41,18 @@ class ReferenceStroke:
 
     Attributes
     ----------
-    signal : Signal or None
+    signal : StrokeSignal or None
         None: nothing plays.
     step : int
         The next of its steps.
     """
 
     def __init__(self) -> None:
-        self.signal: Signal | None = None
+        self.signal: StrokeSignal | None = None
         self.step = 0
         self._sound: StrokeSound | None = None
 
-    def play(self, signal: Signal, full_m_s2: float) -> None:
+    def play(self, signal: StrokeSignal, full_m_s2: float) -> None:
         """Play a stroke; needs a window to go on."""
         self.stop()
         self.signal, self.step = signal, 0

@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.surface.surface_drive import SurfaceDrive
 from ...engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
-from ...engine.texture.stroke_rendering import Signal, render_stroke
+from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
 from ...engine.texture.surface_texture import SurfaceTexture
 from ...errors import InputError
 
@@ -52,7 +52,7 @@ class Take:
     name: str  # of the surface
     texture: SurfaceTexture
     stroke: Stroke
-    signal: Signal
+    signal: StrokeSignal
 
 
 class StrokePad:
@@ -141,7 +141,7 @@ class StrokePad:
         if self._times:
             self.move(time_s, self._points[-1])
 
-    def next_step(self) -> Signal | None:
+    def next_step(self) -> StrokeSignal | None:
         """Signal since the last call, in whole steps of the device; None without any."""
         step = self.texture.device.update_s
         if not self._times or self._times[-1] - self._rendered_s < step:
@@ -193,7 +193,7 @@ class StrokePad:
         self.now = StrokeState(speed, self._height(self._points[-1]), amplitude, frequency)
         self.history.append((time_s, self.now))
 
-    def _render(self, begin_s: float, end_s: float) -> Signal | None:
+    def _render(self, begin_s: float, end_s: float) -> StrokeSignal | None:
         stroke = self._since(begin_s)
         inner = (stroke.times_s > begin_s) & (stroke.times_s < end_s)
         times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])

@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64
-from hfx_blender.engine.texture.stroke_rendering import Signal
+from hfx_blender.engine.texture.stroke_rendering import StrokeSignal
 
 _QUANTILES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 _LAGS_S: Final = (0.005, 0.01, 0.02, 0.04)
 
 
-def features(signal: Signal) -> F64:
+def features(signal: StrokeSignal) -> F64:
     """Feature vector of a signal, independent of its mean level, (14,).
 
     Frequency (its log mean and spread), the shape of the amplitude's distribution, and how like
@@ -59,7 +59,7 @@ class NearestNeighbour:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, examples: Sequence[tuple[str, Signal]]) -> NearestNeighbour:
+    def of(cls, examples: Sequence[tuple[str, StrokeSignal]]) -> NearestNeighbour:
         """Train on named signals."""
         names = tuple(dict.fromkeys(name for name, _ in examples))
         return cls(
@@ -68,7 +68,7 @@ class NearestNeighbour:
             names,
         )
 
-    def classify(self, signals: Sequence[Signal]) -> list[str]:
+    def classify(self, signals: Sequence[StrokeSignal]) -> list[str]:
         """The name of each signal."""
         asked = np.array([features(signal) for signal in signals])
         spread = self.known.std(axis=0)

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F32, F64
-from hfx_blender.engine.texture.device_range import DeviceRange, NoticeableSteps
+from hfx_blender.engine.texture.haptic_map import DeviceRange, NoticeableSteps
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, blurred_slope, make_map
 from hfx_blender.engine.texture.relief.linear_light import height_from_colour

@@ -16,8 +16,8 @@ from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
 from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.engine.texture.height_field import HeightField
-from hfx_blender.engine.texture.stroke_rendering import Signal, render_stroke
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.stroke_rendering import StrokeSignal, render_stroke
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.textile import drive_levels
 
 from . import classify
@@ -64,14 +64,14 @@ def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
     }
 
 
-def library_strokes(seeds: int, texels: int) -> list[tuple[str, Signal]]:
+def library_strokes(seeds: int, texels: int) -> list[tuple[str, StrokeSignal]]:
     """Strokes over all materials of the library, for a judge to learn."""
     return _examples(range(seeds), (0.0, 0.4, 0.8, 1.2, 1.57), (0.02, 0.04, 0.08), texels)
 
 
 def _examples(
     seeds: range, directions: tuple[float, ...], speeds: tuple[float, ...], texels: int
-) -> list[tuple[str, Signal]]:
+) -> list[tuple[str, StrokeSignal]]:
     found = []
     for material in procedural.MATERIALS.values():
         for seed in seeds:
@@ -83,7 +83,7 @@ def _examples(
 
 def strokes_over(
     map_: HapticMap, directions: tuple[float, ...], speeds: tuple[float, ...], seed: int
-) -> list[Signal]:
+) -> list[StrokeSignal]:
     """Strokes of 0.6 s over a map from places by chance; radians and m/s."""
     texture = SurfaceTexture(map=map_)
     rng = np.random.default_rng([seed, 5])
@@ -195,7 +195,7 @@ def contacts(counts: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
     vertices, triangles = _sheet(20)
     mesh = SurfaceMesh(triangles, vertices[triangles][..., :2])
     rows = []
-    for renderer in Renderer:
+    for renderer in SurfaceRenderer:
         texture = SurfaceTexture(field, map_, renderer)
         for count in counts:
             for frames in (_FRAMES, 1):

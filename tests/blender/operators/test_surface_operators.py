@@ -14,7 +14,7 @@ import pytest
 
 from hfx_blender.authoring.surfaces import surfaces
 from hfx_blender.devices.configurations import surface_calibration
-from hfx_blender.engine.texture.surface_texture import DRIVE_PER_M, Renderer
+from hfx_blender.engine.texture.surface_texture import DRIVE_PER_M, SurfaceRenderer
 from hfx_blender.errors import InputError
 from hfx_blender.formats.pictures import texture_map
 
@@ -281,7 +281,7 @@ def test_the_calibration_is_the_users_not_the_files(denim: Any) -> None:
     assert surface_calibration.drive_per_m("other") == pytest.approx(25_000.0)
     denim.hfx.surface.drive = 3.0
     found = surfaces.texture_of(denim)
-    assert found.drive_per_m == pytest.approx(3_000.0) and found.renderer is Renderer.TEXTILE
+    assert found.drive_per_m == pytest.approx(3_000.0) and found.renderer is SurfaceRenderer.TEXTILE
 
 
 def test_a_broken_calibration_is_as_if_there_were_none(

@@ -13,7 +13,7 @@ import pytest
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.operators.surfaces.stroke_pad_view import PadPlace
 from hfx_blender.playback.strokes import reference_strokes
 from hfx_blender.playback.strokes.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad
@@ -26,7 +26,7 @@ def texture() -> SurfaceTexture:
     x = (np.arange(256) + 0.5) / 256
     heights = 50e-6 * np.sin(2.0 * np.pi * 16 * x)[None].repeat(8, axis=0)
     field = HeightField(heights, (0.02 / 256, 0.02 / 256))
-    return SurfaceTexture(field, make_map(field), Renderer.TEXTILE)
+    return SurfaceTexture(field, make_map(field), SurfaceRenderer.TEXTILE)
 
 
 def stroked(pad: StrokePad, speed: float, seconds: float = 0.5) -> list[Any]:
@@ -60,9 +60,9 @@ def test_the_pad_shows_the_speed_and_the_height_under_the_finger(texture: Surfac
     assert pad.now.amplitude_m_s2 > 0.0 and pad.history[-1][1] is pad.now
 
 
-@pytest.mark.parametrize("renderer", list(Renderer))
+@pytest.mark.parametrize("renderer", list(SurfaceRenderer))
 def test_it_is_felt_at_each_moment_however_long_the_clock_has_run(
-    texture: SurfaceTexture, renderer: Renderer
+    texture: SurfaceTexture, renderer: SurfaceRenderer
 ) -> None:
     pad = StrokePad("Grating", replace(texture, renderer=renderer))
     start = 8.64e6 + 1.0 / 3.0  # 100 days

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.texture.device_range import DeviceRange, NoticeableSteps
-from hfx_blender.engine.texture.haptic_map import HapticMap
+from hfx_blender.engine.texture.haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, blurred_slope, make_map
 from hfx_blender.errors import InputError

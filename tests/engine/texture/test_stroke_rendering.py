@@ -14,7 +14,7 @@ from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.stroke import Stroke
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.synthesis import profile
 from hfx_blender.engine.texture.textile import (
     drive_levels,
@@ -92,7 +92,7 @@ def test_a_device_of_short_updates_plays_windows_of_the_paper_as_an_export_does(
     """Every 10 ms the 50 ms before; an export keeps as much of each contact's heights."""
     field = HeightField(np.random.default_rng(4).normal(size=(32, 32)) * 1e-5, (1e-4, 1e-4))
     stroke = strokes.line((0.0, 0.0), 0.4, 0.01, 0.1, 240.0)
-    texture = SurfaceTexture(field, None, Renderer.TEXTILE, 1e4)
+    texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE, 1e4)
     signal = render_stroke(texture, stroke, step_s=0.01)
     assert len(signal.amplitude_m_s2) == 10
     level = 1e4 * _slow_level(field, stroke, 0.08 - 0.05, 2000.0)
@@ -137,7 +137,7 @@ def _textures(seed: int = 0) -> list[SurfaceTexture]:
     rng = np.random.default_rng(seed)
     field = HeightField(rng.normal(size=(32, 32)) * 2e-5, (1e-4, 1e-4))
     map_ = make_map(field, rng.uniform(size=(8, 8)))
-    return [SurfaceTexture(field, map_, renderer) for renderer in Renderer]
+    return [SurfaceTexture(field, map_, renderer) for renderer in SurfaceRenderer]
 
 
 @pytest.mark.parametrize("texture", _textures(), ids=lambda t: t.renderer.value)
@@ -156,7 +156,7 @@ def test_a_stroke_backwards_gives_the_mirrored_signal(texture: SurfaceTexture) -
     assert stroke.duration_s == pytest.approx(1.0)
     start_s, end_s = stroke.times_s[[0, -1]]
     backwards = Stroke(start_s + (end_s - stroke.times_s[::-1]), stroke.points_m[::-1])
-    if texture.renderer is Renderer.DIRECT:
+    if texture.renderer is SurfaceRenderer.DIRECT:
         assert texture.height is not None
         there = profile(texture.height, stroke, 8000.0)
         back = profile(texture.height, backwards, 8000.0)
@@ -167,8 +167,8 @@ def test_a_stroke_backwards_gives_the_mirrored_signal(texture: SurfaceTexture) -
     np.testing.assert_allclose(back.frequency_hz[::-1], there.frequency_hz, rtol=1e-6)
 
 
-@pytest.mark.parametrize("renderer", list(Renderer))
-def test_turning_texture_and_way_together_changes_nothing(renderer: Renderer) -> None:
+@pytest.mark.parametrize("renderer", list(SurfaceRenderer))
+def test_turning_texture_and_way_together_changes_nothing(renderer: SurfaceRenderer) -> None:
     rng = np.random.default_rng(2)
     heights = rng.normal(size=(32, 32)) * 2e-5
     size = 32 * 1e-4
@@ -220,8 +220,8 @@ def test_the_carriers_phase_never_jumps() -> None:
         lambda: strokes.along(np.eye(2), 0.0),
         lambda: strokes.along(np.eye(2), 0.1, float("nan")),
         lambda: render_stroke(_textures()[0], strokes.line((0, 0), 0, 1e-3, 0.1)),
-        lambda: SurfaceTexture(renderer=Renderer.TEXTILE),
-        lambda: SurfaceTexture(renderer=Renderer.MCHA),
+        lambda: SurfaceTexture(renderer=SurfaceRenderer.TEXTILE),
+        lambda: SurfaceTexture(renderer=SurfaceRenderer.MCHA),
     ],
 )
 def test_what_is_no_stroke_is_refused(make: object) -> None:

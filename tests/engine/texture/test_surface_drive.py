@@ -27,7 +27,7 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.surface.surface_drive import SETTING, SurfaceDrive, SurfaceDrives
 from hfx_blender.engine.texture.mcha import make_map
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.engine.track.header_json import from_json, to_json
 from hfx_blender.errors import InputError
@@ -41,7 +41,9 @@ def model() -> PerceptualModel:
     return load_model("hfx-vibration-1")
 
 
-def _texture(renderer: Renderer = Renderer.TEXTILE, is_calibrated: bool = True) -> SurfaceTexture:
+def _texture(
+    renderer: SurfaceRenderer = SurfaceRenderer.TEXTILE, is_calibrated: bool = True
+) -> SurfaceTexture:
     field = grating(1e-3)
     return SurfaceTexture(
         field, make_map(field), renderer, drive_per_m=10_000.0, is_calibrated=is_calibrated
@@ -97,10 +99,10 @@ def test_a_calibrated_device_plays_with_its_own_c_v_live_and_exported(
 ) -> None:
     run = _run(model, 2.0)
     for texture, expected in (
-        (_texture(Renderer.TEXTILE), 0.5),
-        (_texture(Renderer.DIRECT), 0.5),
-        (_texture(Renderer.MCHA), 1.0),  # has no c_v
-        (_texture(Renderer.TEXTILE, is_calibrated=False), 1.0),  # stated for the object
+        (_texture(SurfaceRenderer.TEXTILE), 0.5),
+        (_texture(SurfaceRenderer.DIRECT), 0.5),
+        (_texture(SurfaceRenderer.MCHA), 1.0),  # has no c_v
+        (_texture(SurfaceRenderer.TEXTILE, is_calibrated=False), 1.0),  # stated for the object
     ):
         scene = _scene(model, texture)
         plain = replace(moment_header(scene), settings={})
@@ -135,7 +137,7 @@ def test_a_track_file_keeps_what_its_surfaces_were_sampled_with(model: Perceptua
     for each in (header, again):
         assert SurfaceDrives(each.settings, 20_000.0).on_device(run).parameters[0, 0] == 4.0
     assert run.parameters[0, 0] == 2.0
-    assert SETTING not in moment_header(_scene(model, _texture(Renderer.MCHA))).settings
+    assert SETTING not in moment_header(_scene(model, _texture(SurfaceRenderer.MCHA))).settings
 
 
 @pytest.mark.parametrize("wrong", [3, [], {"table": 1.0}, {"table": [1.0, -1.0]}, {"a": [1, "2"]}])

@@ -27,10 +27,10 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
-from hfx_blender.engine.texture.device_range import STANDARD_GRAVITY
+from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.textile import weighted_rms
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.track import TrackHeader
@@ -88,12 +88,12 @@ def _block(
     return AnimationBlock(indices, (surface,), (body,), history)
 
 
-def _texture(renderer: Renderer) -> SurfaceTexture:
+def _texture(renderer: SurfaceRenderer) -> SurfaceTexture:
     field = grating(1e-3)
     return SurfaceTexture(field, make_map(field), renderer)
 
 
-def _run(model: PerceptualModel, renderer: Renderer, offsets: np.ndarray) -> list[SampleRun]:
+def _run(model: PerceptualModel, renderer: SurfaceRenderer, offsets: np.ndarray) -> list[SampleRun]:
     engine = Engine(
         _scene(_texture(renderer), len(offsets), model), models=lambda _: model, tolerance=PAPER
     )
@@ -106,8 +106,10 @@ def _slide(times: int, speed: float = 0.1) -> np.ndarray:
     return offsets
 
 
-@pytest.mark.parametrize("renderer", list(Renderer))
-def test_a_sliding_finger_feels_the_surface(hand: PerceptualModel, renderer: Renderer) -> None:
+@pytest.mark.parametrize("renderer", list(SurfaceRenderer))
+def test_a_sliding_finger_feels_the_surface(
+    hand: PerceptualModel, renderer: SurfaceRenderer
+) -> None:
     (run,) = _run(hand, renderer, _slide(30))
     assert run.stream.modality == "vibration"
     np.testing.assert_array_equal(run.indices, np.arange(1, 30))
@@ -117,11 +119,11 @@ def test_a_sliding_finger_feels_the_surface(hand: PerceptualModel, renderer: Ren
         assert sample.weights.max() == pytest.approx(1.0)
         assert (np.diff(sample.vertices) > 0).all()
         if k >= 5:  # the window is full
-            if renderer is Renderer.TEXTILE:  # 100 Hz, 20 um, five whole periods a window
+            if renderer is SurfaceRenderer.TEXTILE:  # 100 Hz, 20 um, five whole periods a window
                 drive = 1e4 * 20e-6 / np.sqrt(2.0)
                 assert sample.parameters[0] == pytest.approx(drive * FULL, rel=0.01)
                 assert sample.parameters[1] == 160.0
-            elif renderer is Renderer.DIRECT:
+            elif renderer is SurfaceRenderer.DIRECT:
                 assert sample.parameters[0] == pytest.approx(1e4 * 20e-6 * FULL, rel=0.02)
                 assert sample.parameters[1] == pytest.approx(100.0, rel=0.02)
             else:
@@ -130,22 +132,22 @@ def test_a_sliding_finger_feels_the_surface(hand: PerceptualModel, renderer: Ren
                 assert 0.5 * slope * FULL < sample.parameters[0] <= slope * FULL
 
 
-@pytest.mark.parametrize("renderer", list(Renderer))
-def test_a_resting_finger_feels_nothing(hand: PerceptualModel, renderer: Renderer) -> None:
+@pytest.mark.parametrize("renderer", list(SurfaceRenderer))
+def test_a_resting_finger_feels_nothing(hand: PerceptualModel, renderer: SurfaceRenderer) -> None:
     assert _run(hand, renderer, np.zeros((20, 3))) == []
 
 
 def test_a_finger_that_stops_is_silent_at_once(hand: PerceptualModel) -> None:
     offsets = np.concatenate([_slide(10), np.repeat(_slide(10)[-1:], 10, axis=0)])
-    for renderer in Renderer:
+    for renderer in SurfaceRenderer:
         (run,) = _run(hand, renderer, offsets)
         np.testing.assert_array_equal(run.indices, np.arange(1, 10))
 
 
-@pytest.mark.parametrize("renderer", list(Renderer))
+@pytest.mark.parametrize("renderer", list(SurfaceRenderer))
 @pytest.mark.parametrize("split", [1, 7])
 def test_splitting_time_changes_nothing(
-    hand: PerceptualModel, renderer: Renderer, split: int
+    hand: PerceptualModel, renderer: SurfaceRenderer, split: int
 ) -> None:
     offsets = _slide(24)
     offsets[:, 1] = 2e-3 * np.sin(np.arange(24))
@@ -167,7 +169,7 @@ def test_splitting_time_changes_nothing(
 def test_the_window_of_the_engine_is_that_of_the_textile_renderer(hand: PerceptualModel) -> None:
     rng = np.random.default_rng(0)
     field = HeightField(rng.normal(size=(16, 16)) * 1e-5, (1e-3, 1e-3))
-    texture = SurfaceTexture(field, None, Renderer.TEXTILE)
+    texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE)
     engine = Engine(
         _scene(texture, 12, hand), models=lambda _: hand, record=("positions",), tolerance=PAPER
     )
@@ -201,7 +203,7 @@ def paths_over_sheet(x_m):
 
 def test_before_it_touched_nothing_changed_under_a_contact() -> None:
     field = grating(1e-3, texels=16)  # no step passes a texel
-    texture = SurfaceTexture(field, None, Renderer.TEXTILE)
+    texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE)
     paths = paths_over_sheet([0.2e-3, 1.2e-3])  # 10 cm/s for one sample of a hundredth of a second
     drive, _ = ContactRenderer(texture, 0.01).render(paths)
     x = np.concatenate([np.full(80, 0.2e-3), 0.2e-3 + 1e-3 * (np.arange(20) + 0.5) / 20])
@@ -214,7 +216,7 @@ def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
     for texel, drive_per_m, expected in ((2.5e-4, 1.6e4, 0.48), (1e-4, 1e6, 1.0)):
         wave = 30e-6 * np.sin(2.0 * np.pi * (np.arange(round(0.1 / texel)) + 0.5) * texel / 5e-4)
         field = HeightField(np.tile(wave, (8, 1)), (texel, texel), True)
-        texture = SurfaceTexture(field, None, Renderer.DIRECT, drive_per_m)
+        texture = SurfaceTexture(field, None, SurfaceRenderer.DIRECT, drive_per_m)
         paths = paths_over_sheet(-0.03 + 6e-4 * np.arange(20))
         drive, frequency = ContactRenderer(texture, 0.01).render(paths)
         assert drive[10:].max() == pytest.approx(expected, rel=0.04)
@@ -222,7 +224,7 @@ def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
 
 
 def test_what_is_off_or_nowhere_is_not_felt(hand: PerceptualModel) -> None:
-    scene = _scene(_texture(Renderer.MCHA), 10, hand)
+    scene = _scene(_texture(SurfaceRenderer.MCHA), 10, hand)
     engine = Engine(scene, models=lambda _: hand, tolerance=PAPER)
     off = _block(hand, _slide(10), np.arange(10), levels=np.zeros(10))
     assert engine.evaluate(off) == []
@@ -242,13 +244,13 @@ def test_what_is_off_or_nowhere_is_not_felt(hand: PerceptualModel) -> None:
 
 
 def test_a_surface_is_at_home_in_the_scene(hand: PerceptualModel) -> None:
-    scene = _scene(_texture(Renderer.MCHA), 10, hand)
+    scene = _scene(_texture(SurfaceRenderer.MCHA), 10, hand)
     header = TrackHeader.of(scene, {hand.id: hand}, settings={}, tools={})
     assert header.effects[0].kind == "volume"
 
 
 def test_contacts_and_places_that_do_not_count_are_told_by_name(hand: PerceptualModel) -> None:
-    scene = _scene(_texture(Renderer.MCHA), 6, hand)
+    scene = _scene(_texture(SurfaceRenderer.MCHA), 6, hand)
     (table,) = scene.effects
     assert isinstance(table.area, HapticSurface)
     few = replace(scene, effects=(replace(table, area=replace(table.area, max_contacts=1)),))

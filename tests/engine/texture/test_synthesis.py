@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hfx_blender.engine.texture import stroke as strokes
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.synthesis import amplitude_and_frequency
 
 
@@ -68,7 +68,7 @@ def test_each_step_of_a_stroke_over_a_grating_has_its_amplitude_and_frequency(
     speed: float, angle: float, wavelength: float
 ) -> None:
     field = grating(wavelength)
-    texture = SurfaceTexture(field, None, Renderer.DIRECT)
+    texture = SurfaceTexture(field, None, SurfaceRenderer.DIRECT)
     way = strokes.line((0.0, 0.0), angle, 12.0 * wavelength / np.cos(angle) + speed * 0.1, speed)
     signal = render_stroke(texture, way)
     expected = speed * np.cos(angle) / wavelength

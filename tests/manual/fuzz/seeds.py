@@ -28,8 +28,7 @@ from hfx_blender.authoring.paths import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_model  # noqa: E402
 from hfx_blender.engine.rendering.render import renderers_of_track  # noqa: E402
-from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
-from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
+from hfx_blender.engine.texture.haptic_map import DeviceRange, HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402
 from hfx_blender.files.strict_json import encoded  # noqa: E402
 from hfx_blender.formats import files, writing  # noqa: E402
