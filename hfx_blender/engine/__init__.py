@@ -1,36 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The haptic engine: from a scene description to a device-independent track and its rasters.
+"""Haptic engine: scene description to device-independent track and rasters.
 
-Pure Python and numpy; never imports ``bpy``. Two doors: :mod:`.scene` in, :mod:`.track` out.
+Pure Python and numpy, without ``bpy``. Input is :mod:`.scene`, output :mod:`.track`.
 
-Modules and packages, lowest first: each imports only from those above it in this list.
+Modules and packages, lowest first; each imports only from entries above:
 
-arrays            types of arrays, counting within groups
-stepwise          long work in steps, which may be shown and cancelled
-matmul            products and inverses of matrices that start no threads
-tolerance         the accepted error
-modality          the four modalities: parameters, units, how effects combine
-counters          numbers of what the engine did
-native            the compiled loops
+arrays            array types, ids without an entry, archives of arrays
+stepwise          long work in steps, with progress and cancelling
+matmul            matrix products and inverses without threads
+tolerance         accepted error
+modality          the four modalities: parameters, units, combination of effects
+counters          counters of the engine's work
+native            compiled loops
 kinematics        keyframe curves, bone hierarchies, motion between two samples
 volume            shapes of haptic volumes
 body              perceptual models, their parts and files, rigs
 texture           haptic surfaces: height fields, materials, strokes
 response_filters  parameters and values of contact response filters
-scene             the scene description: the input
+scene             scene description: the input
 samples           haptic samples: the result of an evaluation
-reference         the definition of a contact, in plain numpy: read it first
-active_rows       rows of a block that count
-retargeting       fitting of the canonical models to an avatar
-skin              models bound, posed and sampled cell by cell
+reference         definition of contact in plain numpy: read it first
+active_rows       selection of rows of a block
+retargeting       fit of the canonical models to an avatar
+skin              models bound, posed and sampled by cells
 contact           broad phase, narrow phase, continuous collision detection
-surface           samples of skin that moves over haptic surfaces
-response          contact responses: how volumes answer a touch
-areas             egocentric and allocentric areas, as runs of samples
+surface           samples of skin moving over haptic surfaces
+response          contact responses of volumes
+areas             egocentric and allocentric areas as sample runs
 overlapping       work in a thread while its input is produced
-evaluate          evaluation of blocks of animation: the engine's recipe
-track             the haptic track on disk: the output
+evaluate          evaluation of animation blocks: top level of the engine
+track             haptic track on disk: the output
 rendering         samples and tracks as rasters of a device's actuators
-spatial_sound     volumes as sound sources round a listener
+spatial_sound     volumes as sound sources around a listener
 colouring         samples as colours of an avatar
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Row selection of a block: effect on, pose known, one sample following another."""
+"""Row selection within a block: effect on, pose known, successive samples."""
 
 from __future__ import annotations
 
@@ -17,30 +17,37 @@ from .counters import Counters
 from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescription, PoseBlock
 
 FARTHEST = 1e12
-"""Metres, and entries of matrices: a place beyond it is none, and its speed no float32."""
+"""Largest valid coordinate (metres) or matrix entry; larger speeds overflow float32."""
 
 NOTHING: Final = 1e-9
-"""A body whose matrix holds nothing larger is one point."""
+"""Largest matrix entry of a body scaled to a point."""
 
 
 def active_rows(
     effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
 ) -> list[I64]:
-    """Rows at which each effect is on and all its values are numbers."""
+    """Own rows of a block at which each effect is on with finite values, ascending.
+
+    Warns of non-finite values.
+    """
     if not effects:
         return []
+    # Quick paths: a single sample (live), and blocks of finite values only.
     if len(block.indices) == 1 and block.own == slice(0, 1):
-        values = [[*each.levels.tolist(), *each.parameters[0].tolist()] for each in block.effects]
+        values = [
+            [*animated.levels.tolist(), *animated.parameters[0].tolist()]
+            for animated in block.effects
+        ]
         if all(map(isfinite, chain(*values))):
             none, only = np.zeros(0, np.int64), np.zeros(1, np.int64)
             return [only if level > 0.0 else none for level, *_ in values]
     parts = [animated.levels for animated in block.effects]
     parts += [animated.parameters.ravel() for animated in block.effects]
-    together, count = np.concatenate(parts), len(block.indices)
-    if np.isfinite(together).all():
-        on = together[: len(effects) * count].reshape(len(effects), count) > 0.0
-        _keep_own(on.T, block)
-        numbers, rows = on.nonzero()
+    values_of_all, count = np.concatenate(parts), len(block.indices)
+    if np.isfinite(values_of_all).all():
+        is_on = values_of_all[: len(effects) * count].reshape(len(effects), count) > 0.0
+        _keep_own(is_on.T, block)
+        numbers, rows = is_on.nonzero()
         cuts = np.searchsorted(numbers, np.arange(len(effects) + 1)).tolist()
         return [rows[first:last] for first, last in pairwise(cuts)]
     return [
@@ -52,6 +59,7 @@ def active_rows(
 def _finite_rows(
     effect: EffectDescription, animated: EffectBlock, block: AnimationBlock, counters: Counters
 ) -> I64:
+    """Own rows of one effect with non-finite values at some rows; warns."""
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
     judged = finite[block.own]
     if not judged.all():
@@ -65,7 +73,7 @@ def _finite_rows(
 
 
 def _keep_own(on: Bool, block: AnimationBlock) -> None:
-    """Clear a mask (T, ...) at the rows of the blocks before and after."""
+    """Set a mask (T, ...) to False at a block's history and future rows, in place."""
     on[: block.own.start] = False
     on[block.own.stop :] = False
 
@@ -73,8 +81,8 @@ def _keep_own(on: Bool, block: AnimationBlock) -> None:
 def with_directions(
     effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
 ) -> AnimationBlock:
-    """A block whose winds all blow somewhere: to +Z where a direction is (0, 0, 0)."""
-    found = None
+    """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if unchanged."""
+    effects_of_block = None
     for k, effect in enumerate(effects):
         if effect.modality != "wind" or block.effects[k].parameters[:, 1:4].any(axis=1).all():
             continue
@@ -82,43 +90,43 @@ def with_directions(
         still = ~animated.parameters[:, 1:4].any(axis=1)
         parameters = animated.parameters.copy()
         parameters[still, 1:4] = 0.0, 0.0, 1.0
-        found = list(block.effects) if found is None else found
-        found[k] = replace(animated, parameters=parameters)
+        effects_of_block = list(block.effects) if effects_of_block is None else effects_of_block
+        effects_of_block[k] = replace(animated, parameters=parameters)
         count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.own]))
-        if count and animated.matrices is None:  # contacts tell of a flattened volume
+        if count and animated.matrices is None:  # contacts warn of flattened volumes
             text = f"effect '{effect.name}': its Z axis has no direction; its wind blows to +Z"
             counters.warn(text, count)
-    return block if found is None else replace(block, effects=tuple(found))
+    return block if effects_of_block is None else replace(block, effects=tuple(effects_of_block))
 
 
 def warn_of_controls(
     effect: EffectDescription, animated: EffectBlock, rows: I64, counters: Counters
 ) -> None:
-    """Warn of a contact response whose controls are no numbers at rows where it is on."""
+    """Warn of non-finite controls of a contact response at given rows."""
     if animated.response is None or np.isfinite(animated.response[rows]).all():
         return
-    bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))
+    is_bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))
     text = f"effect '{effect.name}': a value of its contact response is not a finite number"
-    counters.warn(f"{text}; the default is taken there", int(np.count_nonzero(bad)))
+    counters.warn(f"{text}; the default is taken there", int(np.count_nonzero(is_bad)))
 
 
 def posed_rows(pose: PoseBlock) -> I64:
-    """Rows that were read and hold nothing but numbers that a place can have."""
-    finite = pose.valid.copy()
+    """Rows of a pose that were read, with finite values below ``FARTHEST``."""
+    is_posed = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None and not _is_near(values):
-            finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
-    return finite.nonzero()[0]
+            is_posed &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
+    return is_posed.nonzero()[0]
 
 
 def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
-    """Quick test, by the sum of squares, that all values are finite and within FARTHEST."""
+    """Quick sufficient test (sum of squares) for finite values below ``FARTHEST``."""
     flat = values.ravel()
-    return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # which is rounded
+    return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # 0.9: rounding
 
 
 def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
-    """Count a warning about a body scaled to nothing at rows (T,) where an effect is on."""
+    """Warn of a body scaled to a point at rows (T,) with an active effect."""
     is_point = (np.abs(pose.to_world[:, :3, :3]) <= NOTHING).all(axis=(1, 2))
     count = int(np.count_nonzero(is_point & pose.valid & active))
     if count:
@@ -127,7 +135,7 @@ def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters
 
 
 def of_read(rows: I64, pose: PoseBlock) -> I64:
-    """Select the rows at which a body was read; a disabled body is not."""
+    """Rows at which a body was read (not disabled)."""
     return rows if pose.valid.all() else rows[pose.valid[rows]]
 
 
@@ -139,45 +147,52 @@ def with_pose(
     *,
     needs_pose: bool = False,
 ) -> I64:
-    """Select the rows, ascending, at which the pose is known; count a warning for the others.
+    """Rows (ascending) at which the pose is known; warns of the other rows.
 
-    ``needs_pose``: painted effects are not felt without a pose, either.
+    ``needs_pose``: the warning says that painted effects are silent as well.
     """
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
-        return rows  # all up to the last
-    known = np.isin(rows, posed)
-    if not known.all():
+        return rows  # every row up to the last is posed
+    is_posed = np.isin(rows, posed)
+    if not is_posed.all():
         counters.warn(
             f"body '{body.name}': its pose is no usable number; "
             + ("nothing is" if needs_pose else "no volume is")
             + " felt there"
             + ("" if needs_pose else ", painted effects go on"),
-            int(np.count_nonzero(~known)),
+            int(np.count_nonzero(~is_posed)),
         )
-    return rows[known]
+    return rows[is_posed]
 
 
 def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
-    """Rows with those that precede them, and masks: to be reported, and following the row before.
+    """Rows and their preceding rows, with masks.
 
-    A row follows the sample before its own if the effect was on then and the pose is known.
+    Returns
+    -------
+    rows : (n,) int64
+        Requested rows, and rows before with the effect on and a known pose; ascending.
+    is_requested : (n,) bool
+    follows : (n,) bool
+        True if the row before is the previous sample, and in ``rows``.
     """
     count = len(block.indices)
     if count == 1:
         return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
-    # For each row: whether it was requested; whether the next one follows it.
-    is_asked, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)
-    is_asked[rows] = True
+    # is_before[k]: row k + 1 is requested and follows row k by one sample.
+    is_requested, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)
+    is_requested[rows] = True
     levels = animated.levels[:-1]
     is_before[posed] = True
     is_before[: count - 1] &= (
-        is_asked[1:]
+        is_requested[1:]
         & (levels > 0.0)
         & np.isfinite(levels)
         & (block.indices[:-1] == block.indices[1:] - 1)
     )
     is_before[count - 1 :] = False
-    together = np.flatnonzero(is_asked | is_before[:-1])
-    return together, is_asked[together], is_before[together - 1]  # the last is before none
+    all_rows = np.flatnonzero(is_requested | is_before[:-1])
+    # Index -1 of row 0 reads the last element, which is always False.
+    return all_rows, is_requested[all_rows], is_before[all_rows - 1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Types of numpy arrays by their elements, counting within groups, and archives of arrays."""
+"""Array types, indexing helpers, and .npz archives."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ NPZ_DAMAGE: Final = (
     ValueError,
     ArithmeticError,
     LookupError,
-    AttributeError,  # a member that is no array
+    AttributeError,  # a member other than an array
     RuntimeError,
     struct.error,
-    # numpy takes an array's header apart as Python text
+    # numpy parses array headers as Python text
     SyntaxError,
     TypeError,
     MemoryError,
@@ -40,26 +40,25 @@ NPZ_DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""Exceptions that numpy, zipfile and zlib raise for damaged .npz archives (found by fuzzing)."""
+"""Exceptions of numpy, zipfile and zlib for damaged .npz archives (found by fuzzing)."""
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:
-    """Steps and owners of counts: for 2, 3 they are 0 1 0 1 2 and 0 0 1 1 1."""
+    """Steps and owners of counts: (2, 3) gives 0 1 0 1 2 and 0 0 1 1 1."""
     owners = np.repeat(np.arange(len(counts)), counts)
     steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     return steps, owners
 
 
-def missing_ids(is_there: Bool, wanted: I64) -> I64:
-    """Numbers in ``wanted`` for which nothing is there, each once, ascending."""
-    known = is_there[wanted]
-    return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])
+def missing_ids(has_entry: Bool, ids: I64) -> I64:
+    """Sorted unique ids without an entry."""
+    is_known = has_entry[ids]
+    return np.zeros(0, np.int64) if is_known.all() else np.unique(ids[~is_known])
 
 
 def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Stable counting sort of keys (E,), each below ``count``: order, and start of each key, (count
-    + 1,)."""
-    # Numpy sorts 16 bits in one pass.
+    """Stable counting sort of keys (E,) below ``count``: order (E,), key starts (count + 1,)."""
+    # numpy sorts 16-bit keys by radix sort.
     short = keys.astype(np.uint16) if count <= 1 << 16 else keys
     order = np.argsort(short, kind="stable").astype(np.int64, copy=False)
     starts = np.zeros(count + 1, np.int64)
@@ -70,7 +69,7 @@ def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]
 def write_npz(
     file: BinaryIO, arrays: Mapping[str, npt.NDArray[Any]], *, is_compressed: bool = False
 ) -> None:
-    """Write arrays as ``numpy.savez`` does; the archive is closed where the file cannot be written.
+    """Write arrays as ``numpy.savez``, closing the archive if a write fails.
 
     Raises
     ------

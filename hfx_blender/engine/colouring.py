@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of haptic samples on an avatar: HFX Studio's previsualisation.
+"""Colours of haptic samples on an avatar, after HFX Studio's previsualisation.
 
-Vibration red, pressure green, temperature blue; the stronger an effect, the stronger the
-colour; colours combine where effects overlap (Danieau et al. 2018, section 3.3.2).
+Vibration red, pressure green, temperature blue, with opacity by strength; colours of overlapping
+effects combine (Danieau et al. 2018, section 3.3.2).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .modality import MODALITIES, Colour, neutral_temperature_c
 from .samples import Sample
 
 COLD: Final = "cold"
-"""Temperature below neutral, which a palette may tell from warmth."""
+"""Palette key of temperatures below neutral."""
 
 COLOURS: Final[Mapping[str, Colour]] = {
     **{name: modality.colour for name, modality in MODALITIES.items()},
@@ -33,18 +33,18 @@ _own: dict[str, Colour] = dict(_WARM_COLD)
 PALETTES: Final[Mapping[str, Mapping[str, Colour]]] = {
     "PAPER": COLOURS,
     "WARM_COLD": _WARM_COLD,
-    # Okabe and Ito, Color Universal Design (2008): told apart by all common kinds of vision.
+    # Okabe and Ito, Color Universal Design (2008): distinct for all common kinds of vision.
     "COLOUR_BLIND": {
         **{name: modality.colour_blind for name, modality in MODALITIES.items()},
         COLD: (0.0, 0.447, 0.698),
     },
     "OWN": _own,
 }
-"""Colours by modality, and of cold."""
+"""Palettes: colours by modality and for cold."""
 
 
 def set_own_palette(colours: Mapping[str, Colour]) -> None:
-    """Set the colours of the palette ``OWN``, by the same names as the others."""
+    """Set the colours of the palette ``OWN``; all keys of ``COLOURS`` are required."""
     _own.update({name: colours[name] for name in COLOURS})
 
 
@@ -52,17 +52,17 @@ def set_own_palette(colours: Mapping[str, Colour]) -> None:
 class Spread:
     """Interpolation weights from a perceptual model's vertices to an avatar's."""
 
-    nearest: npt.NDArray[np.int64]  # (A, k)
-    shares: F64  # (A, k) rows sum to 1
+    nearest: npt.NDArray[np.int64]  # (A, k) vertices of the model
+    shares: F64  # (A, k) weights, rows sum to 1
 
     @classmethod
     def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
-        """Make weights from the nearest vertices; nearer ones count for more.
+        """Inverse-distance weights from the nearest vertices.
 
         Parameters
         ----------
         nearest : (A, k) int64
-            Vertices of the model nearest to each vertex of the avatar, rest space.
+            Nearest model vertices of each avatar vertex, rest space.
         distances_m : (A, k) float64
         """
         inverse = 1.0 / np.maximum(distances_m, 1e-6)
@@ -70,18 +70,17 @@ class Spread:
 
 
 def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
-    """Strength at each of a sample's vertices, (n,), 0..1 of full colour."""
+    """Strength (n,) at a sample's vertices, 0..1 of full colour."""
     modality = MODALITIES[sample.stream.modality]
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
         value -= neutral_temperature_c(is_contact)
     scale = sample.level * abs(value) / modality.full_colour
-    found: F64 = np.minimum(sample.weights * scale, 1.0, dtype=np.float64)
-    return found
+    return np.asarray(np.minimum(sample.weights * scale, 1.0, dtype=np.float64))
 
 
 def colour_name(sample: Sample, is_contact: bool) -> str:
-    """Name of a sample's colour in a palette."""
+    """Palette key of a sample: modality or ``COLD``."""
     modality = sample.stream.modality
     if modality != "temperature":
         return modality
@@ -90,13 +89,16 @@ def colour_name(sample: Sample, is_contact: bool) -> str:
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
-    """Overlay for an avatar: colour and opacity, (A, 4) in 0..1; clear without any sensation."""
-    felt = np.stack(list(shares.values()))
-    opacity = felt.max(axis=0)
-    # Not as a product of matrices: that wakes other threads for it.
-    tint = np.einsum("ka,kc->ac", felt, np.array([palette[name] for name in shares]))
-    found = np.empty((len(opacity), 4))
-    # Straight alpha: the strongest is in full colour.
-    found[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
-    found[:, 3] = np.minimum(opacity, 1.0)
-    return found
+    """Colour and opacity (A, 4) in 0..1 from strengths (A,) by palette key; straight alpha.
+
+    Opacity is the largest strength, 0 without sensation.
+    """
+    strengths_by_name = np.stack(list(shares.values()))
+    opacity = strengths_by_name.max(axis=0)
+    # einsum, because a matrix product would start BLAS threads.
+    tint = np.einsum("ka,kc->ac", strengths_by_name, np.array([palette[name] for name in shares]))
+    colours = np.empty((len(opacity), 4))
+    # Divided by opacity: the strongest effect has its full colour.
+    colours[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
+    colours[:, 3] = np.minimum(opacity, 1.0)
+    return colours

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Counters of the engine's work, so that "only what a scene requires" can be tested and
-reported.
-"""
+"""Counters of work by the engine and the reader, for tests and reports."""
 
 from __future__ import annotations
 
@@ -14,32 +12,30 @@ from .modality import MODALITIES, neutral_temperature_c
 
 @dataclass
 class Counters:
-    """Work done since the engine was made."""
+    """Work of an engine since its creation."""
 
     models_loaded: list[str] = field(default_factory=list)
-    bodies_reached: list[str] = field(
-        default_factory=list
-    )  # ids; a volume came near, skin was looked at
-    meshes_searched: int = 0  # (mesh volume, body, time) in blocks where skin was looked at
-    times_evaluated: int = 0  # rows of blocks that held an active effect
-    times_skipped: int = 0  # rows in which nothing was active
-    volume_tests: int = 0  # (volume, body, time) whose boxes were compared
-    clusters_tested: int = 0  # (cluster, volume, time) whose bounds were compared
-    vertices_posed: int = 0  # positions computed
-    contacts: int = 0  # (vertex, effect, time) felt
-    warnings: dict[str, int] = field(default_factory=dict)  # message -> how often
+    bodies_reached: list[str] = field(default_factory=list)  # ids of bodies with a narrow phase
+    meshes_searched: int = 0  # (mesh volume, body, time) in blocks with a narrow phase
+    times_evaluated: int = 0  # rows with an active effect
+    times_skipped: int = 0  # rows without
+    volume_tests: int = 0  # (volume, body, time) box comparisons
+    clusters_tested: int = 0  # (cluster, volume, time) bounds comparisons
+    vertices_posed: int = 0  # computed positions
+    contacts: int = 0  # (vertex, effect, time) with a sample
+    warnings: dict[str, int] = field(default_factory=dict)  # message -> number
 
     def warn(self, message: str, count: int = 1) -> None:
-        """Count a warning; each message is reported once, with how often it occurred."""
+        """Add ``count`` occurrences of a warning."""
         self.warnings[message] = self.warnings.get(message, 0) + count
 
     def clear(self) -> None:
-        """Forget what was counted; which models were loaded, and bodies reached, stays."""
+        """Reset all counts except loaded models and reached bodies."""
         models, bodies = self.models_loaded, self.bodies_reached
         self.__dict__.update(vars(Counters(models_loaded=models, bodies_reached=bodies)))
 
     def copy(self) -> Counters:
-        """The same, now."""
+        """Snapshot with lists and dicts of its own."""
         return replace(
             self,
             models_loaded=[*self.models_loaded],
@@ -48,7 +44,7 @@ class Counters:
         )
 
     def since(self, before: Counters) -> Counters:
-        """Work counted since the snapshot ``before``."""
+        """Difference to an earlier snapshot of the same counters."""
         changes: dict[str, int] = {
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }
@@ -62,23 +58,23 @@ class Counters:
         return Counters(models_loaded=new, bodies_reached=reached, warnings=warnings, **changes)
 
     def reach(self, body_id: str) -> None:
-        """Count a body whose skin was looked at."""
+        """Count a body with a narrow phase, once."""
         if body_id not in self.bodies_reached:
             self.bodies_reached.append(body_id)
 
     def add(self, more: Counters) -> None:
-        """Add the counts of other counters."""
+        """Add the counts of other counters, in place."""
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
-        known = {*self.models_loaded}
-        self.models_loaded += [model for model in more.models_loaded if model not in known]
+        models = {*self.models_loaded}
+        self.models_loaded += [model for model in more.models_loaded if model not in models]
         for body_id in more.bodies_reached:
             self.reach(body_id)
         for text, count in more.warnings.items():
             self.warn(text, count)
 
     def go_back(self, before: Counters) -> None:
-        """Restore the snapshot ``before``."""
+        """Restore a snapshot."""
         self.__dict__.update(vars(before.copy()))
 
     def as_dict(self) -> dict[str, object]:
@@ -86,19 +82,19 @@ class Counters:
         return asdict(self)
 
 
-_NUMBERS: Final = tuple(each.name for each in fields(Counters) if each.type == "int")
+_NUMBERS: Final = tuple(column.name for column in fields(Counters) if column.type == "int")
 
 
 @dataclass(frozen=True)
 class Unfelt:
-    """Reason why nothing is felt of an effect; it goes on after the effect's name."""
+    """Reason for an effect without samples, as text after the name of the effect."""
 
     reason: str
-    is_expected: bool = False  # the user asked for it: no warning
+    is_expected: bool = False  # requested by the user, so no warning
 
 
 def powerless_reason(modality: str, is_contact: bool) -> str:
-    """Reason why an effect without strength is not felt; it goes on after the effect's name."""
+    """Reason for an effect of strength 0 or neutral temperature, as text after its name."""
     if modality == "temperature":
         return f"has the neutral temperature, {neutral_temperature_c(is_contact):g} °C"
     strength = MODALITIES[modality].strength_parameter
@@ -107,23 +103,23 @@ def powerless_reason(modality: str, is_contact: bool) -> str:
 
 @dataclass
 class ReadingCounters:
-    """Work done since a scene's reader was made."""
+    """Work of a scene reader since its creation."""
 
-    times_stepped: int = 0  # Blender was set to a time, and evaluated what is stepped
-    frames_played: int = 0  # of simulations, before anything was read
-    effects_read: int = 0  # (effect, time) of which all was read from Blender
-    places_read: int = 0  # (volume, time) of which only the place and a box were read
-    poses_read: int = 0  # (body, time) read from Blender
-    meshes_read: int = 0  # (mesh, time) whose vertices were read
-    meshes_made: int = 0  # meshes made into closed surfaces
-    instances: int = 0  # volumes that are shown as instances
-    # Volume: number of its samples in blocks of which only its place was needed, by their first.
+    times_stepped: int = 0  # times evaluated by Blender
+    frames_played: int = 0  # frames of simulations before the range
+    effects_read: int = 0  # (effect, time) read in full
+    places_read: int = 0  # (volume, time) read as placement and box only
+    poses_read: int = 0  # (body, time)
+    meshes_read: int = 0  # (mesh, time) with vertices read
+    meshes_made: int = 0  # closed surfaces made of meshes
+    instances: int = 0  # volumes shown as instances
+    # Volume name to number of samples in blocks far from all bodies, by first sample.
     far: dict[str, dict[str, int]] = field(default_factory=dict)
-    on: dict[str, bool] = field(default_factory=dict)  # ids of those that were on there, once
-    skipped: dict[str, str] = field(default_factory=dict)  # effect: why nothing of it was read
+    on: dict[str, bool] = field(default_factory=dict)  # ids of far volumes on at any sample
+    skipped: dict[str, str] = field(default_factory=dict)  # effect -> reason for not reading
 
     def add(self, more: ReadingCounters) -> None:
-        """Count what was counted where another part of the scene was read."""
+        """Add the counts of another part of the scene, in place; maximum of instances."""
         for name in _READING_NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         self.instances = max(self.instances, more.instances)
@@ -133,17 +129,19 @@ class ReadingCounters:
         self.skipped |= more.skipped
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, which stays as it is while more is counted."""
+        """Plain data, independent of later counts."""
         far = {name: {**blocks} for name, blocks in self.far.items()}
         return {**vars(self), "far": far, "on": {**self.on}, "skipped": {**self.skipped}}
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
-    """Counters, as plain data, that are the same however a scene is split into parts."""
+    """Part of counters (plain data) independent of the division of a scene into parts."""
     far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
     return {"far": far, "skipped": counters.get("skipped", {})}
 
 
 _READING_NUMBERS: Final = tuple(
-    each.name for each in fields(ReadingCounters) if each.type == "int" and each.name != "instances"
+    column.name
+    for column in fields(ReadingCounters)
+    if column.type == "int" and column.name != "instances"
 )

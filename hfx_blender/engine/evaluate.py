@@ -45,20 +45,25 @@ _SLOW: Final = (
 
 
 class Engine:
-    """Evaluates one scene, block by block, and does only what its active effects require.
+    """Evaluates one scene in blocks of animation.
+
+    Models, skins and poses are loaded and computed only for active effects.
 
     Parameters
     ----------
     record : iterable of str
-        What samples carry besides vertices and weights: any of ``ON_DEMAND`` and
-        ``ON_DEMAND_HERE``.
+        Optional fields of samples, of ``ON_DEMAND`` and ``ON_DEMAND_HERE``.
     models : callable
-        Loads a perceptual model by its id; called at the first moment it is needed.
+        Loads a perceptual model by id; called on first use.
     tolerance : Tolerance
-        The error that is accepted; ``PAPER`` tests vertices, all others sample their skin.
+        Accepted error; ``PAPER`` tests vertices only, others sample the skin.
     threads : int
-        How many look at skin while this one goes on, where the compiled part is there; 1: none.
-        The results are the same.
+        Number of worker threads for the compiled library; 1 disables threading. Results are equal.
+
+    Raises
+    ------
+    ValueError
+        ``record`` has an unknown field.
     """
 
     def __init__(
@@ -73,61 +78,62 @@ class Engine:
         self.scene = scene
         self.tolerance = tolerance
         self.counters = Counters()
-        self.touched: set[str] = set()  # ids of volumes with a response that a body was in
-        self.record = wanted = frozenset(record)
-        known = ON_DEMAND | ON_DEMAND_HERE
-        if not wanted <= known:
-            raise ValueError(f"record: expected some of {sorted(known)}, got {record}")
+        self.touched: set[str] = set()  # ids of volumes with a response and a contact so far
+        self.record = fields = frozenset(record)
+        allowed = ON_DEMAND | ON_DEMAND_HERE
+        if not fields <= allowed:
+            raise ValueError(f"record: expected some of {sorted(allowed)}, got {record}")
         self._skins = BoundSkins(models, tolerance, self.counters)
         self.responses = Answering(scene)
-        builder = SampleRunBuilder(scene, wanted, self._skins, self.counters)
+        builder = SampleRunBuilder(scene, fields, self._skins, self.counters)
         self._egocentric = EgocentricAreas(builder)
         self._threads = _threads(threads)
         self._allocentric = AllocentricAreas(builder, self.responses, self._threads)
 
     @property
     def has_threads(self) -> bool:
-        """Test for threads that look at skin while this one goes on."""
+        """True with worker threads."""
         return self._threads is not None
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Facts for a report that hold for all blocks."""
+        """Facts about all blocks for a report."""
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
-        """Evaluate a block: one run of samples for each effect and body with any."""
+        """Evaluate a block: a run of samples per effect and body with any sample."""
         return self.begin(block)()
 
     def evaluated(
         self, blocks: Iterable[AnimationBlock]
     ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-        """Yield blocks with their samples, in their order.
+        """Yield (block, sample runs) in order.
 
-        With threads, which go on working meanwhile, a block is begun before the samples of the
-        one before it are given on. Counters hold what was given on.
+        With threads, the next block is begun before the samples of a block are yielded. The
+        counters include only yielded blocks.
         """
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
         for block in blocks:
             before = self.counters.copy()
-            ended = self.begin(block)
-            begun.append((block, ended, self.counters.since(before)))
+            finish = self.begin(block)
+            begun.append((block, finish, self.counters.since(before)))
             self.counters.go_back(before)
             if self._threads is None or len(begun) > 1:
-                yield self._ended(*begun.popleft())
+                yield self._finished(*begun.popleft())
         while begun:
-            yield self._ended(*begun.popleft())
+            yield self._finished(*begun.popleft())
 
-    def _ended(
-        self, block: AnimationBlock, ended: Callable[[], list[SampleRun]], counted: Counters
+    def _finished(
+        self, block: AnimationBlock, finish: Callable[[], list[SampleRun]], counted: Counters
     ) -> tuple[AnimationBlock, list[SampleRun]]:
+        """Finish a block, after adding its counts."""
         self.counters.add(counted)
-        return block, ended()
+        return block, finish()
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
-        """Begin to :meth:`evaluate` a block; the returned function, called once, gives the samples.
+        """Begin to :meth:`evaluate` a block; returns a function to finish it, to be called once.
 
-        Other threads work on it meanwhile. Blocks must be begun, and ended, in their order.
+        Worker threads compute in between. Blocks must be begun and finished in order.
         """
         block = with_directions(self.scene.effects, block, self.counters)
         effects = list(zip(self.scene.effects, block.effects, strict=True))
@@ -147,12 +153,12 @@ class Engine:
             if len(rows)
         ]
 
-        def ended() -> list[SampleRun]:
-            runs = [run for each in begun for run in each() if run is not None]
+        def finish() -> list[SampleRun]:
+            runs = [run for finish_effect in begun for run in finish_effect() if run is not None]
             self.counters.contacts += sum(run.contact_count for run in runs)
             return runs
 
-        return ended
+        return finish
 
     def _begin(
         self,
@@ -162,10 +168,10 @@ class Engine:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> Callable[[], list[SampleRun | None]]:
-        """Begin one effect at the rows where it is on; each kind of area has its own method.
+        """Begin one effect at its active rows; returns a function to finish it.
 
-        What changes a kind of area is decided here; what changes all samples of an effect,
-        whatever its area (a filter of its response), goes over the runs before they are returned.
+        The function returns a run per body, None without samples. The kind of area selects the
+        method; contact responses act on finished runs.
         """
         area, bodies = effect.area, self.scene.bodies
         if isinstance(area, HapticVolume):
@@ -175,36 +181,36 @@ class Engine:
                 for body in bodies
             ]
 
-            def ended() -> list[SampleRun | None]:
-                felt = [each() for each in begun]
+            def finish() -> list[SampleRun | None]:
+                contact_runs = [finish_body() for finish_body in begun]
                 if not area.response:
-                    return felt
-                if any(run is not None for run in felt):
+                    return contact_runs
+                if any(run is not None for run in contact_runs):
                     self.touched.add(effect.id)
                 return [
                     self._allocentric.answered(effect, animated, rows, body, block, reach, run)
-                    for body, run in zip(bodies, felt, strict=True)
+                    for body, run in zip(bodies, contact_runs, strict=True)
                 ]
 
-            return ended
+            return finish
         if isinstance(area, PaintedArea):
-            found = [self._egocentric.painted(effect, area, animated, rows, block)]
+            runs = [self._egocentric.painted(effect, area, animated, rows, block)]
         elif isinstance(area, SpotArea):
-            found = [self._egocentric.spot(effect, area, animated, rows, block)]
+            runs = [self._egocentric.spot(effect, area, animated, rows, block)]
         elif isinstance(area, ActuatorArea):
-            found = [self._egocentric.actuators(effect, area, animated, rows, block)]
+            runs = [self._egocentric.actuators(effect, area, animated, rows, block)]
         else:
-            found = [
+            runs = [
                 self._allocentric.surface(effect, animated, rows, body, block, reach)
                 for body in bodies
             ]
-        return lambda: found
+        return lambda: runs
 
 
 def _threads(count: int) -> Executor | None:
-    """Thread pool of an engine; None where threads would have nothing to do."""
+    """Thread pool; None without the compiled library or with one thread."""
     if count < 2 or not library.is_there():
         return None
-    from concurrent.futures import ThreadPoolExecutor  # Blender's start does not wait for it
+    from concurrent.futures import ThreadPoolExecutor  # imported late for Blender's start
 
     return ThreadPoolExecutor(count, "hfx")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matrix products and inverses without the threads of BLAS, which spin longer than they take."""
+"""Matrix products and inverses without BLAS threads, which take longer to wake than the work."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from .arrays import F64
 
 _UNTHREADED: Final = 1 << 18
-"""Multiplications in one product: more, or a single row of some thousands, and OpenBLAS would
-wake threads for it."""
+"""Largest number of multiplications in a product without threads of OpenBLAS."""
 
 
 def stacked_product(stacked: F64, factors: F64) -> F64:
-    """Stacked matrices (k, n, K) times factors (V, K): (k, n V)."""
+    """Products (k, n V) of stacked matrices (k, n, K) and factors (V, K)."""
     size, (stack, count, width) = len(factors), stacked.shape
     products = np.empty((stack, count, size))
+    # Parts small enough for one thread; single rows by einsum, because BLAS threads long rows.
     step = _UNTHREADED // max(size * width, 1)
     if step < 2:
         return np.einsum("ink,vk->inv", stacked, factors, out=products).reshape(stack, -1)
@@ -32,9 +32,9 @@ def stacked_product(stacked: F64, factors: F64) -> F64:
 
 
 def inverse_3x3(matrices: F64) -> F64:
-    """Inverses of matrices (T, 3, 3) that are far from singular, by cofactors.
+    """Inverses of well-conditioned matrices (T, 3, 3) by cofactors.
 
-    LAPACK wakes all threads for every single one of them.
+    LAPACK would start threads for each matrix.
     """
     next_rows, last_rows = matrices[:, [1, 2, 0]], matrices[:, [2, 0, 1]]
     crosses = (
@@ -44,13 +44,13 @@ def inverse_3x3(matrices: F64) -> F64:
     cofactors = crosses.transpose(0, 2, 1)
     determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
     inverses = cofactors / determinants[:, None, None]
-    # One step of Newton's iteration removes the errors of cancellation.
+    # A Newton step removes the cancellation errors of the cofactors.
     inverses = inverses @ (2.0 * np.eye(3) - matrices @ inverses)
     return np.asarray(inverses)
 
 
 def affine_inverse(matrices: F64) -> F64:
-    """Inverses of affine matrices (T, 4, 4), whose last row is 0, 0, 0, 1; not singular ones."""
+    """Inverses of regular affine matrices (T, 4, 4) with last row 0, 0, 0, 1."""
     inverses = np.zeros(matrices.shape)
     inverses[:, :3, :3] = inverse_3x3(matrices[:, :3, :3])
     inverses[:, :3, 3] = -np.einsum("tij,tj->ti", inverses[:, :3, :3], matrices[:, :3, 3])

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic modalities: one table of their facts.
+"""Haptic modalities: table of parameters, units, texts and colours.
 
-Physical units everywhere: vibration m/s^2 (peak) and Hz, pressure kPa, temperature degrees
-Celsius, wind m/s. What an effect does at a place is ``weight * level * parameter``; for
-temperature that product scales the deviation from a neutral temperature.
+Physical units: vibration m/s^2 (peak) and Hz, pressure kPa, temperature degrees Celsius, wind m/s.
+The value of an effect at a place is ``weight * level * parameter``; for temperature this scales the
+deviation from a neutral temperature.
 """
 
 from __future__ import annotations
@@ -18,19 +18,18 @@ if TYPE_CHECKING:
 
 
 AMBIENT_NEUTRAL_C: Final = 24.0
-"""Air that neither warms nor cools a clothed person at rest: neutral for ambient effects."""
+"""Air temperature neutral to a clothed person at rest; neutral for ambient effects."""
 
 CONTACT_NEUTRAL_C: Final = 33.0
-"""Skin temperature at rest: neutral for touched objects.
+"""Skin temperature at rest; neutral for touched objects.
 
-HFX Studio's 30 degC area by a fire must warm, and a 30 degC object must cool (our reading of
-Danieau et al. 2018, section 4.1), so one neutral temperature cannot serve both.
+HFX Studio's 30 degC area near a fire must warm, and a 30 degC object must cool (our interpretation
+of Danieau et al. 2018, section 4.1), so the neutral temperatures differ.
 """
 
 
 MAX_TEMPERATURE_C: Final = 40.0
-"""Highest temperature of any device: a conservative default for heat near skin, not a certified
-one."""
+"""Highest temperature of all devices: conservative for skin, not a certified limit."""
 
 Colour = tuple[float, float, float]
 """Linear RGB, 0..1."""
@@ -38,55 +37,52 @@ Colour = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Parameter:
-    """Physical parameter of a modality.
-
-    A direction has no property: it is that of the volume.
-    """
+    """Physical parameter of a modality; wind directions have no property."""
 
     name: str
     unit: str
     default: float
     minimum: float
     maximum: float
-    prop: str = ""  # property of Object.hfx
-    neutral: float = 0.0  # of a device whose configuration names none
-    device_maximum: float = math.inf  # that a device ever gives
+    prop: str = ""  # property of Object.hfx; "" for a direction
+    neutral: float = 0.0  # default neutral value of a device
+    device_maximum: float = math.inf  # largest value of any device
 
     @property
     def symbol(self) -> str:
-        """Unit as people read it."""
+        """Unit with "²" and "°C" for display."""
         return self.unit.replace("^2", "²").replace("degC", "°C")
 
 
 @dataclass(frozen=True)
 class Modality:
-    """Haptic modality: everything that tables of the product hold about it.
+    """Facts of a haptic modality.
 
-    ``strength`` names the parameter that the level scales: it is what a device turns up
-    and down. The other parameters only describe. Effects at one place add, unless
-    ``engine/rendering/conditioning/mixing.py`` has another rule.
+    ``strength`` is the parameter scaled by the level and driven by devices; other parameters
+    describe. Effects at a place add, unless ``engine/rendering/conditioning/mixing.py`` has another
+    rule.
     """
 
     name: str
     title: str
     description: str  # for menus
-    devices: str  # actuators of a device, for menus
-    model: str  # modality of the perceptual model that it is felt on
+    devices: str  # device actuators, for menus
+    model: str  # modality of the perceptual model
     parameters: tuple[Parameter, ...]
     strength: str
-    combining: str  # how effects at one place combine, for the header of a track
+    combining: str  # combination of effects at a place, for the header of a track
     colour: Colour
     colour_blind: Colour  # Okabe and Ito, Color Universal Design (2008)
-    full_colour: float  # strength at which an effect has its full colour
-    icon: str  # Blender's
+    full_colour: float  # strength of the full colour
+    icon: str  # icon id of Blender
     hjif: str  # perception_modality of ISO/IEC 23090-31
-    hjif_unit: str  # of full scale
+    hjif_unit: str  # unit of full scale
     gltf: int = 5  # hapticModality of MPEG's glTF extension; 5: custom
 
     @cached_property
     def limits(self) -> F64:
-        """The least and the largest value of each parameter, (2, P)."""
-        import numpy as np  # Blender's start does not wait for it
+        """Smallest and largest value of each parameter, (2, P)."""
+        import numpy as np  # imported late for Blender's start
 
         return np.array(
             [[p.minimum for p in self.parameters], [p.maximum for p in self.parameters]]
@@ -98,16 +94,16 @@ class Modality:
 
     @cached_property
     def strength_parameter(self) -> Parameter:
-        return next(each for each in self.parameters if each.name == self.strength)
+        return next(p for p in self.parameters if p.name == self.strength)
 
     @cached_property
     def controls(self) -> tuple[Parameter, ...]:
-        """Parameters with a property, which devices and files have, the strength first."""
-        return tuple(each for each in self.parameters if each.prop)
+        """Parameters with a property, used by devices and files; the strength is first."""
+        return tuple(p for p in self.parameters if p.prop)
 
     @property
     def is_silent_at_0(self) -> bool:
-        """Silence at strength 0; a temperature has a neutral value instead."""
+        """True if strength 0 is silence; False for temperature."""
         return self.strength_parameter.minimum >= 0.0
 
 
@@ -204,9 +200,9 @@ MODALITIES: Final[dict[str, Modality]] = {
 }
 
 MODALITY_ITEMS: Final = tuple((m.name, m.title, m.description) for m in MODALITIES.values())
-"""Modalities as items of an enumeration."""
+"""Modalities as items of an enumeration property."""
 
 
 def neutral_temperature_c(is_contact: bool) -> float:
-    """Temperature without any effect, degrees Celsius."""
+    """Neutral temperature of contact or ambient effects, degrees Celsius."""
     return CONTACT_NEUTRAL_C if is_contact else AMBIENT_NEUTRAL_C

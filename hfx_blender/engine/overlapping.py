@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Overlaps work in a thread with the production of its input.
+"""Overlap of work in a thread with the production of its input.
 
-Blender lets other threads run while it steps a scene, and so does compiled code. What is made
-and what is worked out, in which order, does not depend on it.
+Blender releases the interpreter while it steps a scene, as does compiled code. Items and results
+are the same, in the same order, as without the thread.
 """
 
 from __future__ import annotations
@@ -18,46 +18,51 @@ Made = TypeVar("Made")
 Done = TypeVar("Done")
 
 _AHEAD: Final = 3
-"""Things that wait to be worked on: more would only be held."""
+"""Largest number of items waiting for the thread; limits memory."""
 
 _TURN_S: Final = 1e-4
-"""Time that a thread keeps the interpreter while another waits for it, seconds. Python's own 5 ms
-are several times the time to step a frame."""
+"""Switch interval of the interpreter, seconds.
+
+Python's default of 5 ms is several times the time to step a frame.
+"""
 
 _LOOK_S: Final = 0.05
-"""Interval at which a waiting thread checks that the other is still there, seconds."""
+"""Interval of checks for stop and errors while waiting, seconds."""
 
 
 class _StoppedError(Exception):
-    """Raised where nobody wants the rest of the work."""
+    """Raised in the thread to abandon the work."""
 
 
 class _Worker(Generic[Made, Done]):
-    """Worker thread with its input and output queues."""
+    """Thread with queues of items and results."""
 
     def __init__(self, work: Callable[[Iterator[Made]], Generator[Done, None, None]]) -> None:
         self._work = work
-        self._made: Queue[tuple[Made] | None] = Queue(_AHEAD)  # None: that was all
+        self._made: Queue[tuple[Made] | None] = Queue(_AHEAD)  # None: end
         self._done: SimpleQueue[Done] = SimpleQueue()
         self._error: BaseException | None = None
         self._is_stopped = False
-        # Not Thread.join: one that Ctrl-C interrupts takes the thread for ended (CPython 3.11).
+        # Event instead of Thread.join: a join interrupted by Ctrl-C marks the thread as ended
+        # (CPython 3.11).
         self._has_ended = Event()
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
+        """Body of the thread."""
         try:
-            for each in self._work(self._taken()):
-                self._done.put(each)
+            for result in self._work(self._items()):
+                self._done.put(result)
         except _StoppedError:
             pass
-        except BaseException as error:  # told where it is waited for
+        except BaseException as error:  # raised in the waiting thread
             self._error = error
         finally:
             self._has_ended.set()
 
-    def _taken(self) -> Iterator[Made]:
+    def _items(self) -> Iterator[Made]:
+        """Yield items until the end; raises ``_StoppedError`` after :meth:`stop`."""
         while True:
             try:
                 item = self._made.get(timeout=_LOOK_S)
@@ -72,7 +77,7 @@ class _Worker(Generic[Made, Done]):
             yield item[0]
 
     def put(self, item: tuple[Made] | None) -> None:
-        """Put an item into the queue, None at the end, as soon as there is room."""
+        """Queue an item (None: end), waiting for room; raises an error of the thread."""
         while True:
             self._raise_error()
             try:
@@ -82,42 +87,42 @@ class _Worker(Generic[Made, Done]):
 
     def results_since(self) -> list[Done]:
         """Results since the last call."""
-        found = []
+        results = []
         while not self._done.empty():
-            found.append(self._done.get())
-        return found
+            results.append(self._done.get())
+        return results
 
     def wait_for_end(self) -> bool:
-        """Wait a little, and test for the end of the work."""
+        """Wait briefly; True at the end of the work. Raises an error of the thread."""
         if not self._has_ended.wait(_LOOK_S):
             return False
         self._raise_error()
         return True
 
     def stop(self) -> None:
-        """Stop the thread before the next item."""
+        """Stop the thread before its next item, and wait for its end."""
         self._is_stopped = True
         self._has_ended.wait()
         self._thread.join()
 
     def _raise_error(self) -> None:
+        """Raise an error of the thread once."""
         error, self._error = self._error, None
         try:
             if error is not None:
                 raise error
         finally:
-            del error  # nor may its traceback hold us, and so whoever waits here
+            del error  # the traceback would keep this frame, and the worker, alive
 
 
 def overlapped(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """Run a generator ``work`` in a thread on what ``source`` yields; yields lists of its results.
+    """Run the generator ``work`` in a thread on items of ``source``; yield lists of its results.
 
-    ``source`` is asked in this thread, ``work`` runs in another one, a little behind. After each
-    thing that the source gave there is a list, perhaps an empty one, and at the end one now and
-    then until all is done. What either of them raises is raised here. Whoever stops asking has
-    ended the thread.
+    ``source`` runs in the calling thread. A list, possibly empty, is yielded after each item, and
+    repeatedly at the end until all work is done. Errors of both are raised here. Closing the
+    generator ends the thread.
     """
     with _short_turns():
         worker = _Worker(work)
@@ -136,15 +141,15 @@ def overlapped(
 def sequentially(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """Sequential version of :func:`overlapped`, in this thread."""
+    """Version of :func:`overlapped` without a thread; yields lists of one result."""
     with closing(work(source)) as done:
-        for each in done:
-            yield [each]
+        for result in done:
+            yield [result]
 
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
-    """Context in which threads switch more often, for threads that wait for each other."""
+    """Context with a shorter switch interval of the interpreter."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))
     try:

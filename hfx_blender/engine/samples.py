@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic samples, the engine's output: which vertices feel which effect, when and how strongly."""
+"""Haptic samples, the engine's output: vertices, effect, time and strength."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .arrays import F32, F64, I32, I64
 
 @dataclass(frozen=True)
 class Stream:
-    """Effect on a body: the identity that a run of samples belongs to."""
+    """Identity of a run of samples: an effect on a body."""
 
     effect_id: str
     body_id: str
@@ -24,27 +24,27 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Beginnings of contacts; NaN for contacts that did not begin since the sample before."""
+    """Beginnings of contacts; NaN for contacts not begun since the previous sample."""
 
     times_s: F64  # (n,)
-    speeds_m_s: F32  # (n,) of skin and volume towards each other, along the normal
-    normals: F32  # (n, 3) of the volume, outwards, world space
+    speeds_m_s: F32  # (n,) approach of skin and volume along the normal
+    normals: F32  # (n, 3) outward normals of the volume, world space
 
     def part(self, chosen: slice) -> Impact:
-        """Impacts of some vertices."""
+        """Impacts of a slice of the vertices."""
         return Impact(self.times_s[chosen], self.speeds_m_s[chosen], self.normals[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Values of an effect for single actuators of one device."""
+    """Values of an effect for individual actuators of a device."""
 
     device_id: str
     actuators: tuple[str, ...]
-    values: F32  # (n, A) 0..1, a row for each sample
+    values: F32  # (n, A) 0..1, one row per sample
 
     def part(self, chosen: slice) -> Drive:
-        """Values of some samples."""
+        """Values of a slice of the samples."""
         return Drive(self.device_id, self.actuators, self.values[chosen])
 
     def gains(self, device_id: str, actuators: Sequence[str]) -> F64:
@@ -65,29 +65,28 @@ class Sample:
     time_s: float
     stream: Stream
     vertices: I32  # (n,) ascending ids of the stream's model
-    weights: F32  # (n,) space only, in (0, 1]
-    level: float  # time only, in (0, 1]
+    weights: F32  # (n,) spatial strength, in (0, 1]
+    level: float  # temporal strength, in (0, 1]
     parameters: F64  # (P,) in the order of the modality's parameters
     positions: F32 | None = None  # (n, 3) world space, metres
     velocities: F32 | None = None  # (n, 3) world space, m/s
     depth_m: F32 | None = None  # (n,) distance to the volume's boundary
-    surface: F32 | None = None  # (n, 3) nearest place on that boundary, world space, metres
-    surface_normals: F32 | None = None  # (n, 3) outwards there
+    surface: F32 | None = None  # (n, 3) nearest boundary point, world space, metres
+    surface_normals: F32 | None = None  # (n, 3) outward normals at the boundary points
     impact: Impact | None = None
     focus: F32 | None = None  # (4,) see SampleRun
-    drive: Drive | None = None  # of one row
+    drive: Drive | None = None  # one row
 
 
 @dataclass(frozen=True, eq=False)
 class SampleRun:
-    """The samples of one stream over a block of times, in columns.
+    """Samples of one stream over a block of times, in columns.
 
-    A vertex set that stays is held once: set ``j`` has the vertices ``slice(offsets[j],
-    offsets[j + 1])``, and sample ``k`` has set ``sets[k]`` (None: each sample has its own).
-    Only times at which something is felt have a sample.
+    Vertex sets are shared: set ``j`` has the vertices ``slice(offsets[j], offsets[j + 1])``, sample
+    ``k`` has set ``sets[k]`` (None: set ``k``). Times without sensation have no sample.
 
-    A spot has its exact centre beside its vertices: what is between them is not lost on a device
-    that pans. An effect that drives single actuators has no vertices at all.
+    A spot also has its exact centre, for devices with panning. Effects on individual actuators have
+    no vertices.
     """
 
     stream: Stream
@@ -99,13 +98,13 @@ class SampleRun:
     vertices: I32  # (total,) ascending within a set
     weights: F32  # (total,) in (0, 1]
     sets: I64 | None = None  # (n,) from 0, rising by 0 or 1
-    positions: F32 | None = None  # (total, 3); only where each sample has a set of its own
+    positions: F32 | None = None  # (total, 3); only without shared sets
     velocities: F32 | None = None  # (total, 3)
     depth_m: F32 | None = None  # (total,)
     surface: F32 | None = None  # (total, 3)
     surface_normals: F32 | None = None  # (total, 3)
     impact: Impact | None = None  # (total,)
-    focus: F32 | None = None  # (n, 4) a spot's centre, rest space, and half-strength radius, m
+    focus: F32 | None = None  # (n, 4) spot centre, rest space, and half-strength radius, metres
     drive: Drive | None = None
 
     def __len__(self) -> int:
@@ -113,24 +112,24 @@ class SampleRun:
 
     @property
     def set_of(self) -> I64:
-        """The set of each sample, (n,)."""
+        """Set (n,) of each sample."""
         return np.arange(len(self.indices)) if self.sets is None else self.sets
 
     @property
     def sizes(self) -> I64:
-        """Number of vertices of each sample, (n,)."""
+        """Number of vertices (n,) of each sample."""
         sizes: I64 = np.diff(self.offsets)[self.set_of]
         return sizes
 
     @property
     def contact_count(self) -> int:
-        """Number of vertices of all samples together."""
+        """Total number of vertices of all samples."""
         if self.sets is None or len(self.sets) == len(self.offsets) - 1:
-            return len(self.vertices)  # each sample has a set of its own
+            return len(self.vertices)  # no shared sets
         return int(self.sizes.sum())
 
     def one(self, k: int) -> SampleRun:
-        """Sample ``k`` as a run of its own."""
+        """Run with only sample ``k``."""
         j = int(self.set_of[k])
         row, entries = slice(k, k + 1), slice(int(self.offsets[j]), int(self.offsets[j + 1]))
         return replace(
@@ -158,15 +157,15 @@ class SampleRun:
             )
 
     def _cut(self, names: tuple[str, ...], part: slice) -> dict[str, Any]:
-        """Part of those of some columns that are there."""
+        """Slice of columns by name, without columns of None."""
         columns = {name: getattr(self, name) for name in names}
         return {name: column[part] for name, column in columns.items() if column is not None}
 
 
 ROWS: Final = ("indices", "times_s", "levels", "parameters", "focus")
-"""Columns of a run with a row for each sample."""
+"""Columns of a run with one row per sample."""
 
 ENTRIES: Final = (
     *("vertices", "weights", "positions", "velocities", "depth_m", "surface", "surface_normals"),
 )
-"""Columns of a run with an entry for each vertex of each set."""
+"""Columns of a run with one entry per vertex of each set."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Engine input: immutable scene description, independent of Blender.
 
-A :class:`SceneDescription` says what there is and does not change over time; blocks of
-:class:`AnimationBlock` say what is where at which time. Spaces: *world* is the scene's, metres;
-*rest space* is that of the perceptual models; *shape space* is that of the unit shapes.
+:class:`SceneDescription` has the constant data, :class:`AnimationBlock` the animated data at some
+times. Spaces: *world* (metres); *rest space* of the perceptual models; *shape space* of the unit
+shapes.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from .volume.shape import Falloff, Shape
 class TimeBase:
     """Times of the samples.
 
-    Sample ``i`` is taken ``i / rate_hz`` after ``frame_first``, at a sub-frame if it falls
-    between frames. Time zero is the scene's own first frame, whatever range is exported.
+    Sample ``i`` is at ``i / rate_hz`` after ``frame_first``, possibly at a sub-frame. Time zero is
+    the scene's first frame, independent of the exported range.
     """
 
     fps: Fraction
     rate_hz: Fraction
     scene_start: int  # frame at time zero
-    frame_first: int  # exported range, both included
+    frame_first: int  # exported range, inclusive
     frame_last: int
 
     def __post_init__(self) -> None:
@@ -45,19 +45,19 @@ class TimeBase:
 
     @property
     def sample_count(self) -> int:
-        """Samples that cover the range; the last frame lasts a whole frame."""
+        """Number of samples in the range; the last frame lasts a whole frame."""
         duration = Fraction(self.frame_last - self.frame_first + 1) / self.fps
         return -int(-duration * self.rate_hz // 1)
 
     def frame(self, index: int) -> Fraction:
-        """Exact frame of a sample; not a whole number at a sub-frame."""
+        """Exact frame of a sample, fractional at a sub-frame."""
         step = self._frames_per_sample
         return Fraction(
             self.frame_first * step.denominator + int(index) * step.numerator, step.denominator
         )
 
     def times_s(self, indices: I64) -> F64:
-        """Seconds since ``scene_start`` of the samples with these indices."""
+        """Times of samples in seconds since ``scene_start``."""
         start_s, rate_hz = self._in_floats
         return start_s + np.asarray(indices, np.float64) / rate_hz
 
@@ -67,13 +67,13 @@ class TimeBase:
 
     @cached_property
     def _in_floats(self) -> tuple[float, float]:
-        """Seconds from ``scene_start`` to the first sample, and the rate."""
+        """Time of the first sample since ``scene_start`` (seconds), and the rate (Hz)."""
         return float((self.frame_first - self.scene_start) / self.fps), float(self.rate_hz)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceAnchors:
-    """Anchors of one model's vertices on an avatar's surface."""
+    """Anchors of a model's vertices on an avatar's surface."""
 
     corners: I32  # (V, 3) vertices of the avatar's mesh
     weights: F64  # (V, 3) barycentric, sum 1
@@ -82,17 +82,17 @@ class SurfaceAnchors:
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A perceptual model on one body's own avatar: the same vertices, other places and bones."""
+    """Perceptual model on a body's avatar: canonical ids, own positions and bones."""
 
     model_id: str
     model_hash: str
-    vertices: F32  # (V, 3) rest space of the body's own armature, in its unit
-    bone_names: tuple[str, ...]  # of that armature
+    vertices: F32  # (V, 3) rest space and unit of the body's armature
+    bone_names: tuple[str, ...]  # bones of the armature
     weights: SkinWeights
     anchors: SurfaceAnchors  # offsets in the unit of the vertices
 
     def of(self, model: PerceptualModel) -> PerceptualModel:
-        """Copy of the model with this body's places and bones."""
+        """Copy of a model with the fitted vertices, bones and weights."""
         return replace(
             model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
         )
@@ -100,18 +100,18 @@ class FittedModel:
 
 @dataclass(frozen=True, eq=False)
 class SkinBinding:
-    """The body follows bones: linear blend skinning with each model's own weights."""
+    """Binding of a body to bones: linear blend skinning with each model's weights."""
 
     bone_names: tuple[str, ...]  # order of the pose matrices; a superset of the models' bones
-    fitted: Mapping[str, FittedModel] = field(default_factory=dict)  # by model id; else canonical
+    fitted: Mapping[str, FittedModel] = field(default_factory=dict)  # by model id; others canonical
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceBinding:
-    """The body follows an avatar's evaluated surface (shape keys, cloth, Preserve Volume...)."""
+    """Binding of a body to an avatar's evaluated mesh (shape keys, cloth, Preserve Volume ...)."""
 
     anchors: Mapping[str, SurfaceAnchors]  # by model id
-    reason: str  # why bones alone would not do, for the report
+    reason: str  # reason against bones alone, for the report
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class BodyDescription:
 
 @dataclass(frozen=True)
 class Clip:
-    """Named interval of the timeline, for readers of a track; it drives nothing."""
+    """Named interval of the timeline, only for readers of tracks."""
 
     name: str
     frame_start: float
@@ -143,50 +143,50 @@ class PaintedArea:
 
 @dataclass(frozen=True, eq=False)
 class HapticVolume:
-    """Area of an allocentric effect: a shape, whose placement is in the blocks."""
+    """Area of an allocentric effect: a shape, placed by the blocks."""
 
     falloff: Falloff
-    response: tuple[Filter, ...] = ()  # how it answers a touch
+    response: tuple[Filter, ...] = ()  # contact response filters
 
     @property
     def has_impacts(self) -> bool:
-        """Test for a filter whose impacts ring."""
-        return any(each.kind is FilterKind.IMPACT for each in self.response)
+        """True with an impact filter, which rings after a contact."""
+        return any(one.kind is FilterKind.IMPACT for one in self.response)
 
 
 @dataclass(frozen=True, eq=False)
 class HapticSurface:
-    """Area of an object that is felt by moving over it; its vertices are in the blocks.
+    """Area of an object with a surface texture; vertices are in the blocks.
 
-    The effect's modality is vibration. Its parameters in the blocks are the device's full
-    amplitude and, for the textile renderer, the one frequency.
+    The modality is vibration. Parameters in the blocks are the device's full amplitude and, for the
+    textile renderer, the frequency.
     """
 
     triangles: I32  # (F, 3) of the object's vertices
     coordinates_m: F64  # (F, 3, 2) surface coordinates of the corners: UV times the size of a tile
     texture: SurfaceTexture
-    reach_m: float = 0.005  # skin that is no farther from the surface touches it
-    max_contacts: int = 100  # at once; fingertips first, then what is nearest
+    reach_m: float = 0.005  # largest distance of touching skin
+    max_contacts: int = 100  # simultaneous; fingertips first, then the nearest vertices
 
 
 @dataclass(frozen=True, eq=False)
 class SpotArea:
-    """Area of a disc on one body's skin; its place on its path and its radius are in the blocks."""
+    """Area of a disc on a body's skin; path position and radius are in the blocks."""
 
     body_id: str
-    path: F64  # (n, 3) n > 0 places on the skin of the canonical body, rest space; one: it rests
+    path: F64  # (n, 3) points on the canonical skin, rest space; n > 0, n = 1 is a fixed spot
     falloff: Falloff = field(default_factory=Falloff)
 
 
 @dataclass(frozen=True)
 class ActuatorArea:
-    """Area of the actuators of one device; their strengths are in the blocks.
+    """Area of individual actuators of a device; strengths are in the blocks.
 
-    Mango's vector sensation (Schneider et al., UIST 2015). Nothing is felt of it on the skin,
-    and no other device plays it.
+    Mango's vector sensation (Schneider et al., UIST 2015). No vertices, and silent on other
+    devices.
     """
 
-    body_id: str  # who wears the device
+    body_id: str  # wearer of the device
     device_id: str
     actuators: tuple[str, ...]
 
@@ -201,16 +201,14 @@ class EffectDescription:
     id: str
     name: str
     modality: str  # key of modality.MODALITIES
-    model_id: str  # perceptual model that it is felt on
+    model_id: str  # perceptual model with the vertices of its samples
     area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
     is_contact: bool = False  # temperature of a touched object, not of the air
     clips: tuple[Clip, ...] = ()
 
     @property
     def kind(self) -> EffectKind:
-        """Kind of the effect's area: on the body, in the scene (volumes and surfaces), on
-        a device.
-        """
+        """Kind of the effect's area; surfaces count as volumes."""
         if isinstance(self.area, PaintedArea):
             return "painted"
         if isinstance(self.area, SpotArea):
@@ -220,7 +218,7 @@ class EffectDescription:
 
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """Description of a scene: everything that does not change over time."""
+    """Constant data of a scene."""
 
     time: TimeBase
     bodies: tuple[BodyDescription, ...]
@@ -230,29 +228,29 @@ class SceneDescription:
 
     @property
     def has_volumes(self) -> bool:
-        """Test for volumes whose contacts have to be found."""
-        return any(isinstance(each.area, HapticVolume) for each in self.effects)
+        """True with any haptic volume."""
+        return any(isinstance(effect.area, HapticVolume) for effect in self.effects)
 
 
 @dataclass(frozen=True, eq=False)
 class EffectBlock:
     """Animated values of one effect over a block.
 
-    Rows where ``levels`` is 0 may hold anything else.
+    Other values are undefined at rows with level 0.
     """
 
     levels: F64  # (T,) activation times intensity, 0..1
     parameters: F64  # (T, P) in the order of the modality's parameters
-    matrices: F64 | None = None  # (T, 4, 4) shape or object space to world; not for painted ones
-    shapes: tuple[Shape, ...] = ()  # volumes only; the shapes that occur in the block
-    shape_index: I32 | None = None  # (T,) index into shapes; None: always the first
-    vertices: F64 | None = None  # (T or 1, V, 3) object space; surfaces only; 1: does not deform
-    response: F64 | None = None  # (T, F, WIDTH) controls of the filters of its response
-    place: F64 | None = None  # (T, 2) spots only; share of the path's length, radius in metres
-    drive: F64 | None = None  # (T, A) actuators only; strength of each, 0..1
+    matrices: F64 | None = None  # (T, 4, 4) shape or object space to world; None if painted
+    shapes: tuple[Shape, ...] = ()  # volumes only; all shapes in the block
+    shape_index: I32 | None = None  # (T,) index into shapes; None is always the first
+    vertices: F64 | None = None  # (T or 1, V, 3) object space; surfaces only; 1 if rigid
+    response: F64 | None = None  # (T, F, WIDTH) controls of the response filters
+    place: F64 | None = None  # (T, 2) spots only; fraction of the path's length, radius in metres
+    drive: F64 | None = None  # (T, A) actuators only; strengths 0..1
 
     def shapes_at(self, rows: I64) -> I64:
-        """Index of the volume's shape at some rows, (k,)."""
+        """Index (k,) into ``shapes`` at rows (k,)."""
         if self.shape_index is None:
             return np.zeros(len(rows), np.int64)
         return self.shape_index[rows].astype(np.int64)
@@ -260,7 +258,7 @@ class EffectBlock:
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """Animated pose of one body over a block. Rows where ``valid`` is False were not read."""
+    """Animated pose of one body over a block; undefined at rows with ``valid`` False."""
 
     valid: Bool  # (T,)
     to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world
@@ -272,24 +270,24 @@ class PoseBlock:
 class AnimationBlock:
     """Animated state of a scene at some times of the time base.
 
-    ``indices`` ascend and may have gaps (times at which nothing can be felt are left out).
-    The first ``history`` rows belong to the block before, the last ``future`` rows to the one
-    after; they are only there so that motion does not depend on how time was split.
+    ``indices`` ascend, with gaps at times without sensation. The first ``history`` rows belong to
+    the previous block, the last ``future`` rows to the next, so that motion does not depend on the
+    division into blocks.
     """
 
     indices: I64  # (T,) sample indices
     effects: tuple[EffectBlock, ...]  # in the order of the scene's effects
     poses: tuple[PoseBlock, ...]  # in the order of the scene's bodies
     history: int = 0
-    live_s: F64 | None = None  # (T,) real times of samples that no time base spaces
+    live_s: F64 | None = None  # (T,) real times of live samples; None on the time base
     future: int = 0
 
     @property
     def own(self) -> slice:
-        """Rows that are evaluated with this block."""
+        """Rows without history and future."""
         return slice(self.history, len(self.indices) - self.future)
 
     @property
     def own_indices(self) -> I64:
-        """Sample indices of :attr:`own` rows, (n,)."""
+        """Sample indices (n,) of the :attr:`own` rows."""
         return self.indices[self.own]

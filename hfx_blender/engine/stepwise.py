@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work in steps, between which the caller may show progress or cancel.
+"""Long work in steps, for progress and cancelling.
 
-Such work is a generator: it yields the share that is done and returns its result. Closing it
-early undoes what it has begun, as an error would.
+A generator yields the completed fraction and returns its result. Closing the generator undoes
+unfinished work, like an error.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _T = TypeVar("_T")
 
 
 def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
-    """Do all steps, and return the result."""
+    """Run all steps and return the result; ``progress`` is called with each fraction."""
     while True:
         try:
             progress(next(steps))
@@ -27,11 +27,11 @@ def finish(steps: Generator[float, None, _T], progress: Progress = lambda share:
 def within(
     steps: Generator[float, None, _T], start: float, end: float
 ) -> Generator[float, None, _T]:
-    """Steps as a part of longer work, of which they do the shares from ``start`` to ``end``."""
+    """Yield the fractions of steps scaled from ``start`` to ``end``; returns the result."""
     while True:
         try:
             share = next(steps)
-        except StopIteration as done:
-            result: _T = done.value
+        except StopIteration as stop:
+            result: _T = stop.value
             return result
         yield start + (end - start) * share

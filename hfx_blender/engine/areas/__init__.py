@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas of effects, egocentric and allocentric: from a block of animation to runs of samples."""
+"""Areas of effects, egocentric and allocentric: animation blocks to sample runs."""

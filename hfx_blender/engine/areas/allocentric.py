@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Allocentric areas: samples of the volumes and surfaces around a body."""
+"""Allocentric areas: samples of volumes and surfaces around a body."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from .sample_run_builder import SampleRunBuilder
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-_SMALLEST_BODY: Final = 0.4  # of a model's size, posed as it is; curled up it is no smaller
+_SMALLEST_BODY: Final = 0.4  # smallest posed size of a body (curled up), fraction of rest size
 
 
 class AllocentricAreas:
-    """Runs of haptic volumes, of their responses, and of haptic surfaces."""
+    """Sample runs of haptic volumes, contact responses, and haptic surfaces."""
 
     def __init__(
         self, builder: SampleRunBuilder, responses: Answering, threads: Executor | None
@@ -62,28 +62,32 @@ class AllocentricAreas:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> Callable[[], SampleRun | None]:
-        """Begin the contacts of a volume with a body; the returned function finishes them."""
+        """Begin the contacts of a volume with a body; returns a function to finish them.
+
+        The function returns None without contact. Worker threads may compute in between.
+        """
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = self._with_pose(rows, pose, posed, body)
         if volume.has_impacts and len(rows):
-            rows = _with_beside(rows, posed, animated, block)
+            rows = _with_adjacent_rows(rows, posed, animated, block)
         if not len(rows):
-            return _nothing
+            return _no_samples
+        # Broad phase over the whole block: most volumes never come near a body.
         if reach.is_clear(animated, body, effect.model_id):
             self._builder.counters.volume_tests += len(rows)
-            return _nothing
+            return _no_samples
         rows, reported, follows = followed(rows, posed, animated, block)
         skin = self._builder.skins.of(body, effect.model_id)
-        near = reach.bounds(body, effect.model_id)
+        bounds = reach.bounds(body, effect.model_id)
         if not (volume.falloff.is_flat or volume.response):
-            animated = _coarse(animated, rows, skin, near)
+            animated = _coarse(animated, rows, skin, bounds)
         query = ContactQuery(
             animated,
             volume.falloff,
             skin,
             pose,
-            near,
+            bounds,
             self._builder.counters,
             rows,
             follows,
@@ -96,21 +100,21 @@ class AllocentricAreas:
         )
         counters = self._builder.counters
         before = counters.vertices_posed
-        found = contacts.begin(query)
-        at_once = counters.vertices_posed - before
+        finish_contacts = contacts.begin(query)
+        posed_at_begin = counters.vertices_posed - before
 
-        def felt() -> SampleRun | None:
-            before = counters.vertices_posed - at_once
-            hits = found()
+        def finish() -> SampleRun | None:
+            before = counters.vertices_posed - posed_at_begin
+            hits = finish_contacts()
             if counters.vertices_posed > before:
                 counters.reach(body.id)
                 if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
                     counters.meshes_searched += int(np.count_nonzero(reported))
-            return self._felt(effect, animated, body, block, hits)
+            return self._samples_of(effect, animated, body, block, hits)
 
-        return felt
+        return finish
 
-    def _felt(
+    def _samples_of(
         self,
         effect: EffectDescription,
         animated: EffectBlock,
@@ -118,7 +122,7 @@ class AllocentricAreas:
         block: AnimationBlock,
         hits: Contacts,
     ) -> SampleRun | None:
-        """Make a run of samples from contacts."""
+        """Sample run of contacts; None without contact."""
         if not len(hits.rows):
             return None
         details: dict[str, Any] = {}
@@ -151,7 +155,10 @@ class AllocentricAreas:
         moments: Moments,
         follows: Bool,
     ) -> SampleRun | None:
-        """Contacts between samples, without the response; see :mod:`..response.between_samples`."""
+        """Contacts between samples, without the response (:mod:`..response.between_samples`).
+
+        None without contact. Counts only posed vertices.
+        """
         query = ContactQuery(
             *(moments.effect, falloff, moments.skin, moments.pose, moments.bounds, Counters()),
             *(moments.rows, follows, np.ones(len(follows), np.bool_)),
@@ -182,32 +189,34 @@ class AllocentricAreas:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> SampleRun | None:
-        """Evaluate a surface that a body moves over."""
+        """Evaluate a surface touched by a body; None without contact."""
         pose = block.poses[self._builder.body_index[body.id]]
         rows = self._with_pose(rows, pose, reach.posed(body), body)
         if not len(rows):
             return None
         skin = self._builder.skins.of(body, effect.model_id)
         bounds = reach.bounds(body, effect.model_id)
-        felt = self._surfaces.evaluate(effect, animated, body.id, skin, pose, bounds, rows, block)
-        if felt is None:
+        samples = self._surfaces.evaluate(
+            effect, animated, body.id, skin, pose, bounds, rows, block
+        )
+        if samples is None:
             return None
         run = self._builder.run(
             effect,
             body.id,
             animated,
-            felt.rows,
+            samples.rows,
             block,
-            sets=np.arange(len(felt.rows)),
-            offsets=felt.offsets,
-            vertices=felt.vertices,
-            weights=felt.weights,
-            depth_m=felt.distance_m if "depth" in self._builder.record else None,
+            sets=np.arange(len(samples.rows)),
+            offsets=samples.offsets,
+            vertices=samples.vertices,
+            weights=samples.weights,
+            depth_m=samples.distance_m if "depth" in self._builder.record else None,
         )
-        return replace(run, parameters=felt.parameters)
+        return replace(run, parameters=samples.parameters)
 
     def _with_pose(self, rows: I64, pose: PoseBlock, posed: I64, body: BodyDescription) -> I64:
-        """Rows at which a body was read and its pose is known."""
+        """Rows at which a body was read and the pose is known; warns of others."""
         read, builder = of_read(rows, pose), self._builder
         return with_pose(read, posed, body, builder.counters, needs_pose=builder.wants_motion)
 
@@ -221,78 +230,88 @@ class AllocentricAreas:
         reach: BlockBroadPhase,
         run: SampleRun | None,
     ) -> SampleRun | None:
-        """Evaluate the response of a volume to its contacts with a body."""
+        """Response of a volume to its contacts ``run`` with a body (None without contact).
+
+        Returns None without a response.
+        """
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = rows[np.isin(rows, posed)]
         assert isinstance(effect.area, HapticVolume)
         if effect.area.has_impacts and len(rows):
-            rows = _with_beside(rows, posed, animated, block)
+            rows = _with_adjacent_rows(rows, posed, animated, block)
         if not len(rows):
             return None
         skin = self._builder.skins.of(body, effect.model_id)
-        near = reach.bounds(body, effect.model_id)
+        bounds = reach.bounds(body, effect.model_id)
         falloff = effect.area.falloff
 
         def between(moments: Moments, follows: Bool) -> SampleRun | None:
             return self._between(effect, falloff, moments, follows)
 
-        felt = self._responses.answer(
-            *(effect, body, animated, block, rows, posed, skin, pose, near, run, between),
+        answer = self._responses.answer(
+            *(effect, body, animated, block, rows, posed, skin, pose, bounds, run, between),
             is_clear=run is None and reach.is_clear(animated, body, effect.model_id, is_bent=True),
         )
-        if felt is None or not self._builder.record:
-            return felt
-        felt = with_own_sets(felt)
-        at = np.searchsorted(block.indices, felt.indices)
-        felt = replace(
-            felt,
-            **self._builder.motion(effect, body.id, at, felt.vertices, felt.offsets, block),
+        if answer is None or not self._builder.record:
+            return answer
+        answer = with_own_sets(answer)
+        rows_of_answer = np.searchsorted(block.indices, answer.indices)
+        answer = replace(
+            answer,
+            **self._builder.motion(
+                effect, body.id, rows_of_answer, answer.vertices, answer.offsets, block
+            ),
         )
         if "depth" in self._builder.record:
-            felt = replace(felt, depth_m=depths_of(felt, run))
-        return felt
+            answer = replace(answer, depth_m=depths_of(answer, run))
+        return answer
 
 
-def _with_beside(rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock) -> I64:
-    """Rows with those of the blocks before and after at which the effect is on, too."""
+def _with_adjacent_rows(rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock) -> I64:
+    """Union of rows and the history and future rows of a block with the effect on."""
     count = len(block.indices)
-    beside = np.concatenate([np.arange(block.own.start), np.arange(block.own.stop, count)])
-    values = np.concatenate([animated.levels[beside, None], animated.parameters[beside]], axis=1)
-    is_on = np.isfinite(values).all(axis=1) & (animated.levels[beside] > 0.0)
-    beside = beside[is_on & np.isin(beside, posed)]
-    return np.union1d(rows, beside) if len(beside) else rows
+    adjacent = np.concatenate([np.arange(block.own.start), np.arange(block.own.stop, count)])
+    values = np.concatenate(
+        [animated.levels[adjacent, None], animated.parameters[adjacent]], axis=1
+    )
+    is_on = np.isfinite(values).all(axis=1) & (animated.levels[adjacent] > 0.0)
+    adjacent = adjacent[is_on & np.isin(adjacent, posed)]
+    return np.union1d(rows, adjacent) if len(adjacent) else rows
 
 
-def _coarse(animated: EffectBlock, rows: I64, skin: BodySkin, near: ReachableBounds) -> EffectBlock:
-    """Replace a fine mesh by one of fewer faces where it may touch skin, within the tolerance.
+def _coarse(
+    animated: EffectBlock, rows: I64, skin: BodySkin, bounds: ReachableBounds
+) -> EffectBlock:
+    """Replace a fine mesh by a decimated mesh near skin, within the tolerance.
 
-    It pays where depths are searched; that places are inside, voxels tell as soon of many faces.
+    Faster only for searches of depth; tests of inside use voxels.
     """
     bound_m = DECIMATION_SHARE * skin.skin.least_edge_m
-    is_fine = any(isinstance(each, MeshVolume) and each.is_fine for each in animated.shapes)
+    is_fine = any(isinstance(shape, MeshVolume) and shape.is_fine for shape in animated.shapes)
     if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):
         return animated
-    which, matrices = animated.shapes_at(rows), animated.matrices[rows]
+    shape_ids, matrices = animated.shapes_at(rows), animated.matrices[rows]
     boxes = np.concatenate(
-        [world_bounds(animated.shapes[k], matrices[which == k]) for k in np.unique(which)]
+        [world_bounds(animated.shapes[k], matrices[shape_ids == k]) for k in np.unique(shape_ids)]
     )
-    bodies = near.of_rows[np.searchsorted(near.rows, rows)]
+    bodies = bounds.of_rows[np.searchsorted(bounds.rows, rows)]
     if not (
         (boxes[:, 0].min(axis=0) <= bodies[:, 1].max(axis=0)).all()
         and (boxes[:, 1].max(axis=0) >= bodies[:, 0].min(axis=0)).all()
     ):
         return animated
-    # What a tolerance accepts shrinks with the body.
+    # The accepted error scales with the body; a shrunken body keeps the fine mesh.
     sizes = np.linalg.norm(bodies[:, 1] - bodies[:, 0], axis=1)
     is_grown = sizes >= _SMALLEST_BODY * np.linalg.norm(np.ptp(skin.skin.model.vertices, axis=0))
     shapes, index = of_fewer_faces(
-        animated.shapes, which, matrices, np.where(is_grown, bound_m, 0.0)
+        animated.shapes, shape_ids, matrices, np.where(is_grown, bound_m, 0.0)
     )
     shape_index = np.zeros(len(animated.levels), np.int32)
     shape_index[rows] = index
     return replace(animated, shapes=shapes, shape_index=shape_index)
 
 
-def _nothing() -> None:
+def _no_samples() -> None:
+    """None: result of an effect without contacts."""
     return None

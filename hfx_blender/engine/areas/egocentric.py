@@ -21,7 +21,7 @@ from .sample_run_builder import SampleRunBuilder
 
 
 class EgocentricAreas:
-    """Runs of painted areas, of points that move on the skin, and of single actuators."""
+    """Sample runs of painted areas, spots on the skin, and single actuators."""
 
     def __init__(self, builder: SampleRunBuilder) -> None:
         self._builder = builder
@@ -35,7 +35,13 @@ class EgocentricAreas:
         rows: I64,
         block: AnimationBlock,
     ) -> SampleRun | None:
-        """An area with weights for its vertices."""
+        """Run of a painted area; None without a row of known pose.
+
+        Raises
+        ------
+        ValueError
+            Motion is recorded, but the reader did not read poses.
+        """
         if self._builder.wants_motion:
             k = self._builder.body_index[area.body_id]
             body, pose = self._builder.scene.bodies[k], block.poses[k]
@@ -68,21 +74,21 @@ class EgocentricAreas:
         rows: I64,
         block: AnimationBlock,
     ) -> SampleRun | None:
-        """Evaluate a point that moves on the skin."""
+        """Run of a spot moving on the skin; None if never placed."""
         rows, focus = spot.focus_of(effect.name, area, animated, rows, self._builder.counters)
         k = self._builder.body_index[area.body_id]
         body, pose = self._builder.scene.bodies[k], block.poses[k]
         with_motion = self._builder.wants_motion
         if with_motion:
-            known = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
-            rows, focus = known, focus[np.isin(rows, known)]
+            posed = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
+            rows, focus = posed, focus[np.isin(rows, posed)]
         if not len(rows):
             return None
         if effect.model_id not in self._spots:
             self._spots[effect.model_id] = spot.SpotSkin(self._builder.skins.model(effect.model_id))
         assert animated.place is not None
         radii_m = np.maximum(animated.place[rows, 1], 0.0)
-        found = self._spots[effect.model_id].sets(
+        vertex_sets = self._spots[effect.model_id].sets(
             focus, radii_m, area.falloff, own_sets=bool(self._builder.record)
         )
         return self._builder.run(
@@ -91,10 +97,10 @@ class EgocentricAreas:
             animated,
             rows,
             block,
-            sets=found.sets,
-            offsets=found.offsets,
-            vertices=found.vertices,
-            weights=found.weights,
+            sets=vertex_sets.sets,
+            offsets=vertex_sets.offsets,
+            vertices=vertex_sets.vertices,
+            weights=vertex_sets.weights,
             focus=focus,
         )
 
@@ -106,7 +112,11 @@ class EgocentricAreas:
         rows: I64,
         block: AnimationBlock,
     ) -> SampleRun | None:
-        """Values for single actuators of one device."""
+        """Run of actuator values without vertices; None if no actuator is driven.
+
+        Vector sensations of Schneider et al., UIST 2015: a curve per actuator, without rendering
+        scheme. Other effects add on the device; limits of the device apply.
+        """
         assert animated.drive is not None
         values = animated.drive[rows]
         is_known = np.isfinite(values).all(axis=1)

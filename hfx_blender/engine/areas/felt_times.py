@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples at which effects are on, and at which their strength on a body is not 0."""
+"""Samples at which effects are on, and at which bodies receive a strength above 0."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from ..samples import SampleRun
 from ..scene import AnimationBlock, EffectDescription
 
 NEUTRAL_WITHIN_C = 1e-3
-"""Temperatures that are nearer to the neutral one are taken for it."""
+"""Largest deviation of a temperature treated as neutral, degrees Celsius."""
 
 
 @dataclass
 class FeltTimes:
-    """Samples of a recording, by the ids of effects; plain data, so that processes can hand it on.
+    """Samples of a recording by effect id; plain data for transfer between processes.
 
-    Effects that are missing in ``is_on`` have level 0 at all samples, or a value that is no number.
+    Effects missing in ``is_on`` have level 0 or non-finite values at all samples.
     """
 
     is_on: dict[str, bool] = field(default_factory=dict)  # level above 0 at any sample
-    # Where it would be on first: "a value" or "a place" that is no number.
+    # Non-finite quantity of an effect never on: "a value" or "a place".
     no_number: dict[str, str] = field(default_factory=dict)
     touched: dict[str, bool] = field(default_factory=dict)  # volumes with a contact response
-    # By effect and body: number of samples whose strength is not 0, the first and the last of them.
+    # By effect and body: number, first and last index of the samples with strength.
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
 
     def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
-        """Note which effects are on at a block's own samples."""
+        """Record effects with a level above 0 at a block's own samples."""
         for effect, animated in zip(effects, block.effects, strict=True):
             if effect.id in self.is_on:
                 continue
@@ -41,19 +41,19 @@ class FeltTimes:
             if is_off.all():
                 continue
             parameters = animated.parameters[block.own]
-            finite = ~is_off & np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
-            placed = finite.copy()
+            is_finite = ~is_off & np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
+            is_placed = is_finite.copy()
             if animated.matrices is not None:
-                placed &= np.isfinite(animated.matrices[block.own]).all(axis=(1, 2))
-            if placed.any():
+                is_placed &= np.isfinite(animated.matrices[block.own]).all(axis=(1, 2))
+            if is_placed.any():
                 self.is_on[effect.id] = True
             else:
-                self.no_number[effect.id] = "a place" if finite.any() else "a value"
+                self.no_number[effect.id] = "a place" if is_finite.any() else "a value"
 
     def add_runs(self, runs: Iterable[SampleRun], touching: Collection[str]) -> None:
-        """Count samples whose strength is not 0; runs of a stream come in the order of time.
+        """Count samples with strength; runs of a stream must be in the order of time.
 
-        ``touching`` holds the ids of effects whose temperature is that of a touched object.
+        ``touching`` has the ids of temperature effects of touched objects.
         """
         for run in runs:
             stream = run.stream
@@ -63,7 +63,7 @@ class FeltTimes:
                 self._count(stream.effect_id, stream.body_id, span)
 
     def add(self, later: FeltTimes) -> None:
-        """Count what was counted over another part of the recording."""
+        """Add the counts of another part of the recording."""
         self.is_on |= later.is_on
         self.no_number |= later.no_number
         self.touched |= later.touched
@@ -72,13 +72,14 @@ class FeltTimes:
                 self._count(effect_id, body_id, span)
 
     def _count(self, effect_id: str, body_id: str, span: list[int]) -> None:
+        """Add a span (number, first, last sample) to an effect and body."""
         spans = self.felt.setdefault(effect_id, {})
         count, first, last = spans.get(body_id, [0, *span[1:]])
         spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
 
 
 def has_strength(run: SampleRun, is_contact: bool) -> Bool:
-    """Mask (n,) of the samples whose strength is not 0, or whose temperature is not neutral."""
+    """Mask (n,) of samples with strength above 0, or a temperature off neutral."""
     modality = MODALITIES[run.stream.modality]
     values = run.parameters[:, modality.parameter_names.index(modality.strength)]
     if modality.name == "temperature":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Optional contents of samples: motion, depth, surface, impacts."""
+"""Optional fields of samples: motion, depth, surface, impacts."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ..volume.nearest_surface import boundary_normals, nearest_surface
 from ..volume.shape import Shape
 
 ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
-"""Optional contents of samples that a track can hold."""
+"""Optional fields stored in tracks."""
 
 ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})
-"""Optional contents of samples that no track holds."""
+"""Optional fields not stored in tracks."""
 
 
 def motion(
@@ -34,15 +34,14 @@ def motion(
     *,
     with_velocities: bool,
 ) -> tuple[F32, F32]:
-    """World positions and velocities of the vertices of each row, concatenated (total, 3).
+    """World positions and velocities (total, 3) of the vertices of each row, concatenated.
 
-    Velocities are central differences, of the sample after and the one before; where one of
-    them is not known (no neighbour of that sample in the block, no pose), of the other and the
-    sample itself; without both, 0.
+    Velocities are central differences of the neighbouring samples; one-sided where a neighbour is
+    missing in the block or without pose; 0 without neighbours, or without ``with_velocities``.
     """
     is_posed = np.zeros(len(indices), np.bool_)
     is_posed[posed_rows(pose)] = True
-    # Whether a row follows the one before it, with one more for the end.
+    # follows[k]: row k is one sample after row k - 1; False at both ends.
     follows = np.zeros(len(indices) + 1, np.bool_)
     follows[1:-1] = is_posed[1:] & is_posed[:-1] & (np.diff(indices) == 1)
 
@@ -57,10 +56,10 @@ def motion(
         if not with_velocities or before == after:
             velocities.append(np.zeros_like(here.T))
             continue
-        way = (places(after, ids) if after > row else here) - (
+        displacement = (places(after, ids) if after > row else here) - (
             places(before, ids) if before < row else here
         )
-        velocities.append(way.T / (step_s * (after - before)))
+        velocities.append(displacement.T / (step_s * (after - before)))
     return np.concatenate(positions).astype(np.float32), np.concatenate(velocities).astype(
         np.float32
     )
@@ -69,16 +68,16 @@ def motion(
 def _by_row(
     animated: EffectBlock, hits: Contacts
 ) -> Iterator[tuple[slice, Shape, F64, ContactDetails]]:
-    """Contacts of each row, with the volume's shape and matrix."""
+    """Yield the slice of each row's contacts, the volume's shape and matrix, and the details."""
     assert animated.matrices is not None and hits.details is not None
     for k, row in enumerate(hits.rows):
         part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
-        which = 0 if animated.shape_index is None else int(animated.shape_index[row])
-        yield part, animated.shapes[which], animated.matrices[row], hits.details
+        shape_id = 0 if animated.shape_index is None else int(animated.shape_index[row])
+        yield part, animated.shapes[shape_id], animated.matrices[row], hits.details
 
 
 def depths(animated: EffectBlock, hits: Contacts) -> F32:
-    """Distance of each contact to the volume's boundary, (total,) metres."""
+    """Distance (total,) of each contact from the volume's boundary, metres."""
     depths = np.zeros(len(hits.vertices), np.float32)
     for part, shape, matrix, details in _by_row(animated, hits):
         depths[part] = shape.depth_m(details.places[:, part], matrix)
@@ -86,7 +85,7 @@ def depths(animated: EffectBlock, hits: Contacts) -> F32:
 
 
 def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
-    """Nearest place on the boundary and the normal there, (total, 3) each, world space."""
+    """Nearest boundary points and normals (total, 3 each), world space."""
     places = np.zeros((len(hits.vertices), 3), np.float32)
     normals = np.zeros_like(places)
     for part, shape, matrix, details in _by_row(animated, hits):
@@ -96,18 +95,18 @@ def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
 
 
 def impact(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) -> Impact:
-    """Impacts: contacts that began since the sample before."""
+    """Times, speeds and normals of contacts begun since the previous sample; NaN for others."""
     count = len(hits.vertices)
     times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
     normals = np.full((count, 3), np.nan, np.float32)
     rate = float(time.rate_hz)
     ends = time.times_s(indices[hits.rows])
     for end, (part, shape, matrix, details) in zip(ends, _by_row(animated, hits), strict=True):
-        began = np.flatnonzero(~np.isnan(details.since[part])) + part.start
-        if len(began):
-            normal = boundary_normals(shape, details.entries[:, began], matrix)
-            way = matrix[:3, :3] @ details.ways[:, began]
-            times[began] = end + (details.since[began] - 1.0) / rate
-            speeds[began] = np.maximum(-np.einsum("in,in->n", way, normal) * rate, 0.0)
-            normals[began] = normal.T
+        begun = np.flatnonzero(~np.isnan(details.since[part])) + part.start
+        if len(begun):
+            normal = boundary_normals(shape, details.entries[:, begun], matrix)
+            velocity = matrix[:3, :3] @ details.ways[:, begun]
+            times[begun] = end + (details.since[begun] - 1.0) / rate
+            speeds[begun] = np.maximum(-np.einsum("in,in->n", velocity, normal) * rate, 0.0)
+            normals[begun] = normal.T
     return Impact(times, speeds, normals)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sample runs: their construction, shared by all kinds of areas."""
+"""Construction of sample runs, shared by all kinds of areas."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from . import on_demand
 
 
 class SampleRunBuilder:
-    """Builder of one scene's sample runs.
+    """Builder of the sample runs of a scene.
 
     Parameters
     ----------
     record : frozenset of str
-        What samples carry besides vertices and weights.
+        Optional fields to record, see :mod:`.on_demand`.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class SampleRunBuilder:
 
     @property
     def wants_motion(self) -> bool:
-        """Test for recorded positions or velocities."""
+        """True if positions or velocities are recorded."""
         return bool(self.record & {"positions", "velocities"})
 
     def run(
@@ -88,7 +88,7 @@ class SampleRunBuilder:
         offsets: I64,
         block: AnimationBlock,
     ) -> dict[str, Any]:
-        """Recorded ones of "positions" and "velocities" (total, 3), world space.
+        """Recorded fields among "positions" and "velocities" (total, 3), world space.
 
         Row ``k`` of ``rows`` has ``vertices[offsets[k]:offsets[k + 1]]``. See
         :func:`on_demand.motion`.

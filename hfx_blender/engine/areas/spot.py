@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spot: a disc on the skin that may move along a path, independent of the pose.
+"""Spot: disc on the skin, optionally moving along a path, independent of the pose.
 
-Mango's tactile animation object (Schneider et al., UIST 2015) on a body: position, radius,
-intensity, and a position of 0..1 along an optional path. Places are in the rest space of the
-canonical body, so that a spot is the same on every avatar.
+Mango's tactile animation object (Schneider et al., UIST 2015): position, radius, intensity, and
+position 0..1 on a path. Points are in the rest space of the canonical body, equal for all avatars.
 """
 
 from __future__ import annotations
@@ -21,23 +20,23 @@ from ..scene import EffectBlock, SpotArea
 from ..volume.shape import Falloff
 
 _LEAST: Final = 1e-3
-"""Weights up to this are dropped: below half of the resolution of a track's 8 bits."""
+"""Largest dropped weight; below half a step of the 8-bit weights of tracks."""
 
 
 def lengths_along(path: F64) -> F64:
-    """Lengths from the first of a path's points (n, 3) to each of them, (n,) metres."""
+    """Path length (n,) from the first point to each point (n, 3), metres."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def places_on(path: F64, shares: F64) -> F64:
-    """Places (T, 3) at shares (T,) of a path's length; equal steps are equal lengths on the skin.
+    """Points (T, 3) at fractions of a path's length.
 
     Parameters
     ----------
     path : (n, 3) float64
-        n > 0 points; one point is a place that does not move.
+        n > 0 points; one point is a fixed place.
     shares : (T,) float64
-        0 is its beginning, 1 its end; cut to these.
+        0 is the start, 1 the end; clipped to 0..1.
     """
     lengths = lengths_along(path)
     at = np.clip(shares, 0.0, 1.0) * lengths[-1]
@@ -45,13 +44,13 @@ def places_on(path: F64, shares: F64) -> F64:
 
 
 def half_radius_m(radius_m: float, falloff: Falloff) -> float:
-    """Radius at which the strength of a disc is half of its full strength, or ends."""
+    """Radius at which a disc's strength falls to half; the full radius without falloff."""
     return radius_m if falloff.is_flat else radius_m * (1.0 - 0.5 * falloff.share)
 
 
 @dataclass(frozen=True, eq=False)
 class SpotSets:
-    """Vertex sets of T times, as in a :class:`~hfx_blender.engine.samples.SampleRun`."""
+    """Vertex sets at T times, as in :class:`~hfx_blender.engine.samples.SampleRun`."""
 
     sets: I64  # (T,)
     offsets: I64  # (m + 1,)
@@ -60,31 +59,31 @@ class SpotSets:
 
 
 class SpotSkin:
-    """Coverage of one perceptual model's vertices by a disc on the skin.
+    """Weights of a perceptual model's vertices under a disc on the skin.
 
-    A vertex stands for its cell of skin: what covers half of the way to the neighbours counts
-    half. A disc smaller than the cells is felt between the nearest vertices, as strong as ever.
+    A vertex represents its cell of skin: a disc up to half way to the neighbours counts half. Discs
+    smaller than cells act on the nearest vertices at full strength.
     """
 
     def __init__(self, model: PerceptualModel) -> None:
         self._model = model
         self._skin = SkinDistances(model.vertices, model.triangles)
-        # Vertices stand about as far apart as the sides of their equal triangles are long.
+        # Spacing of a regular triangular grid with the vertex's cell area.
         spacing = np.sqrt(model.areas_m2.astype(np.float64) * (2.0 / np.sqrt(3.0)))
         self._half_cell_m: F64 = 0.5 * spacing
 
     def weights(self, focus: F64, radius_m: float, falloff: Falloff) -> tuple[I32, F32]:
-        """Vertices (n,), n > 0, ascending, and their weights in (0, 1].
+        """Vertices (n,), n > 0, ascending, and weights in (0, 1] of a disc.
 
-        With the way d along the skin, the radius r and half the spacing h at a vertex, the
-        weight is ``(max(r, h) + h - d) / 2 h`` in 0..1, times the falloff at ``1 - (d - h) / r``.
+        With the geodesic distance d, the radius r and half the spacing h at a vertex, the weight is
+        ``(max(r, h) + h - d) / 2 h`` clipped to 0..1, times the falloff at ``1 - (d - h) / r``.
 
         Parameters
         ----------
         focus : (3,) float64
-            The disc's centre, rest space; the nearest place on the model is meant.
+            Centre, rest space; moved to the nearest point of the model.
         falloff : Falloff
-            From the rim to the centre.
+            From rim to centre.
         """
         place = self._skin.nearest(focus)
         largest = float(self._half_cell_m[place.corners].max())
@@ -94,14 +93,13 @@ class SpotSkin:
         inner = np.maximum(radius_m, half)
         weights = np.clip((inner + half - distances) / (2.0 * half), 0.0, 1.0)
         weights = weights * falloff.weight(np.clip((inner + half - distances) / inner, 0.0, 1.0))
-        kept = np.flatnonzero(weights > _LEAST)
-        if not len(kept):  # between vertices that are farther apart than their cells suggest
+        significant = np.flatnonzero(weights > _LEAST)
+        if not len(significant):  # a place far from all vertices of a coarse region
             return place.corners[[int(np.argmax(place.weights))]].astype(np.int32), np.ones(1, "f4")
-        return vertices[kept].astype(np.int32), weights[kept].astype(np.float32)
+        return vertices[significant].astype(np.int32), weights[significant].astype(np.float32)
 
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
-        """Vertex sets for T focus places; equal successive ones are stored once, unless each has
-        its own.
+        """Vertex sets for T positions; equal successive sets are shared unless ``own_sets``.
 
         Parameters
         ----------
@@ -109,28 +107,28 @@ class SpotSkin:
             See :class:`~hfx_blender.engine.samples.SampleRun`.
         radii_m : (T,) float64
         """
-        which = np.zeros(len(focus), np.int64)
-        found: list[tuple[I32, F32]] = []
+        set_index = np.zeros(len(focus), np.int64)
+        vertex_sets: list[tuple[I32, F32]] = []
         for k, (place, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):
             if k and radius == radii_m[k - 1] and bool((place == focus[k - 1]).all()):
                 if own_sets:
-                    found.append(found[-1])
+                    vertex_sets.append(vertex_sets[-1])
             else:
-                found.append(self.weights(place[:3].astype(np.float64), radius, falloff))
-            which[k] = len(found) - 1
-        sizes = [len(ids) for ids, _ in found]
+                vertex_sets.append(self.weights(place[:3].astype(np.float64), radius, falloff))
+            set_index[k] = len(vertex_sets) - 1
+        sizes = [len(ids) for ids, _ in vertex_sets]
         return SpotSets(
-            which,
+            set_index,
             np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-            np.concatenate([np.zeros(0, np.int32), *(ids for ids, _ in found)]),
-            np.concatenate([np.zeros(0, np.float32), *(weights for _, weights in found)]),
+            np.concatenate([np.zeros(0, np.int32), *(ids for ids, _ in vertex_sets)]),
+            np.concatenate([np.zeros(0, np.float32), *(weights for _, weights in vertex_sets)]),
         )
 
 
 def focus_of(
     name: str, area: SpotArea, animated: EffectBlock, rows: I64, counters: Counters
 ) -> tuple[I64, F32]:
-    """Rows at which a spot is somewhere, and its focus there, (n, 4)."""
+    """Rows at which a spot has finite values, and the focus (n, 4); warns of other rows."""
     assert animated.place is not None
     along, radii = animated.place[rows].T
     is_known = np.isfinite(along) & np.isfinite(radii)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Forward kinematics over blocks of times: channels of bones and objects to matrices.
 
-Conventions are Blender's: column vectors, quaternions (w, x, y, z), angles in radians, and an
-order such as ``XYZ`` turns about X first.
+Blender's conventions: column vectors, quaternions (w, x, y, z), radians; Euler order ``XYZ``
+rotates about X first.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from ..native import kinematics as native
 from ..native.library import f64
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
-"""Channels by rotation mode; the other modes are orders of Euler angles."""
+"""Rotation mode to channel; all other modes are Euler orders."""
 
-_AT_ONCE: Final = 16
-"""Times that are posed together: what they need between stays in the processor's cache."""
+_TIMES_PER_BATCH: Final = 16
+"""Number of times posed together; intermediate arrays fit the processor's cache."""
 
 
 def rotation_channel(mode: str) -> str:
-    """Name of the rotation channel of a bone or an object in one of Blender's rotation modes."""
+    """Name of the rotation channel of a bone or object in a rotation mode."""
     return ROTATION_CHANNELS.get(mode, "rotation_euler")
 
 
 def from_quaternions(quaternions: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but 0.
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length.
 
-    A quaternion of length 0 is half a turn about X, as in Blender.
+    Length 0 gives half a turn about X, as in Blender.
     """
-    found = native.from_quaternions(quaternions)
-    if found is not None:
-        return found
+    compiled = native.from_quaternions(quaternions)
+    if compiled is not None:
+        return compiled
     lengths = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     unit = np.where(lengths > 0.0, quaternions, [0.0, 1.0, 0.0, 0.0])
     unit = unit / np.where(lengths > 0.0, lengths, 1.0)
@@ -58,7 +58,7 @@ def from_quaternions(quaternions: F64) -> F64:
 
 
 def from_eulers(angles: F64, order: str) -> F64:
-    """Rotation matrices (..., 3, 3) of Euler angles (..., 3) about X, Y, Z, in an order."""
+    """Rotation matrices (..., 3, 3) of angles (..., 3) about X, Y, Z in an order such as "XYZ"."""
     turned: F64 | None = None
     for name in order:
         axis = "XYZ".index(name)
@@ -75,7 +75,7 @@ def from_eulers(angles: F64, order: str) -> F64:
 
 
 def from_axis_angles(values: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of (angle, x, y, z); identity without an axis."""
+    """Rotation matrices (..., 3, 3) of (angle, x, y, z); identity for a zero axis."""
     half = values[..., :1] / 2
     lengths = np.linalg.norm(values[..., 1:], axis=-1, keepdims=True)
     axis = values[..., 1:] / np.where(lengths > 0.0, lengths, 1.0)
@@ -84,7 +84,7 @@ def from_axis_angles(values: F64) -> F64:
 
 
 def rotations(values: F64, mode: str) -> F64:
-    """Rotation matrices of channels in one of Blender's rotation modes."""
+    """Rotation matrices (..., 3, 3) of channel values in a rotation mode."""
     if mode == "QUATERNION":
         return from_quaternions(values)
     if mode == "AXIS_ANGLE":
@@ -93,7 +93,7 @@ def rotations(values: F64, mode: str) -> F64:
 
 
 def transforms(locations: F64, turned: F64, scales: F64) -> F64:
-    """Location @ rotation @ scale: (..., 4, 4) of (..., 3), (..., 3, 3) and (..., 3)."""
+    """Location @ rotation @ scale (..., 4, 4) of (..., 3), (..., 3, 3) and (..., 3)."""
     matrices = np.zeros((*locations.shape[:-1], 4, 4))
     matrices[..., :3, :3] = turned * scales[..., None, :]
     matrices[..., :3, 3] = locations
@@ -102,17 +102,17 @@ def transforms(locations: F64, turned: F64, scales: F64) -> F64:
 
 
 class BoneHierarchy:
-    """Bones that follow their parents and nothing else.
+    """Bones with parents, without constraints.
 
     Parameters
     ----------
     parents : sequence of int
         (B,) Parent of each bone, -1 for a root; in any order.
     rest : (B, 4, 4) float64
-        Bone to armature space in the rest pose.
+        Bone to armature space in rest pose.
     local_location : sequence of bool
-        (B,) Whether a bone's location is along its own rest axes; else it is along its
-        parent's, or the armature's without one.
+        (B,) True for locations along the bone's rest axes; otherwise along the axes of the parent,
+        or of the armature.
     """
 
     def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
@@ -126,43 +126,40 @@ class BoneHierarchy:
         ]
         depth = np.zeros(len(parents), np.int64)
         for bone in range(len(parents)):
-            above = parents[bone]
-            while above >= 0:
+            ancestor = parents[bone]
+            while ancestor >= 0:
                 depth[bone] += 1
-                above = parents[above]
-        # Bones in order of their depth, so that each level is one slice.
+                ancestor = parents[ancestor]
+        # Bones sorted by depth: each level is a slice, and parents precede children.
         self._order = np.argsort(depth, kind="stable")
-        place = np.argsort(self._order)
+        sorted_index = np.argsort(self._order)
         firsts = np.searchsorted(depth[self._order], np.arange(1, depth.max(initial=0) + 2))
         self._levels = [
-            (slice(first, last), place[[parents[bone] for bone in self._order[first:last]]])
+            (slice(first, last), sorted_index[[parents[bone] for bone in self._order[first:last]]])
             for first, last in pairwise(firsts.tolist())
         ]
 
     def pose(self, locations: F64, turned: F64, scales: F64) -> F64:
-        """Skinning matrices: rest to posed armature space.
+        """Skinning matrices (T, B, 3, 4): rest to posed armature space.
 
-        With R a bone's rest matrix, B its channels and S the result, S = S_parent R B R^-1;
-        that is Blender's pose matrix (parent's pose, offset, channels) times R^-1.
+        With rest matrix R, channels B and result S: S = S_parent R B R^-1, which is Blender's pose
+        matrix (parent's pose, offset, channels) times R^-1.
 
         Parameters
         ----------
         locations, scales : (T, B, 3) float64
         turned : (T, B, 3, 3) float64
-            Rotation of each bone.
-
-        Returns
-        -------
-        (T, B, 3, 4) float64
+            Rotations.
         """
         if not self._other_axes:
-            still = self._order, self._parents, *self._rows
-            found = native.rig_pose(*still, locations, turned, scales)
-            if found is not None:
-                return found
+            constants = self._order, self._parents, *self._rows
+            compiled = native.rig_pose(*constants, locations, turned, scales)
+            if compiled is not None:
+                return compiled
         channels = np.empty((3, 4, *locations.shape[:2]))
         channels[:, :3] = turned.transpose(2, 3, 0, 1) * scales.transpose(2, 0, 1)
         channels[:, 3] = locations.transpose(2, 0, 1)
+        # Locations along other axes are added after the change of basis.
         for bone, _ in self._other_axes:
             channels[:, 3, :, bone] = 0.0
         moved = _product(_product(self._rest, channels), self._inverse)
@@ -177,12 +174,12 @@ class BoneHierarchy:
 
 
 def _elements(matrices: F64) -> F64:
-    """(B, 4, 4) -> (3, 4, 1, B): elements first, so that each is one contiguous array."""
+    """(B, 4, 4) to (3, 4, 1, B): elements first, each a contiguous array."""
     return np.ascontiguousarray(matrices[:, :3].transpose(1, 2, 0))[:, :, None]
 
 
 def _product(first: F64, second: F64) -> F64:
-    """Products of affine matrices with their elements first, (3, 4, T, B)."""
+    """Products of affine matrices with elements first, (3, 4, T, B)."""
     shape = np.broadcast_shapes(first.shape, second.shape)
     product = np.empty(shape)
     for row in range(3):
@@ -195,24 +192,24 @@ def _product(first: F64, second: F64) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class KeyedRig:
-    """Constant data of B bones that follow their keyed channels.
+    """Constant data of bones with keyed channels.
 
     Attributes
     ----------
     parents : tuple of int
         (B,) -1 for a root.
     rest : (B, 4, 4) float64
-        Bone to armature space in the rest pose.
+        Bone to armature space in rest pose.
     local_location : tuple of bool
-        (B,) See :class:`~hfx_blender.engine.kinematics.bone_hierarchy.BoneHierarchy`.
+        (B,) See :class:`BoneHierarchy`.
     modes : tuple of str
         (B,) Rotation modes.
     connected : (n,) int64
-        Bones whose location stays that of their parent's end.
+        Bones with location 0, connected to the parent's tail.
     still : mapping
-        By channel, its values (B, width) where nothing is keyed.
+        Channel to values (B, width) without keys.
     places : mapping
-        By channel, (3, n): column of the sampled values, bone, which of its numbers.
+        Channel to (3, n): column of the sampled values, bone, component.
     """
 
     parents: tuple[int, ...]
@@ -229,12 +226,12 @@ class KeyedRig:
 
     @cached_property
     def _still(self) -> F64:
-        """All values where nothing is keyed, channel after channel, (S,)."""
-        return np.concatenate([np.zeros(0), *(each.ravel() for each in self.still.values())])
+        """Unkeyed values (S,) of all channels, concatenated."""
+        return np.concatenate([np.zeros(0), *(values.ravel() for values in self.still.values())])
 
     @cached_property
     def _sources(self) -> dict[str, I64]:
-        """By channel, which of the still values, or of the sampled ones after them, each is."""
+        """Channel to indices into the unkeyed values followed by the sampled values."""
         sources, first = {}, 0
         for name, still in self.still.items():
             sources[name] = np.arange(first, first + still.size)
@@ -246,13 +243,13 @@ class KeyedRig:
 
     def skinning(self, sampled: F64) -> F64:
         """Skinning matrices (T, B, 3, 4) of sampled values (T, C)."""
-        if len(sampled) > _AT_ONCE:
-            cuts = range(0, len(sampled), _AT_ONCE)
-            return np.concatenate([self.skinning(sampled[k : k + _AT_ONCE]) for k in cuts])
-        still = np.repeat(self._still[None], len(sampled), axis=0)
-        known = np.concatenate([still, sampled], axis=1)
+        if len(sampled) > _TIMES_PER_BATCH:
+            cuts = range(0, len(sampled), _TIMES_PER_BATCH)
+            return np.concatenate([self.skinning(sampled[k : k + _TIMES_PER_BATCH]) for k in cuts])
+        unkeyed = np.repeat(self._still[None], len(sampled), axis=0)
+        sources = np.concatenate([unkeyed, sampled], axis=1)
         values = {
-            name: known.take(source, axis=1).reshape(len(sampled), len(self.parents), -1)
+            name: sources.take(source, axis=1).reshape(len(sampled), len(self.parents), -1)
             for name, source in self._sources.items()
         }
         modes = dict.fromkeys(self.modes)
@@ -262,7 +259,7 @@ class KeyedRig:
         else:
             turned = np.zeros((len(sampled), len(self.parents), 3, 3))
             for mode in modes:
-                mine = [k for k, other in enumerate(self.modes) if other == mode]
-                turned[:, mine] = rotations(values[rotation_channel(mode)][:, mine], mode)
+                bones = [k for k, bone_mode in enumerate(self.modes) if bone_mode == mode]
+                turned[:, bones] = rotations(values[rotation_channel(mode)][:, bones], mode)
         values["location"][:, self.connected] = 0.0
         return self._rig.pose(values["location"], turned, values["scale"])

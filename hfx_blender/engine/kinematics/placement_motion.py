@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Interpolation of placements between two samples.
 
-The origin of an object moves straight, its axes turn about it by the shortest way and stretch
-evenly: what keys of location, rotation and scale do between two frames.
+The origin moves straight; axes rotate about it by the smallest angle and stretch linearly, like
+keyed location, rotation and scale between two frames.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ import numpy as np
 from ..arrays import F64
 from ..native import kinematics as native
 
-_STILL: float = 1e-9  # radians; less is rounding
-_FLAT: float = 1e-12  # of the largest stretch; less is rounding
+_STILL: float = 1e-9  # radians, below is rounding
+_FLAT: float = 1e-12  # fraction of the largest stretch, below is rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Placing matrices that change, in ``n`` intervals from 0 to 1."""
+    """Interpolated placing matrices over ``n`` intervals, parameter 0 to 1."""
 
     origins: F64  # (2, n, 3)
-    stretches: F64  # (2, n, 3, 3) symmetric; before they are turned
+    stretches: F64  # (2, n, 3, 3) symmetric, applied before the rotation
     turns: F64  # (n, 3, 3) rotation at the start
-    axes: F64  # (n, 3) of the rotation in between
+    axes: F64  # (n, 3) of the rotation over the interval
     angles: F64  # (n,) radians, 0 to pi
 
     @classmethod
     def between(cls, before: F64, after: F64) -> Motion:
-        """Interpolate between matrices (n, 4, 4) at both ends."""
-        one, other = _polar(before[:, :3, :3]), _polar(after[:, :3, :3])
-        axes, angles = _axis_angle(other[0] @ one[0].transpose(0, 2, 1))
+        """Motion from matrices (n, 4, 4) at the start and at the end."""
+        start, end = _polar(before[:, :3, :3]), _polar(after[:, :3, :3])
+        axes, angles = _axis_angle(end[0] @ start[0].transpose(0, 2, 1))
         return cls(
             np.stack([before[:, :3, 3], after[:, :3, 3]]),
-            np.stack([one[1], other[1]]),
-            one[0],
+            np.stack([start[1], end[1]]),
+            start[0],
             axes,
             angles,
         )
 
     def at(self, share: float) -> F64:
-        """The matrices (n, 4, 4) at this share of the interval."""
+        """Matrices (n, 4, 4) at a fraction of the interval."""
         matrices = np.zeros((len(self.angles), 4, 4))
         stretch = self.stretches[0] + share * (self.stretches[1] - self.stretches[0])
         matrices[:, :3, :3] = _rotations(self.axes, share * self.angles) @ self.turns @ stretch
@@ -52,7 +52,7 @@ class Motion:
 
 
 def largest_stretch(matrices: F64) -> F64:
-    """Upper bound of the stretch of any direction by matrices (n, 3 or 4, 4), (n,)."""
+    """Upper bound (n,) of the stretch of any direction by matrices (n, 3 or 4, 4)."""
     linear = matrices[:, :3, :3]
     gram = linear @ linear.transpose(0, 2, 1)
     stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
@@ -60,30 +60,31 @@ def largest_stretch(matrices: F64) -> F64:
 
 
 def longest_axis(linear: F64) -> F64:
-    """Length of the longest axis under matrices (..., 3, 3), (...): a lower bound of their
-    stretch."""
+    """Length (...,) of the longest axis under matrices (..., 3, 3): lower bound of the stretch."""
     longest: F64 = np.sqrt(np.square(linear).sum(axis=-2).max(axis=-1))
     return longest
 
 
 def turned_by(before: F64, after: F64) -> F64:
-    """Angles of rotation between placements (n, 4, 4), radians (n,); exactly 0 for no rotation."""
+    """Rotation angles (n,) between placements (n, 4, 4), radians; exactly 0 without rotation."""
     return native.turns(before, after)
 
 
 def _polar(linear: F64) -> tuple[F64, F64]:
-    """Rotation and symmetric stretch, (n, 3, 3) each; a mirroring is in the stretch."""
+    """Rotation and symmetric stretch (n, 3, 3 each); the stretch includes mirroring."""
     u, s, vt = np.linalg.svd(linear)
     sign = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)[:, None, None]
-    is_flat = s[:, 2:, None] <= _FLAT * s[:, :1, None]  # has no side that could be mirrored
+    # A flattened shape cannot be mirrored: the sign goes to the vanishing axis instead.
+    is_flat = s[:, 2:, None] <= _FLAT * s[:, :1, None]
     u[:, :, 2:] *= np.where(is_flat, sign, 1.0)
     sign = np.where(is_flat, 1.0, sign)
-    turns = u @ vt
+    rotations = u @ vt
     stretches = (vt.transpose(0, 2, 1) * s[:, None, :]) @ vt
-    return turns * sign, stretches * sign
+    return rotations * sign, stretches * sign
 
 
 def _axis_angle(turns: F64) -> tuple[F64, F64]:
+    """Unit axes (n, 3) and angles (n,) of rotations (n, 3, 3); axis X for no rotation."""
     skew = 0.5 * np.stack(
         [
             turns[:, 2, 1] - turns[:, 1, 2],
@@ -95,10 +96,10 @@ def _axis_angle(turns: F64) -> tuple[F64, F64]:
     sine = np.linalg.norm(skew, axis=1)
     cosine = 0.5 * (np.trace(turns, axis1=1, axis2=2) - 1.0)
     angles = np.arctan2(sine, cosine)
-    # Half a turn leaves no skew part: the axis is then a column of R + 1.
-    both = turns + np.eye(3)
-    column = np.argmax(np.einsum("nij,nij->nj", both, both), axis=1)
-    half = np.take_along_axis(both, column[:, None, None], 2)[:, :, 0]
+    # The skew part vanishes at half a turn; there the columns of R + 1 are along the axis.
+    shifted = turns + np.eye(3)
+    column = np.argmax(np.einsum("nij,nij->nj", shifted, shifted), axis=1)
+    half = np.take_along_axis(shifted, column[:, None, None], 2)[:, :, 0]
     axes = np.where((sine > 1e-6)[:, None] | (cosine > 0.0)[:, None], skew, half)
     length = np.linalg.norm(axes, axis=1)
     axes = np.where(length[:, None] > 0.0, axes, (1.0, 0.0, 0.0))
@@ -107,7 +108,7 @@ def _axis_angle(turns: F64) -> tuple[F64, F64]:
 
 
 def _rotations(axes: F64, angles: F64) -> F64:
-    """Rodrigues' formula, (n, 3, 3)."""
+    """Rotation matrices (n, 3, 3) of axes and angles by Rodrigues' formula."""
     x, y, z = axes.T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models and their skins on the bodies of a scene, made when first asked for."""
+"""Perceptual models and skins bound to the bodies of a scene, made on first use."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from .surface_posing import BlendedModel, SurfaceModel
 
 
 class BoundSkins:
-    """Cache of the skins that a scene has needed.
+    """Cache of the skins of a scene.
 
     Parameters
     ----------
     models : callable
-        Loads a perceptual model by its id; called at the first moment it is needed.
+        Loads a perceptual model by id; called on first use.
+    tolerance : Tolerance
     counters : Counters
-        Told of each model that is loaded.
+        Counts loaded models.
     """
 
     def __init__(
@@ -42,7 +43,7 @@ class BoundSkins:
         self._bound: dict[tuple[str, str], BodySkin] = {}
 
     def of(self, body: BodyDescription, model_id: str) -> BodySkin:
-        """A model's skin on a body."""
+        """Skin of a model on a body."""
         key = (body.id, model_id)
         if key not in self._bound:
             binding = body.binding
@@ -59,7 +60,7 @@ class BoundSkins:
         return self._bound[key]
 
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:
-        """Skin shared by all bodies whose binding can pose the same models."""
+        """Skin coverage shared by all bodies with bindings of the same models."""
         model = self.model(model_id)
         fine = finer_id(model, self._tolerance)
         if isinstance(binding, SurfaceBinding):
@@ -72,7 +73,7 @@ class BoundSkins:
         return self._skins[model_id, fine]
 
     def model(self, model_id: str) -> PerceptualModel:
-        """A perceptual model by its id."""
+        """Perceptual model by id, not fitted to a body."""
         if model_id not in self._models:
             self._models[model_id] = self._load(model_id)
             self._counters.models_loaded.append(model_id)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of skin that perceptual vertices stand for, and the samples of these cells.
+"""Cells of skin represented by perceptual vertices, and the samples of cells.
 
-A vertex stands for its cell of skin: the places that are nearer to it than to its neighbours,
-each distance counted in the neighbour's own spacing. A cell is sampled in its triangles; on
-limbs, where the temperature model has too few to follow the skin, in those of a finer model.
+The cell of a vertex has the points nearer to the vertex than to neighbours, with distances relative
+to the spacing of each vertex. Cells are sampled in their triangles; cells of the temperature model
+on limbs, too coarse to follow the skin, in the triangles of a finer model.
 """
 
 from __future__ import annotations
@@ -30,50 +30,47 @@ from .skinned_model import SkinnedModel
 
 FINEST_SHARE: Final = 1.0 / 8.0
 FINEST_M: Final = (0.00025, 0.001)
-"""Distance of samples where no error at all is accepted: an eighth of the spacing of vertices,
-and between these. A finer one changes no coverage by more than a hundredth, however a pose
-stretches the skin."""
+"""Smallest distance of samples: an eighth of the vertex spacing, clipped to this range, metres.
+
+Finer samples change coverages by less than 0.01 in any pose."""
 
 _HEXAGON: Final = math.sqrt(2.0 / math.sqrt(3.0))  # spacing of cells of area 1
 
 
 def spacing_m(area_m2: F64) -> F64:
-    """Distance of neighbours whose cells have this area."""
-    spacing: F64 = _HEXAGON * np.sqrt(area_m2)
-    return spacing
+    """Distance of neighbouring vertices with cells of an area (hexagonal), metres."""
+    return np.asarray(_HEXAGON * np.sqrt(area_m2))
 
 
 def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
-    """Accepted distance of skin from its sample where vertices are ``spacing`` apart, metres.
+    """Accepted distance of skin from its sample, metres, for vertices ``spacing`` apart.
 
-    A sample stands for the skin around it. Where all of that is within the accepted error, the
-    sample is inside if the skin is inside of a volume that much smaller, and is not if the skin
-    is outside of one that much larger: so no edge of a contact is found farther off. What asks
-    for less than the finest gets the finest.
+    At least :func:`finest_m`. A sample represents the skin within this distance. So a sample is
+    inside if the skin is inside a volume smaller by the distance, and outside if the skin is
+    outside a volume larger by the distance: the edge of a contact is off by no more.
     """
-    wanted = np.minimum(tolerance.spacing_share * spacing, tolerance.distance_m)
-    return np.maximum(wanted, finest_m(spacing))
+    accepted = np.minimum(tolerance.spacing_share * spacing, tolerance.distance_m)
+    return np.maximum(accepted, finest_m(spacing))
 
 
 def finest_m(spacing: F64) -> F64:
-    """Accepted distance where no error is accepted, metres."""
-    finest: F64 = np.clip(FINEST_SHARE * spacing, *FINEST_M)
-    return finest
+    """Distance of samples at tolerance 0, metres."""
+    return np.asarray(np.clip(FINEST_SHARE * spacing, *FINEST_M))
 
 
 def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
-    """Test that single vertices do not represent enough of the skin.
+    """True if a tolerance requires more samples than the vertices.
 
-    No skin is farther from its vertex than the vertices around.
+    Skin is never farther from its vertex than the spacing.
     """
-    is_asked = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
-    return is_asked and len(model.triangles) > 0
+    is_finer = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
+    return is_finer and len(model.triangles) > 0
 
 
 def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
-    """Id of the model whose surface a model's cells are sampled on; None for its own.
+    """Id of a finer model to sample a model's cells on, or None for the model itself.
 
-    Vertices of the temperature model are too far apart to follow a limb's surface.
+    Only for temperature models, whose vertices are too far apart on limbs.
     """
     if model.modality != "temperature" or not _is_split(model, tolerance):
         return None
@@ -81,32 +78,29 @@ def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
 
 
 class SkinCoverage:
-    """Sampling of one perceptual model's cells; shared by all bodies that have the model.
+    """Samples of a perceptual model's cells, shared by all bodies with the model.
 
     Parameters
     ----------
     finer : PerceptualModel, optional
-        The model of :func:`finer_id`; without it the model's own triangles are its skin.
+        Model of :func:`finer_id`; otherwise the model's own triangles are the skin.
 
     Attributes
     ----------
     is_split : bool
-        Whether any cell has more than one sample; the paper's test has not.
-    edge_m : float
-        How far off the edge of a contact may be where that is most.
-    least_edge_m : float
-        The same where it is least.
+        True if cells have several samples; False at tolerance ``paper``.
+    edge_m, least_edge_m : float
+        Largest and smallest accepted error of the edge of a contact over the model, metres.
     finer : PerceptualModel or None
-        As given.
     surface : PerceptualModel
-        Whose triangles are the skin: the model itself or a finer one. This, the outlines and the
-        table are for the compiled library; without it clusters are of the model's vertices.
+        Model with the triangles of the skin. Surface, outlines and table are for the compiled
+        library; without the library, clusters are of the model's vertices.
     clusters : list of (C,) int32
-        Vertices of the model that are looked at together.
+        Vertices of the model tested together.
     outlines : list of (n,) int32
-        For each cluster the vertices of the surface that its skin lies between.
-    margins_m : (number of clusters,) float64 or None
-        How far the skin may bulge beyond them in the rest pose.
+        Vertices of the surface around the skin of each cluster.
+    margins_m : (clusters,) float64 or None
+        Bulge of the skin beyond the outline in rest pose; None without outlines.
     """
 
     def __init__(
@@ -137,9 +131,7 @@ class SkinCoverage:
             self.outlines, self.margins_m = self._outlined()
 
     def _outlined(self) -> tuple[list[I32], F64]:
-        """Outline of each cluster (its units, the corners around them), and the margin of
-        its skin.
-        """
+        """Outline (units, then corners around them) and margin of each cluster."""
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
         step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
@@ -150,7 +142,7 @@ class SkinCoverage:
 
     @cached_property
     def table(self) -> SkinTable:
-        """Table of the skin's samples; filled cluster by cluster, as they are needed."""
+        """Table of the skin's samples, filled by cluster on demand."""
         return SkinTable(
             self.surface,
             self.clusters,
@@ -164,15 +156,15 @@ class SkinCoverage:
 
 
 class BodySkin:
-    """A perceptual model's skin on one body.
+    """Skin of a perceptual model on one body.
 
     Parameters
     ----------
     skin : SkinCoverage
     binding : SkinBinding or SurfaceBinding
-        To the body.
+        Binding of the body.
     bind : callable
-        Binds a model to the body, in the clusters that it is given.
+        Returns a model bound to the body, given the model and its clusters.
     """
 
     def __init__(
@@ -187,14 +179,14 @@ class BodySkin:
 
     @cached_property
     def vertices(self) -> PosableModel:
-        """The model's own vertices, in the clusters of the skin."""
+        """Posable vertices of the model itself, in the clusters of the skin."""
         if self.skin.outlines is self.skin.clusters:
             return self.surface
         return self._bind(self.skin.model, self.skin.clusters)
 
     @cached_property
     def own_outline(self) -> Outline | None:
-        """Boxes of what bones move of the model's own vertices; None where these are the skin's."""
+        """Bone boxes of the model's own vertices; None if these are the skin's vertices."""
         if not self.is_grouped:
             return None
         assert isinstance(self.vertices, SkinnedModel)
@@ -202,9 +194,9 @@ class BodySkin:
 
     @cached_property
     def used_bones(self) -> UsedBones:
-        """Bones that move any of the skin, or of the model's own vertices."""
+        """Bones with weights on the skin or on the vertices of the model."""
         models = {self.surface, self.vertices} if self.is_grouped else {self.surface}
-        used = [each.used_bones for each in models if isinstance(each, SkinnedModel)]
+        used = [model.used_bones for model in models if isinstance(model, SkinnedModel)]
         return UsedBones(np.unique(np.concatenate(used)))
 
     @cached_property
@@ -212,28 +204,31 @@ class BodySkin:
         return CellGroups(len(self.surface.clusters))
 
     def cell_groups(self, clusters: I64) -> Any:
-        """Native table of bounds of cell sizes in a pose, with these clusters filled in; no skin
-        is filled in for it. For bodies that bones move.
+        """Native table of bounds of cell sizes in a pose, with the given clusters filled.
+
+        Only for bodies moved by bones. Does not fill the skin table.
         """
-        new = self._groups.missing(clusters)
-        if len(new):
+        missing = self._groups.missing(clusters)
+        if len(missing):
             assert isinstance(self.surface, SkinnedModel)
-            own = None
+            own_clusters = None
             if self.is_grouped:
                 assert isinstance(self.vertices, SkinnedModel)
-                own = self.vertices.native_clusters(new)
+                own_clusters = self.vertices.native_clusters(missing)
             table = self.skin.table
-            self._groups.add(new, table, table.mesh, self.surface.native_clusters(new), own)
+            self._groups.add(
+                missing, table, table.mesh, self.surface.native_clusters(missing), own_clusters
+            )
         return self._groups.table
 
     @property
     def is_grouped(self) -> bool:
-        """Test that groups differ from the clusters of the skin."""
+        """True if the skin's vertices belong to another model."""
         return self.skin.surface is not self.skin.model
 
 
 def owners_of(clusters: list[I32], count: int) -> I64:
-    """Cluster of each vertex, (count,)."""
+    """Cluster (count,) of each vertex."""
     owners = np.zeros(count, np.int64)
     owners[np.concatenate(clusters)] = np.repeat(
         np.arange(len(clusters)), [len(ids) for ids in clusters]

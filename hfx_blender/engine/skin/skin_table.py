@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model's skin in flat arrays, cluster by cluster; filled where it is first needed.
+"""Skin of a model in flat arrays by cluster, filled on demand.
 
-A *unit* is a vertex of the skin, and of each triangle around it the *quad* next to the vertex:
-from it over a place on one edge and a place inside to a place on the other edge. These places
-divide edges and triangle by the size of the cells, so that skin next to a much finer neighbour
-belongs to the coarser one. A quad is sampled at ``steps`` by ``steps`` places; where a pose
-stretches it, at more of them.
+A *unit* is a vertex of the skin with the *quads* next to the vertex, one of each adjacent triangle.
+A quad has the corners vertex, point on an edge, point inside, point on the other edge. These points
+divide edges and triangles in proportion to cell sizes, so that skin next to a much finer neighbour
+belongs to the coarser cell. A quad is sampled at ``steps`` by ``steps`` points, at more where a
+pose stretches the quad.
 """
 
 from __future__ import annotations
@@ -23,75 +23,74 @@ from ..native import skin_arrays as native
 from ..tolerance import Tolerance
 
 _LEAST_SHARE: Final = 0.01
-"""A vertex may stand for this share of its unit, however exact the rest of it has to be."""
+"""Fraction of a unit always represented by the vertex, at any tolerance."""
 
 
 class SkinTable:
-    """The skin of a model's cells. A *place* is a vertex of the skin in one of the clusters.
+    """Skin of a model's cells. A *place* is a vertex of the skin within a cluster.
 
-    Each cluster has a place for each of its units, in the order of their cells, and then one
-    for each corner around them. Units are known by their places. Memory is only taken by what
-    :meth:`need` has filled.
+    The places of a cluster are its units, in the order of their cells, then the corners around the
+    units. Memory is used only by clusters filled by :meth:`need`.
 
     Parameters
     ----------
     surface : PerceptualModel
-        Whose triangles are the skin.
+        Model with the triangles of the skin.
     cells : list of (C,) int32
-        Each cluster's vertices of the perceptual model.
+        Vertices of the perceptual model in each cluster.
     outlines : list of (n,) int32
-        Each cluster's vertices of the skin: one for each unit, then corners around them.
+        Vertices of the skin in each cluster: units, then corners around them.
     owner : (skin vertices,) int32
-        The vertex of the model whose cell each vertex of the skin is in.
+        Vertex of the perceptual model with the cell around each vertex of the skin.
     distance, finest : (skin vertices,) float64
-        How far skin at rest may be from its sample, metres, and how far at the finest.
+        Largest and smallest distance of skin at rest from its sample, metres.
     is_split : bool
-        Whether vertices stand for more than themselves.
+        True if cells have more samples than vertices.
     tolerance : Tolerance
-        Says how far skin that is posed may be from its sample, and how much of a unit may be
-        counted where its vertex is.
+        Accepted distance of posed skin from its sample, and fraction of a unit counted at its
+        vertex.
 
     Attributes
     ----------
     surface : PerceptualModel
-        As given.
     mesh : SkinMesh
-        Its triangles.
+        Triangles of the surface.
     starts : (clusters + 1,) int64
-        Each cluster's first place.
+        First place of each cluster.
     place_counts : (clusters,) int64
-        How many places each cluster has.
+        Number of places of each cluster.
     unit_counts, cell_starts : (clusters,), (clusters + 1,) int64
-        How many of a cluster's places are units; its first cell, where cells are counted in
-        the order of the clusters.
+        Number of units of each cluster, and its first cell in the order of clusters.
     is_simple : bool
-        Each cell is one unit.
+        True if each cell is one unit.
     vertices : (P,) int32
-        The vertex of the skin at each place.
+        Vertex of the skin at each place.
     is_split : bool
-        As given; else the vertex is a unit's only sample.
+        If False, the vertex is the only sample of a unit.
     cell_of, unit_shares, vertex_shares, reaches, means : (P,)
-        Of each unit: its cell; its share of the cell's area, and what the sample at the vertex
-        stands for; how far its skin goes towards the farthest corner, as a share, at most and on
-        average.
+        For each unit: cell; fraction of the cell's area; fraction represented by the sample at the
+        vertex; largest and mean extent of its skin as a fraction of the way to the farthest corner.
     quad_starts : (P + 1,) int64
-        The first quad of each unit.
+        First quad of each unit.
     unit_of, around : (Q,), (Q, 2) int64
-        Each quad's unit, and the places of its triangle's other corners.
+        Unit of each quad, and places of the two other corners of its triangle.
     is_ringed : (P,) uint8
-        Whether the first of these already are all neighbours of a unit.
+        1 if the first of these corners already are all neighbours of a unit.
     steps, finest, wholes, sample_starts : (Q,)
-        Of each quad: samples both ways at rest, and the most in any pose; share of the cell's
-        area, all samples together; its first sample.
+        For each quad: samples along each side at rest, and the most in any pose; fraction of the
+        cell's area of all samples; first sample.
     quads : (Q, 10) float64
-        Of each quad, what places its samples: shares of the ways to both other corners, of its
-        place on the edge to each and, both, of its place in the middle; the area of a sample as a
-        share of the cell's, and how it changes along and across; the bulges of its triangle's
-        edges, 0 where none counts.
+        Placement of the samples of each quad: fractions of the ways to both other corners for its
+        points on the two edges, then both for its inner point; area of a sample as a fraction of
+        the cell's, with derivatives along both sides; bulges of the triangle's edges (0 if
+        ignored).
     most_samples : (clusters,)
-        The most samples of any of its cells.
+        Largest number of samples of a cell in each cluster.
     largest_cell : int
-        The most samples of any cell that is filled in.
+        Largest number of samples of a filled cell.
+    samples : (4, S) float64
+        Placement of each sample: barycentric fractions towards both other corners; height
+        relative to the size of the triangle; fraction of the cell's area.
     """
 
     def __init__(
@@ -111,9 +110,9 @@ class SkinTable:
         self._most_share = max(tolerance.amplitude, _LEAST_SHARE)
         self.cells = np.concatenate(cells)
         counts = np.bincount(owner, minlength=len(self.cells)).astype(np.int64, copy=False)
-        self.starts = np.cumsum([0, *(len(some) for some in outlines)], dtype=np.int64)
+        self.starts = np.cumsum([0, *(len(places) for places in outlines)], dtype=np.int64)
         self.place_counts = np.diff(self.starts)
-        self.cell_starts = np.cumsum([0, *(len(some) for some in cells)], dtype=np.int64)
+        self.cell_starts = np.cumsum([0, *(len(ids) for ids in cells)], dtype=np.int64)
         self.unit_counts = np.add.reduceat(counts[self.cells], self.cell_starts[:-1])
         self.is_simple = len(self.cells) == int(self.unit_counts.sum())
         self.vertices = np.concatenate(outlines)
@@ -136,17 +135,10 @@ class SkinTable:
         self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
         self.most_samples = np.ones(len(cells), np.int64)
         self._sample_count, self.largest_cell = 0, 1
-        self._samples = np.zeros((4, 0))
-
-    @property
-    def samples(self) -> F64:
-        """Barycentric placement of each sample, (4, S): the shares of the ways to both other
-        corners; the height, as a share of the triangle's size; the sample's share of the cell's
-        area."""
-        return self._samples
+        self.samples = np.zeros((4, 0))
 
     def need(self, clusters: I64) -> None:
-        """Fill in the skin of clusters that have not been filled yet."""
+        """Fill clusters not filled before; ``clusters`` are ids in any order."""
         new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
@@ -155,6 +147,7 @@ class SkinTable:
         self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, new: I64) -> None:
+        """Fill new clusters by the native library."""
         count = native.fill(
             *(self, self.mesh, new, self._sample_count, self._spacing, self._most_share)
         )
@@ -162,38 +155,37 @@ class SkinTable:
         native.place_samples(self, new)
 
     def _make_room(self, count: int) -> None:
-        """Make room for samples in a new array, as others may be reading the present one."""
+        """Grow the array of samples by copying, because other threads may read the old array."""
         self._sample_count = count
-        if count > self._samples.shape[1]:
-            larger = np.empty((4, max(count, 2 * self._samples.shape[1])))
-            larger[:, : self._samples.shape[1]] = self._samples
-            self._samples = larger
+        if count > self.samples.shape[1]:
+            larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
+            larger[:, : self.samples.shape[1]] = self.samples
+            self.samples = larger
 
     @cached_property
     def _spacing(self) -> F64:
-        """Distances as given, and the reciprocal spacing of vertices, up to a constant factor,
-        (3, skin vertices)."""
+        """Distances as given, and reciprocal vertex spacing up to a factor, (3, skin vertices)."""
         closeness = 1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))
         return np.stack([*self._distances, closeness.astype(np.float64)])
 
 
 @dataclass(frozen=True, eq=False)
 class SkinMesh:
-    """A model's surface, with the corners of its triangles by their vertices.
+    """Surface of a model, and the triangle corners of each vertex.
 
-    A corner is ``3 f + k``: that of triangle ``f`` which is at its ``k``-th vertex.
+    Corner ``3 f + k`` is the ``k``-th corner of triangle ``f``.
     """
 
     vertices: F32  # (V, 3)
     normals: F32  # (V, 3)
     areas_m2: F32  # (V,)
     triangles: I32  # (F, 3)
-    corners: I64  # (3 F,)
-    starts: I64  # (V + 1,) each vertex's first
+    corners: I64  # (3 F,) sorted by vertex
+    starts: I64  # (V + 1,) first corner of each vertex
 
     @classmethod
     def of(cls, model: PerceptualModel) -> SkinMesh:
-        """Mesh of a model, which must not change; cached."""
+        """Mesh of a model, cached by model; the model must not change."""
         if model not in _KNOWN:
             corners = sorted_by(model.triangles.ravel(), len(model))
             _KNOWN[model] = cls(

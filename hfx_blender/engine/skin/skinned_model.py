@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models that the bones of a body move: linear blend skinning."""
+"""Models moved by bones: linear blend skinning."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from .posing import cluster_slices, clusters_of
 
 
 class SkinnedModel:
-    """Linear blend skinning: a vertex is a convex combination of its bones' transforms of it.
+    """Perceptual model posed by linear blend skinning.
 
-    That convexity bounds a cluster without posing it: by the hull, over its bones, of the
-    bone's matrix times the box of the vertices that it moves.
+    A posed vertex is a convex combination of bone transforms of its rest position. So a cluster is
+    bounded, without posing, by the hull over its bones of the bone's matrix times the rest-pose box
+    of the vertices weighted to the bone.
     """
 
     def __init__(
@@ -42,11 +43,11 @@ class SkinnedModel:
         return native.Clusters(bound, self._boxes.ends, self._boxes.bones)
 
     def cluster_bones(self, cluster: int) -> I64:
-        """Bones that move anything in a cluster, ascending."""
+        """Bones with weights in a cluster, ascending."""
         return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
 
     def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
-        """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
+        """Bones of a cluster, and weights times homogeneous rest positions (Vc, 4 Bc); cached."""
         if cluster not in self._factors:
             ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
             entries, owners = self._weights.entries(ids)
@@ -59,9 +60,9 @@ class SkinnedModel:
         return self._factors[cluster]
 
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
-        """Rest to target space for some bones, (n, len(bones), 3, 4)."""
+        """Matrices (n, len(bones), 3, 4) from rest to target space."""
         assert pose.bones is not None
-        if len(bones) and bones[-1] == pose.bones.shape[1]:  # what rests
+        if len(bones) and bones[-1] == pose.bones.shape[1]:  # the additional bone at rest
             still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))
             posed = np.concatenate([pose.bones[rows], still], axis=1)[:, bones]
         else:
@@ -76,7 +77,7 @@ class SkinnedModel:
 
     @cached_property
     def outline(self) -> Outline:
-        """Boxes of what each bone moves of each cluster, for the native library."""
+        """Bone boxes of each cluster for the native library."""
         slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
         return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
 
@@ -92,24 +93,24 @@ class SkinnedModel:
         for cluster, _ in cluster_slices(clusters):
             is_used[self.cluster_bones(cluster)] = True
         slots = np.cumsum(is_used) - 1
-        every = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
-        found = []
-        for cluster, mine in cluster_slices(clusters):
+        matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
+        points = []
+        for cluster, pairs in cluster_slices(clusters):
             bones, factors = self._cluster_factors(cluster)
-            found.append(_products(every[at[mine, None], slots[bones]], factors))
-        return np.concatenate(found, axis=1)
+            points.append(_products(matrices[at[pairs, None], slots[bones]], factors))
+        return np.concatenate(points, axis=1)
 
     @property
     def used_bones(self) -> I64:
-        """Bones that move anything, ascending; the number of bones stands for what rests."""
+        """Bones with weights, ascending; the number of bones is the bone at rest."""
         return self._boxes.used
 
     def native_clusters(
         self, clusters: I64, table: SkinTableArrays | None = None
     ) -> native.Clusters:
-        """Native table of all clusters, with these filled in.
+        """Native table of all clusters, with the given clusters filled.
 
-        Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
+        Neighbours are filled only with ``table``, for skin around vertices.
         """
         self._native.add(clusters, table)
         return self._native
@@ -127,6 +128,6 @@ class SkinnedModel:
 
 
 def _products(matrices: F64, factors: F64) -> F64:
-    """Positions (3, n V) of vertices with factors (V, 4 B) under matrices (n, B, 3, 4)."""
+    """Positions (3, n V) from factors (V, 4 B) and matrices (n, B, 3, 4)."""
     stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3))
     return stacked_product(stacked.reshape(1, 3 * len(matrices), -1), factors).reshape(3, -1)

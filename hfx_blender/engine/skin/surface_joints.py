@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joints that move as an avatar's surface does, for readers that know skinned meshes only.
+"""Joints following an avatar's surface, for file formats limited to skinned meshes.
 
-The skin is cut into patches. A joint of each follows it by the similarity (rotation, even scale,
-translation) nearest to the motion of its vertices, by weighted least squares (Umeyama 1991). A
-vertex is blended from the patches that are nearest along the skin (modified Shepard weights,
-Franke and Nielson 1980).
+The skin is divided into patches with a joint each. A joint follows its patch by the similarity
+transform (rotation, uniform scale, translation) of weighted least squares (Umeyama 1991). Vertices
+are blended from the patches nearest along the skin (modified Shepard weights, Franke and Nielson
+1980).
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from ..scene import PoseBlock, SurfaceBinding
 from .bound_weights import BoundWeights
 from .surface_posing import SurfaceModel
 
-_SPACING_M: Final = 0.1  # of patches within what one bone moves: about 240; engines like below 256
-_NEAREST: Final = 4  # patches that move a vertex: one set of weights of a glTF mesh
-_NEIGHBOURS: Final = 0.02  # weight of neighbouring patches in the motion of one
-_CORE: Final = 0.05  # of the distance to the first patch that does not count: no nearer counts
-_FARTHEST_M: Final = 0.5  # along the skin, to the patches of a vertex
+_SPACING_M: Final = 0.1  # patch spacing: about 240 joints; game engines allow 256
+_NEAREST: Final = 4  # patches per vertex: one set of glTF weights
+_NEIGHBOURS: Final = 0.02  # weight of neighbouring patches in the motion of a joint
+_CORE: Final = 0.05  # smallest counted distance, relative to the nearest patch left out
+_FARTHEST_M: Final = 0.5  # largest distance along the skin from vertex to patch
 
 
 class SurfaceJoints:
-    """Joints of a body that follows its mesh.
+    """Joints of a body bound to a surface.
 
     Parameters
     ----------
     binding : SurfaceBinding
     models : callable
-        Loads a perceptual model by its id.
+        Loads a perceptual model by id; the anchored model with most vertices is used.
     """
 
     def __init__(self, binding: SurfaceBinding, models: Callable[[str], PerceptualModel]) -> None:
@@ -54,60 +54,66 @@ class SurfaceJoints:
         self._spread = np.maximum(spread, 1e-9)
 
     def matrices(self, pose: PoseBlock, rows: I64) -> tuple[F32, F64]:
-        """Motion of the joints, and how well the skin follows.
+        """Motion of the joints at rows of a pose, and the error of the blended skin.
 
         Returns
         -------
         (T, J, 3, 4) float32
-            Rest space to the avatar's own space.
+            Rest space to the avatar's local space.
         (2,) float64
-            Distance from their places within which 99 % and all of the vertices are at every
-            time, in the avatar's units.
+            Distance between blended and true positions, 99th percentile and maximum over vertices,
+            each at its worst row, in units of the avatar.
         """
-        found = np.empty((len(rows), len(self.names), 3, 4), np.float32)
+        joint_matrices = np.empty((len(rows), len(self.names), 3, 4), np.float32)
         errors = np.zeros(2)
         for k in range(len(rows)):
             points = self._surface.cluster_points(0, pose, rows[k : k + 1], np.eye(4)[None])[:, 0].T
             matrices = self._followed(points)
-            found[k] = matrices
+            joint_matrices[k] = matrices
             blended = np.einsum("vk,vkij->vij", self._weights, matrices[self._nearest])
-            there = np.einsum("vij,vj->vi", blended[:, :, :3], self._rest) + blended[:, :, 3]
-            off = np.sqrt(np.square(there - points).sum(axis=1))
-            errors = np.maximum(errors, np.quantile(off, [0.99, 1.0]))
-        return found, errors
+            blended_points = (
+                np.einsum("vij,vj->vi", blended[:, :, :3], self._rest) + blended[:, :, 3]
+            )
+            distances = np.sqrt(np.square(blended_points - points).sum(axis=1))
+            errors = np.maximum(errors, np.quantile(distances, [0.99, 1.0]))
+        return joint_matrices, errors
 
     def bound(self, model: PerceptualModel) -> BoundWeights:
-        """Weights of a model's vertices on the joints: those of the nearest vertex known here."""
+        """Joint weights of a model's vertices, taken from the nearest known vertex."""
         from scipy.spatial import cKDTree
 
-        _, same = cKDTree(self._model.vertices).query(model.vertices)
+        _, nearest_vertex = cKDTree(self._model.vertices).query(model.vertices)
         rest = np.ones((len(model), 4))
         rest[:, :3] = model.vertices
         offsets = np.arange(0, _NEAREST * len(model) + 1, _NEAREST, dtype=np.int64)
-        bones, values = self._nearest[same].ravel(), self._weights[same].ravel()
+        bones, values = self._nearest[nearest_vertex].ravel(), self._weights[nearest_vertex].ravel()
         return BoundWeights(offsets, bones, values, rest, len(self.names))
 
     def _followed(self, points: F64) -> F64:
-        """Similarities (J, 3, 4) nearest to the motion of the vertices to (V, 3)."""
+        """Least-squares similarity transforms (J, 3, 4) to moved vertices (V, 3)."""
         middles = (self._mix @ points) / self._sums
         products = (points[:, :, None] * self._rest[:, None, :]).reshape(-1, 9)
         spread = (self._mix @ products / self._sums).reshape(-1, 3, 3)
         spread -= middles[:, :, None] * self._middles[:, None, :]
         left, sizes, right = np.linalg.svd(spread)
-        turned = np.linalg.det(left) * np.linalg.det(right) < 0.0
-        left[turned, :, 2] *= -1.0
-        sizes[turned, 2] *= -1.0
+        is_mirrored = np.linalg.det(left) * np.linalg.det(right) < 0.0
+        # Umeyama: flip the smallest singular direction, so that the result is no reflection.
+        left[is_mirrored, :, 2] *= -1.0
+        sizes[is_mirrored, 2] *= -1.0
         scales = np.maximum(sizes.sum(axis=1) / self._spread, 1e-3)
-        found = np.empty((len(middles), 3, 4))
-        found[:, :, :3] = scales[:, None, None] * (left @ right)
-        found[:, :, 3] = middles - np.einsum("nij,nj->ni", found[:, :, :3], self._middles)
-        return found
+        similarities = np.empty((len(middles), 3, 4))
+        similarities[:, :, :3] = scales[:, None, None] * (left @ right)
+        similarities[:, :, 3] = middles - np.einsum(
+            "nij,nj->ni", similarities[:, :, :3], self._middles
+        )
+        return similarities
 
 
 def _mix(nearest: I64, weights: F64, count: int) -> Any:
-    """Sparse matrix (count, V) that sums over the vertices of each patch by their weights.
+    """Sparse matrix (count, V): weighted sum over the vertices of each patch.
 
-    Those of its neighbours have a little weight: a patch of one vertex would turn any way.
+    Vertices of neighbouring patches have a small weight, because a patch of one vertex has no
+    defined rotation.
     """
     from scipy.sparse import csr_matrix, diags
 
@@ -120,16 +126,17 @@ def _mix(nearest: I64, weights: F64, count: int) -> Any:
 
 
 def _patches(model: PerceptualModel) -> I64:
-    """Vertices in the middle of the patches: spread over what each bone moves most of."""
+    """Centre vertices of patches, ascending; spread over the vertices of each strongest bone."""
     weights = model.weights
     owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
     order = np.lexsort([-weights.values, owners])
     firsts = order[np.flatnonzero(np.diff(owners[order], prepend=-1))]
     bone = np.full(len(model), -1)
     bone[owners[firsts]] = weights.bones[firsts]
-    found: list[int] = []
-    for each in np.unique(bone):
-        ids = np.flatnonzero(bone == each)
+    centres: list[int] = []
+    for strongest in np.unique(bone):
+        ids = np.flatnonzero(bone == strongest)
+        # Farthest-point sampling, from the vertex nearest to the mean.
         points = model.vertices[ids].astype(np.float64)
         middle = points.mean(axis=0)
         chosen = [int(np.square(points - middle).sum(axis=1).argmin())]
@@ -137,22 +144,22 @@ def _patches(model: PerceptualModel) -> I64:
         while away.max() > _SPACING_M:
             chosen.append(int(away.argmax()))
             away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        found += ids[chosen].tolist()
-    return np.unique(np.array(found, np.int64))
+        centres += ids[chosen].tolist()
+    return np.unique(np.array(centres, np.int64))
 
 
 def _nearest_patches(model: PerceptualModel, centres: I64) -> tuple[I64, F64]:
-    """Nearest patches of each vertex along the skin and their weights, which sum to 1, (V, 4)."""
+    """Nearest patches along the skin and weights, (V, 4) each; weights sum to 1."""
     from scipy.sparse.csgraph import dijkstra
 
     graph = edge_graph(model.vertices.astype(np.float64), model.triangles)
     away = dijkstra(graph, directed=False, indices=centres, limit=_FARTHEST_M).T  # (V, J)
-    lost = ~np.isfinite(away).any(axis=1)  # an island without a patch of its own
-    if lost.any():
-        across = model.vertices[lost, None] - model.vertices[None, centres]
-        away[lost] = np.linalg.norm(across, axis=2)
-    beyond = min(_NEAREST + 1, len(centres))
-    nearest = np.argpartition(away, beyond - 1, axis=1)[:, :beyond]
+    is_unreached = ~np.isfinite(away).any(axis=1)  # an island without a patch: straight distances
+    if is_unreached.any():
+        across = model.vertices[is_unreached, None] - model.vertices[None, centres]
+        away[is_unreached] = np.linalg.norm(across, axis=2)
+    count = min(_NEAREST + 1, len(centres))
+    nearest = np.argpartition(away, count - 1, axis=1)[:, :count]
     nearest = np.take_along_axis(
         nearest, np.argsort(np.take_along_axis(away, nearest, axis=1), axis=1), axis=1
     )

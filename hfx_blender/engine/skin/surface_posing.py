@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Positions of vertices that ride on an avatar's surface, and of any without the compiled library;
-see :mod:`.posing`."""
+"""Vertices posed point by point: on an avatar's surface, or by bones without the compiled library.
+
+See :mod:`.posing`.
+"""
 
 from __future__ import annotations
 
@@ -17,25 +19,23 @@ from .posing import cluster_slices, clusters_of
 
 
 class PointwiseModel(ABC):
-    """Model whose clusters, none of which is empty, are bounded by posing them."""
+    """Posable model with cluster bounds from posed vertices; clusters are not empty."""
 
     clusters: list[I32]
 
     @abstractmethod
     def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
-        """Positions of vertices (k,) at some rows, (n, k, 3), the body's own space."""
+        """Positions (n, k, 3) of vertices (k,) at rows (n,), the body's own space."""
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         return self.bounds_around(self.places(pose, rows), to_target)
 
     def places(self, pose: PoseBlock, rows: I64) -> F64:
-        """Positions of the vertices of all clusters, one after the other, (n, P, 3), the body's
-        own space.
-        """
+        """Positions (n, P, 3) of all clusters' vertices, concatenated, the body's own space."""
         return self._local(np.concatenate(self.clusters), pose, rows)
 
     def bounds_around(self, places: F64, to_target: F64) -> tuple[F64, F64]:
-        """Boxes that hold each cluster, of the places of :meth:`places`: two (n, C, 3)."""
+        """Cluster bounding boxes (two of (n, C, 3)) of the points of :meth:`places`."""
         moved = places @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         starts = np.cumsum([0, *(len(ids) for ids in self.clusters[:-1])])
         return np.minimum.reduceat(moved, starts, 1), np.maximum.reduceat(moved, starts, 1)
@@ -48,11 +48,11 @@ class PointwiseModel(ABC):
     def pair_points(
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
-        found = [
-            self.cluster_points(cluster, pose, rows[at[mine]], to_target[at[mine]]).reshape(3, -1)
-            for cluster, mine in cluster_slices(clusters)
+        points = [
+            self.cluster_points(cluster, pose, rows[at[pairs]], to_target[at[pairs]]).reshape(3, -1)
+            for cluster, pairs in cluster_slices(clusters)
         ]
-        return np.concatenate(found, axis=1)
+        return np.concatenate(points, axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         local = self._local(vertices, pose, np.array([row]))[0]
@@ -60,31 +60,31 @@ class PointwiseModel(ABC):
         return moved
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """Box around the whole model: lower and upper corners (n, 3), target space."""
+        """Lower and upper corners (n, 3) of the whole model, target space."""
         low, high = self.cluster_bounds(pose, rows, to_target)
         return low.min(axis=1), high.max(axis=1)
 
 
 class BlendedModel(PointwiseModel):
-    """Linear blend skinning as :mod:`..reference` defines it, without the compiled library."""
+    """Linear blend skinning by :mod:`..reference`, without the compiled library."""
 
     def __init__(self, model: PerceptualModel, binding: SkinBinding, clusters: list[I32]) -> None:
         self.clusters, self._model, self._names = clusters, model, binding.bone_names
 
     def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
-        each = [_blended(self._model, self._names, pose, row)[vertices] for row in rows.tolist()]
-        return np.stack(each) if each else np.zeros((0, len(vertices), 3))
+        points = [_blended(self._model, self._names, pose, row)[vertices] for row in rows.tolist()]
+        return np.stack(points) if points else np.zeros((0, len(vertices), 3))
 
 
 @lru_cache(maxsize=80)
 def _blended(model: PerceptualModel, names: tuple[str, ...], pose: PoseBlock, row: int) -> F64:
-    """Positions of all vertices (V, 3); not to be changed."""
+    """Positions (V, 3) of all vertices at a row; cached, must not be changed."""
     assert pose.bones is not None
     return by_bones(model, names, pose.bones[row]).T
 
 
 class SurfaceModel(PointwiseModel):
-    """Vertices ride on the triangles of an avatar's evaluated mesh."""
+    """Model anchored to the triangles of an avatar's evaluated mesh."""
 
     def __init__(
         self,
@@ -111,7 +111,8 @@ class SurfaceModel(PointwiseModel):
         assert pose.surface is not None
         surface = pose.surface[rows]
         low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
-        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
+        # Negative barycentric weights reach outside the triangle, at most by their sum times the
+        # size of the mesh; offsets add along any direction.
         beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
         above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
         half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces in the engine: skin that moves over them, as samples of vibration."""
+"""Haptic surfaces: vibration samples of skin moving over a surface."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from ..texture.contact_rendering import ContactRenderer
 from ..texture.haptic_map import DeviceRange
 
 _FINGERS = PARTS.index("fingers")
-_AT_ONCE = 512
-"""Number of points followed together: intermediate data of more leaves the processor's cache."""
+_POINTS_PER_BATCH = 512
+"""Number of points followed together; intermediate arrays fit the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """Samples of a surface at the rows of a block with any contact; each row has its own set."""
+    """Samples of a surface at rows with contact, with a vertex set per row."""
 
     rows: I64  # (n,)
     amplitude_m_s2: F64  # (n,) of the strongest contact
-    frequency_hz: F64  # (n,) of the same one
+    frequency_hz: F64  # (n,) of the strongest contact
     offsets: I64  # (n + 1,)
     vertices: I32  # (total,) ascending within a row
-    weights: F32  # (total,) amplitude as a share of the strongest, in (0, 1]
-    distance_m: F32  # (total,)
+    weights: F32  # (total,) amplitude relative to the strongest, in (0, 1]
+    distance_m: F32  # (total,) from the surface
 
     @property
     def parameters(self) -> F64:
-        """Amplitude and frequency in the order of vibration's parameters, (n, 2)."""
+        """Amplitude and frequency (n, 2), clipped to vibration's limits."""
         values = np.stack([self.amplitude_m_s2, self.frequency_hz], axis=1)
         return np.asarray(np.clip(values, *MODALITIES["vibration"].limits))
 
 
 class SurfaceEffects:
-    """Follows the contacts of every surface with every body, from block to block.
+    """Contacts of each surface with each body, tracked over successive blocks.
 
-    A block that goes on where the one before ended goes on with its contacts, so that nothing
-    depends on how time was split.
+    A block continuing the previous block continues its contacts, so results do not depend on the
+    division into blocks.
     """
 
     def __init__(self, step_s: float, counters: Counters) -> None:
         self._step_s = step_s
         self._counters = counters
-        self._followed: dict[tuple[str, str], _Followed] = {}
+        self._followed: dict[tuple[str, str], _TrackedContacts] = {}
 
     def evaluate(
         self,
@@ -67,39 +67,40 @@ class SurfaceEffects:
         rows: I64,
         block: AnimationBlock,
     ) -> SurfaceSamples | None:
-        """Evaluate a body's contacts with a surface.
+        """Evaluate contacts of a body with a surface; None without contact.
 
         Parameters
         ----------
         bounds : ReachableBounds
-            Boxes of the skin's clusters at all rows whose pose is known.
+            Cluster boxes at all rows with a known pose.
         rows : (n,) int64
-            Rows at which the surface is on and the body's pose is known.
+            Rows at which the surface is on and the pose is known.
         """
         area = effect.area
         assert isinstance(area, HapticSurface)
         key = (effect.id, body_id)
         if key not in self._followed:
-            self._followed[key] = _Followed(area, skin.skin.model, self._step_s)
-        one = self._followed[key]
+            self._followed[key] = _TrackedContacts(area, skin.skin.model, self._step_s)
+        tracked = self._followed[key]
         rows, reported, follows = followed(rows, bounds.rows, animated, block)
-        if one.index == int(block.indices[rows[0]]):  # it was the last of the block before
+        # Continue the contacts of the previous block, or restart after a gap in time.
+        if tracked.index == int(block.indices[rows[0]]):
             rows, reported, follows = rows[1:], reported[1:], follows[1:]
-        elif one.index != int(block.indices[rows[0]]) - 1:
-            one.follower.restart()
+        elif tracked.index != int(block.indices[rows[0]]) - 1:
+            tracked.follower.restart()
         else:
             follows[0] = True
-        placed = _placed(animated, rows)
-        if not placed.all():
+        is_placed = _placed(animated, rows)
+        if not is_placed.all():
             self._counters.warn(
                 f"surface '{effect.name}': its place is not a finite number; it is not felt there",
-                int(np.count_nonzero(~placed)),
+                int(np.count_nonzero(~is_placed)),
             )
-            follows = follows & np.concatenate([[True], placed[:-1]])
-            rows, reported, follows = rows[placed], reported[placed], follows[placed]
+            follows = follows & np.concatenate([[True], is_placed[:-1]])
+            rows, reported, follows = rows[is_placed], reported[is_placed], follows[is_placed]
         if not len(rows):
             return None
-        one.index = int(block.indices[rows[-1]])
+        tracked.index = int(block.indices[rows[-1]])
         assert animated.matrices is not None and animated.vertices is not None
         vertices = animated.vertices
         if len(vertices) > 1:
@@ -107,29 +108,31 @@ class SurfaceEffects:
         matrices = animated.matrices[rows]
         self._counters.volume_tests += int(np.count_nonzero(reported))
         time, ids, points = self._near(area, matrices, vertices, skin, pose, bounds, rows)
-        found = []
+        parts = []
         for part in _parts(np.bincount(time, minlength=len(rows))):
-            mine = slice(*np.searchsorted(time, (part.start, part.stop)))
-            paths = one.follower.follow(
+            points_of_part = slice(*np.searchsorted(time, (part.start, part.stop)))
+            paths = tracked.follower.follow(
                 matrices[part],
                 vertices[part] if len(vertices) > 1 else vertices,
-                time[mine] - part.start,
-                ids[mine],
-                points[mine],
+                time[points_of_part] - part.start,
+                ids[points_of_part],
+                points[points_of_part],
                 follows[part],
             )
-            felt = one.renderer.render(paths)
-            found.append(
-                _gathered(paths, *felt, animated, rows[part], reported[part], area.texture.device)
+            rendered = tracked.renderer.render(paths)
+            parts.append(
+                _gathered(
+                    paths, *rendered, animated, rows[part], reported[part], area.texture.device
+                )
             )
-        if one.follower.crowded:
+        if tracked.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
             self._counters.warn(
                 f"{text} at once: fingertips and the nearest of the others are felt",
-                one.follower.crowded,
+                tracked.follower.crowded,
             )
-            one.follower.crowded = 0
-        return _joined([each for each in found if each is not None])
+            tracked.follower.crowded = 0
+        return _joined([samples for samples in parts if samples is not None])
 
     def _near(
         self,
@@ -141,7 +144,10 @@ class SurfaceEffects:
         bounds: ReachableBounds,
         rows: I64,
     ) -> tuple[I64, I64, F64]:
-        """Vertices that may touch: time, id and place in the world; by time, then by id."""
+        """Vertices within reach of a surface's bounding box: time (row number), id, world point.
+
+        Sorted by time, then id.
+        """
         box_low, box_high = vertices.min(axis=1), vertices.max(axis=1)
         centre, half = 0.5 * (box_low + box_high), 0.5 * (box_high - box_low)
         middle = np.einsum(
@@ -152,40 +158,40 @@ class SurfaceEffects:
             "tij,tj->ti", np.abs(matrices[:, :3, :3]), np.broadcast_to(half, (len(rows), 3))
         )
         low, high = middle - reach, middle + reach
-        at = np.searchsorted(bounds.rows, rows)
-        reached = ((bounds.low[at] <= high[:, None]) & (bounds.high[at] >= low[:, None])).all(
-            axis=2
-        )
-        cluster, times = reached.T.nonzero()
+        bound_rows = np.searchsorted(bounds.rows, rows)
+        is_reached = (
+            (bounds.low[bound_rows] <= high[:, None]) & (bounds.high[bound_rows] >= low[:, None])
+        ).all(axis=2)
+        cluster, times = is_reached.T.nonzero()
         if not len(times):
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
         places = skin.vertices.pair_points(cluster, times, pose, rows, pose.to_world[rows])
-        members = [skin.skin.clusters[each] for each in cluster.tolist()]
+        members = [skin.skin.clusters[k] for k in cluster.tolist()]
         ids = np.concatenate(members)
-        time = times.repeat([len(each) for each in members])
+        time = times.repeat([len(member_ids) for member_ids in members])
         self._counters.vertices_posed += len(time)
-        inside = (places >= low.T.take(time, axis=1)) & (places <= high.T.take(time, axis=1))
-        near = (inside[0] & inside[1] & inside[2]).nonzero()[0]
-        near = near[np.lexsort((ids[near], time[near]))]
-        return time[near], ids[near].astype(np.int64), places[:, near].T
+        is_inside = (places >= low.T.take(time, axis=1)) & (places <= high.T.take(time, axis=1))
+        chosen = (is_inside[0] & is_inside[1] & is_inside[2]).nonzero()[0]
+        chosen = chosen[np.lexsort((ids[chosen], time[chosen]))]
+        return time[chosen], ids[chosen].astype(np.int64), places[:, chosen].T
 
 
 def _parts(counts: I64) -> list[slice]:
-    """Times in stretches that hold no more points than are quick to follow together."""
-    parts, first, held = [], 0, 0
+    """Slices of successive times with at most 512 points, or a single time."""
+    parts, first, total = [], 0, 0
     for k, count in enumerate(counts.tolist()):
-        if held and held + count > _AT_ONCE:
+        if total and total + count > _POINTS_PER_BATCH:
             parts.append(slice(first, k))
-            first, held = k, 0
-        held += count
+            first, total = k, 0
+        total += count
     return [*parts, slice(first, len(counts))]
 
 
-class _Followed:
-    """Tracked contacts of one body with one surface, up to the last sample."""
+class _TrackedContacts:
+    """Contacts of one body with one surface up to the last sample."""
 
     def __init__(self, area: HapticSurface, model: PerceptualModel, step_s: float) -> None:
-        self.index: int | None = None  # last sample that was followed
+        self.index: int | None = None  # last sample index
         self.renderer = ContactRenderer(area.texture, step_s)
         self.follower = ContactFollower(
             SurfaceMesh(area.triangles, area.coordinates_m),
@@ -196,11 +202,11 @@ class _Followed:
 
 
 def _placed(animated: EffectBlock, rows: I64) -> Bool:
-    """Test that all of a surface's numbers are finite, at each row."""
+    """Mask (n,) of rows with finite matrices and vertices."""
     assert animated.matrices is not None and animated.vertices is not None
-    placed = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
+    is_finite = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
     per_row = np.isfinite(animated.vertices).all(axis=(1, 2))
-    return np.asarray(placed & (per_row if len(per_row) == 1 else per_row[rows]))
+    return np.asarray(is_finite & (per_row if len(per_row) == 1 else per_row[rows]))
 
 
 def _gathered(
@@ -212,33 +218,34 @@ def _gathered(
     reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
-    """Gather the contacts row by row; the strongest of a row is its amplitude."""
-    felt = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
-    if not len(felt):
+    """Samples of the contacts by row; None without a reported contact."""
+    contacts = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
+    if not len(contacts):
         return None
-    time = paths.time[felt]
+    time = paths.time[contacts]
     values = animated.parameters[rows[time]]
-    amplitude = values[:, 0] * device.amplitude_m_s2(drive[felt]) / device.amplitude_m_s2(1.0)
+    amplitude = values[:, 0] * device.amplitude_m_s2(drive[contacts]) / device.amplitude_m_s2(1.0)
     times, starts = np.unique(time, return_index=True)
     strongest = np.maximum.reduceat(amplitude, starts)
-    owner = np.repeat(np.arange(len(times)), np.diff(np.append(starts, len(felt))))
-    is_it = np.flatnonzero(amplitude == strongest[owner])
-    chosen = is_it[np.searchsorted(is_it, starts)]
-    own = frequency[felt][chosen]
+    owner = np.repeat(np.arange(len(times)), np.diff(np.append(starts, len(contacts))))
+    strongest_contacts = np.flatnonzero(amplitude == strongest[owner])
+    chosen = strongest_contacts[np.searchsorted(strongest_contacts, starts)]
+    frequencies = frequency[contacts][chosen]
     scale = np.where(strongest > 0.0, strongest, 1.0)[owner]
     shares = np.maximum(amplitude / scale, np.finfo(np.float32).tiny)
     return SurfaceSamples(
         rows=rows[times],
         amplitude_m_s2=strongest,
-        frequency_hz=np.where(own > 0.0, own, values[chosen, 1]),
-        offsets=np.append(starts, len(felt)).astype(np.int64),
-        vertices=paths.ids[felt].astype(np.int32),
+        frequency_hz=np.where(frequencies > 0.0, frequencies, values[chosen, 1]),
+        offsets=np.append(starts, len(contacts)).astype(np.int64),
+        vertices=paths.ids[contacts].astype(np.int32),
         weights=shares.astype(np.float32),
-        distance_m=paths.distance_m[felt].astype(np.float32),
+        distance_m=paths.distance_m[contacts].astype(np.float32),
     )
 
 
 def _joined(parts: list[SurfaceSamples]) -> SurfaceSamples | None:
+    """Concatenate samples of successive times; None without any."""
     if not parts:
         return None
     before = np.cumsum([0, *(part.offsets[-1] for part in parts)])
