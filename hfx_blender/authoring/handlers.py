@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's handlers: before a file is saved, copies of effects get ids of their own, and painted
-areas are stored with their effects; drawn fades follow their clips. After a file is loaded, areas
-on earlier body models are carried over to the present ones. Effects know their bodies by name.
+"""Blender handlers for saving, loading and updates.
+
+Before saving, copies of effects get unique ids and canvases are stored. After loading, areas of
+earlier body models are transferred. On updates, drawn fades follow their clips and effects store
+the names of their bodies.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ from bpy.app.handlers import persistent
 
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.stored_values import stored_at
+from . import drawn_fades
 from .areas import painting
-from .clips import drawn_fades
 from .effects import effects, model_migration
 from .surfaces import surface_updates
 
@@ -31,10 +33,10 @@ def _before_saving(*_: object) -> None:
 
 @persistent
 def _after_loading(*_: object) -> None:
-    found = model_migration.update_all()
-    if found:
-        _log.info("carried over to the present body models: %s", ", ".join(found))
-    effects.store_body_names(_effects())  # files of versions that stored no names
+    names = model_migration.update_all()
+    if names:
+        _log.info("areas transferred to the present body models: %s", ", ".join(names))
+    effects.store_body_names(_effects())  # for files of versions without names
 
 
 @persistent
@@ -42,9 +44,9 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object):
             changed = update.id.original
-            if drawn_fades.is_remembered(changed) and drawn_fades.follow(changed):
+            if drawn_fades.has_drawn_fades(changed) and drawn_fades.follow_clips(changed):
                 changed.update_tag()
-            # A new name is an update of neither place nor shape, and posing is one of both.
+            # Renaming updates neither transform nor geometry, posing updates both.
             is_named = not (update.is_updated_transform or update.is_updated_geometry)
             if is_named and changed.hfx.role == "BODY":
                 effects.store_body_names(e for e in _effects() if stored_at(e, "body") == changed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sound and video that haptics go with: Blender's own strips, image empties and worlds."""
+"""Sound and video for haptic scenes, as Blender's strips, image empties and worlds."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from ..errors import InputError, refuse_no_file
 from .effects import effects
 
 START = "hfx_video_start"
-"""ID property of a screen or a world: the frame at which its video begins."""
+"""ID property of a screen or world: start frame of its video."""
 
-_LONGEST = 300_000  # frames; the limit of an image user in every version
+_LONGEST = 300_000  # frames; limit of an image user in all Blender versions
 
 _SCREEN_HEIGHT = 2.2
 _SCREEN_BEHIND = 1.5
-"""Distance of a flat video behind the body, seen from its front, metres."""
+"""Distance of a screen behind the body, metres."""
 
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
-    """Put a sound into the scene's sequencer, and let playing keep in step with it.
+    """Add a sound to the scene's sequencer, and synchronise playback to sound.
 
     Raises
     ------
     InputError
-        The file is not there, or has no sound.
+        The file is missing or has no sound.
     """
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
-    taken = [s.channel for s in strips if s.frame_final_start <= frame < s.frame_final_end]
+    used_channels = [s.channel for s in strips if s.frame_final_start <= frame < s.frame_final_end]
     try:
-        strip = strips.new_sound(path.name, str(path), max(taken, default=0) + 1, frame)
+        strip = strips.new_sound(path.name, str(path), max(used_channels, default=0) + 1, frame)
     except RuntimeError as error:
         raise InputError(f"{path}: cannot be read as a sound ({error}).") from error
     if strip.sound.channels == "INVALID":
@@ -47,12 +47,12 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 
 
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
-    """Add a flat video or picture that stands behind the first body.
+    """Add a screen with a video or picture behind the first body, or behind the 3D cursor.
 
     Raises
     ------
     InputError
-        The file is not there, or is neither a picture nor a video.
+        The file is missing, or is neither a picture nor a video.
     """
     image = _image(path)
     screen = bpy.data.objects.new(path.stem, None)
@@ -60,13 +60,13 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
     screen.data = image
     metres = metres_of(scene)
     width, height = image.size
-    # The size of an image empty is that of its longer side.
+    # The display size of an image empty is the length of its longer side.
     screen.empty_display_size = _SCREEN_HEIGHT / metres * max(width / height, 1.0)
     screen.empty_image_offset = (-0.5, 0.0)
-    screen.rotation_euler = (1.5707963, 0.0, 0.0)  # it faces the front view
+    screen.rotation_euler = (1.5707963, 0.0, 0.0)  # faces the front view
     bodies = effects.bodies_of(scene)
-    place = bodies[0].matrix_world.translation if bodies else scene.cursor.location
-    screen.location = (place[0], place[1] + _SCREEN_BEHIND / metres, place[2])
+    position = bodies[0].matrix_world.translation if bodies else scene.cursor.location
+    screen.location = (position[0], position[1] + _SCREEN_BEHIND / metres, position[2])
     screen.use_empty_image_alpha = False
     scene.collection.objects.link(screen)
     if image.source == "MOVIE":
@@ -75,12 +75,14 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
 
 
 def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.World:
-    """An equirectangular video or picture as the scene's world; the old world is kept unused.
+    """Add an equirectangular video or picture as the scene's world.
+
+    The world before is unlinked; it gets a fake user unless it was added here.
 
     Raises
     ------
     InputError
-        The file is not there, or is neither a picture nor a video.
+        The file is missing, or is neither a picture nor a video.
     """
     image = _image(path)
     world = bpy.data.worlds.new(path.stem)
@@ -106,13 +108,13 @@ def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.type
 
 
 def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World]:
-    """Owners of the videos that were added: screens, then the world."""
+    """Screens and world of a scene with a video, in this order."""
     owners = [*scene.objects, *([scene.world] if scene.world is not None else [])]
-    return [each for each in owners if START in each]
+    return [owner for owner in owners if START in owner]
 
 
 def rate_of(path: Path) -> float:
-    """Frame rate of a video; 0 if it is unknown."""
+    """Frame rate of a video, Hz; 0 if unknown."""
     clip = bpy.data.movieclips.load(str(path))
     try:
         return float(clip.fps)
@@ -141,14 +143,14 @@ def _play(
     driven: bpy.types.ID,
     user_path: str,
 ) -> None:
-    """Start a video at a frame and play it at its own rate, whatever the scene's is.
+    """Play a video from a frame on at its own frame rate, independent of the scene's.
 
-    Blender shows picture after picture, frame by frame of the scene: a driver corrects which. Its
-    start is an ID property, as a driver that reads the image user that it drives is a cycle.
+    Blender advances one picture per scene frame. A driver of the frame offset corrects this. Its
+    start is an ID property: a driver that reads its own image user is a dependency cycle.
     """
     user = driven.path_resolve(user_path)
     user.frame_start = 1
-    user.frame_duration = _LONGEST  # beyond it, Blender counts no further
+    user.frame_duration = _LONGEST  # Blender's limit of frames
     user.use_auto_refresh = True
     owner[START] = frame
     own_rate = rate_of(Path(bpy.path.abspath(image.filepath)))
@@ -165,6 +167,6 @@ def _play(
         variable.name = name
         target = variable.targets[0]
         target.id_type, target.id, target.data_path = id_type, id_block, path
-    # The picture shown is max(frame, 1) + offset; a millionth more keeps whole numbers whole.
+    # Blender shows picture max(frame, 1) + offset. The millionth prevents rounding down.
     due = f"floor((frame - start) * {rate:.9g} * base / fps + 0.000001) + 1"
     driver.expression = f"min(max({due}, 1), {max(image.frame_duration, 1)}) - max(frame, 1)"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic volumes as Blender objects: their display, and the placement of their unit shape."""
+"""Haptic volumes as Blender objects: wireframe display, and size of their unit shape."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ SHAPE_LABELS = {
     "CAPSULE": "Capsule",
     "MESH": "Mesh",
 }
-"""Labels for the user, by the values in files."""
+"""Labels by identifier."""
 
 _Point = tuple[float, float, float]
 _Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
-    """Unit shape of an effect that is not a mesh; its size is in the matrix."""
+    """Unit shape of a volume other than a mesh, without its size (see :func:`shape_scale`)."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
     if hfx.shape == "CUBOID":
@@ -46,7 +46,7 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
 
 
 def modality_colour(modality: str) -> tuple[float, float, float, float]:
-    """Colour of a volume's wires in the viewport, by modality."""
+    """Viewport colour (RGBA) of a modality's volumes."""
     from ..engine.colouring import COLOURS
 
     red, green, blue = COLOURS[modality]
@@ -54,7 +54,7 @@ def modality_colour(modality: str) -> tuple[float, float, float, float]:
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
-    """Scale from shape space to the object's local space, (3,)."""
+    """Scale (3,) from shape space to the object's local space, Blender units."""
     import numpy as np
 
     if hfx.shape == "CUBOID":
@@ -68,15 +68,18 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
 
 
 def refresh_display(effect: bpy.types.Object) -> None:
-    """Redraw a volume's wire frame after its shape or size was edited."""
+    """Update a volume's colour and wireframe after an edit of its shape or size.
+
+    Surfaces are unchanged, as their display belongs to the user.
+    """
     hfx = effect.hfx
     if hfx.kind == "SURFACE":
-        return  # an object of the scene: its display is the user's choice
+        return  # an object of the user's scene
     effect.color = modality_colour(hfx.modality)
     if effect.type != "MESH" or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return
     if effect.data.users > 1 or effect.data.library is not None:
-        # Linked duplicates and library overrides share the mesh, not the size.
+        # Linked duplicates and library overrides share the mesh, but have their own size.
         effect.data = effect.data.copy()
     points, edges = _wires(hfx)
     effect.data.clear_geometry()
@@ -105,10 +108,10 @@ def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
 def _ring(radius: float, axes: str, height: float = 0.0) -> tuple[list[_Point], list[_Edge]]:
     points = []
     for k in range(_SEGMENTS):
-        at = dict.fromkeys("xyz", height)
-        at[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
-        at[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
-        points.append((at["x"], at["y"], at["z"]))
+        point = dict.fromkeys("xyz", height)
+        point[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
+        point[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
+        points.append((point["x"], point["y"], point["z"]))
     return points, [(k, (k + 1) % _SEGMENTS) for k in range(_SEGMENTS)]
 
 
@@ -119,7 +122,7 @@ def _struts(radius: float, half: float) -> tuple[list[_Point], list[_Edge]]:
 
 
 def _outline(radius: float, half: float, axis: str) -> tuple[list[_Point], list[_Edge]]:
-    """A capsule's contour in the plane of ``axis`` and Z."""
+    """Outline of a capsule in the plane of ``axis`` and Z."""
     points = []
     for k in range(_SEGMENTS + 2):
         upper = k <= _SEGMENTS // 2
@@ -129,9 +132,7 @@ def _outline(radius: float, half: float, axis: str) -> tuple[list[_Point], list[
     return points, [(k, (k + 1) % len(points)) for k in range(len(points))]
 
 
-def _join(
-    parts: list[tuple[list[_Point], list[_Edge]]],
-) -> tuple[list[_Point], list[_Edge]]:
+def _join(parts: list[tuple[list[_Point], list[_Edge]]]) -> tuple[list[_Point], list[_Edge]]:
     points: list[_Point] = []
     edges: list[_Edge] = []
     for part_points, part_edges in parts:

@@ -205,7 +205,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
             found = effects.effects_without_body(context.scene)
         else:
             found = effects.effects_of(context.scene)
-        if any(painting.painted_mesh(effect) is not None for effect in found):
+        if any(painting.canvas_of(effect) is not None for effect in found):
             raise InputError("Finish painting first.")
         return f"Moved {effects.move_to_body(found, body)} effects to '{body.name}'"
 

@@ -13,7 +13,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..authoring.clips import clips
+from ..authoring import clips
 from ..authoring.effects import swarms
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS

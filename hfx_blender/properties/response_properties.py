@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from ..authoring.responses.responses import KINDS
+from ..authoring.responses import KINDS
 from ..engine.response_filters.controls import CONTROLS, FilterKind
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import bpy
 
+from ..authoring import clips
 from ..authoring.areas import painting
-from ..authoring.clips import clips
 from ..authoring.effects import effects, swarms
 from ..operators.shared import active_armature, active_effect
 

@@ -135,7 +135,7 @@ def _make_felt(square: bpy.types.Object, name: str) -> None:
     square.hfx.surface.resolution = _TEXELS
     surfaces.add_surface(square, "PROCEDURAL")
     square.hfx.surface.procedural = name
-    surfaces.make(square)
+    surfaces.make_maps(square)
     if MATERIALS[name].kind == "metal":  # too smooth to be recognised by touch alone
         square.hfx.surface.sound = _friction(name)
 

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Painting an effect: its perceptual model as a mesh, whose vertex group Weight Paint edits."""
+"""Painting of an effect's area, on its perceptual model as a mesh for Weight Paint; saved areas."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bmesh
 import bpy
 
 from ...engine.body.parts import PARTS, SIDES
 from ...errors import InputError
+from ...files import resources
+from ...files.atomic import amend_json
 from ..effects import effects
 
 if TYPE_CHECKING:
@@ -21,17 +24,25 @@ if TYPE_CHECKING:
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
-"""Property of the mesh that is painted on: the effect whose area it shows."""
+"""ID property of a canvas: its painted effect."""
 
 _BRUSH_SPACINGS = 1.5
 _SMALLEST_BRUSH_M = 0.03
+_LONGEST_NAME = 60
+_MOST_BYTES = 64 << 20
 
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
-    """Show the effect's perceptual model in place of the avatar, ready to be painted on."""
+    """Add a canvas for an effect: its perceptual model as a mesh, ready for Weight Paint.
+
+    Raises
+    ------
+    InputError
+        The effect has a canvas already, or no body in the scene.
+    """
     from ...avatars import model_mesh, stored_fits
 
-    if painted_mesh(effect) is not None:
+    if canvas_of(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
     body = effects.body_in(context.scene, effect)
     if body is None:
@@ -51,31 +62,31 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 
 def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
-    """Distance between the vertices of a mesh that is painted on, Blender's units.
+    """Distance between the vertices of a canvas, Blender units.
 
     Parameters
     ----------
     vertex : int, optional
-        Where; else the median. Fingertips have vertices ten times as dense as the back.
+        Vertex to measure at; by default the median. Fingertips are ten times denser than the back.
     """
     import numpy as np
 
     model = effects.model_of(effect)
-    # Vertices stand about as far apart as the sides of their equal triangles are long.
-    is_there = vertex is not None and vertex < len(model)  # not if the mesh was edited
-    area_m2 = model.areas_m2[vertex] if is_there else np.median(model.areas_m2)
+    # Cells of an even triangular grid: area = spacing ** 2 * sqrt(3) / 2.
+    is_valid = vertex is not None and vertex < len(model)  # False after edits of the mesh
+    area_m2 = model.areas_m2[vertex] if is_valid else np.median(model.areas_m2)
     spacing_m = float(np.sqrt(area_m2 * (2.0 / np.sqrt(3.0))))
-    return spacing_m * _units_a_metre(canvas, model)
+    return spacing_m * _units_per_metre(canvas, model)
 
 
 def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
-    """Brush radius that reaches the vertices next to the one under the brush, Blender's units."""
-    smallest = _SMALLEST_BRUSH_M * _units_a_metre(canvas, effects.model_of(effect))
+    """Brush radius that covers the neighbours of a median vertex, Blender units; at least 3 cm."""
+    smallest = _SMALLEST_BRUSH_M * _units_per_metre(canvas, effects.model_of(effect))
     return max(_BRUSH_SPACINGS * spacing(canvas, effect), smallest)
 
 
-def _units_a_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
-    """Size of a mesh that shows a model, compared with the model."""
+def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
+    """Blender units per metre on a canvas, by its size compared with the model."""
     import numpy as np
 
     size_m = float(np.ptp(model.vertices, axis=0).max())
@@ -84,18 +95,18 @@ def _units_a_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
 
 
 def weights_of(effect: bpy.types.Object) -> F64:
-    """Current area of the effect, painted or stored, as a weight for each vertex (V,).
+    """Current weights (V,) of an effect's area, from its canvas or as stored.
 
-    An area on another model, or on another edition of it, means nothing: all 0.
+    An area on another model or edition of it counts as empty.
 
     Raises
     ------
     InputError
-        The mesh that is being painted on was edited, or the stored area is spoilt.
+        The canvas was edited, or the stored area is invalid.
     """
     import numpy as np
 
-    canvas = painted_mesh(effect)
+    canvas = canvas_of(effect)
     if canvas is not None:
         return _read_group(effect, canvas)
     model = effects.model_of(effect)
@@ -107,21 +118,21 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace the effect's area, also while it is being painted; returns its size."""
-    canvas = painted_mesh(effect)
+    """Replace an effect's area, and its canvas if there is one; return how many vertices it has."""
+    canvas = canvas_of(effect)
     if canvas is not None:
-        _read_group(effect, canvas)  # refuses a mesh that was edited
+        _read_group(effect, canvas)  # raises an error for an edited mesh
         _write_group(canvas, weights)
     return effects.store_weights(effect, weights)
 
 
-def carry_over(effect: bpy.types.Object) -> int:
-    """Carry an area over to the model of the modality that was chosen since; returns its size.
+def transfer_area(effect: bpy.types.Object) -> int:
+    """Transfer an area to the model of the effect's present modality; return its vertex count.
 
     Raises
     ------
     InputError
-        It was painted on a model that is not here, or the stored area is spoilt.
+        The area was painted on another edition of its model, or is invalid.
     """
     import numpy as np
 
@@ -138,25 +149,23 @@ def carry_over(effect: bpy.types.Object) -> int:
 
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
-    """Selected vertices of the mesh that is being painted on, as a mask (V,)."""
+    """Mask (V,) of the vertices selected on an effect's canvas."""
     import numpy as np
 
-    canvas = painted_mesh(effect)
+    canvas = canvas_of(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
     size = len(effects.model_of(effect))
     canvas.update_from_editmode()
     if len(canvas.data.vertices) != size:
-        raise InputError(_edited(canvas, size))
-    found = np.zeros(size, np.bool_)
-    canvas.data.vertices.foreach_get("select", found)
-    return found
+        raise InputError(_edited_message(canvas, size))
+    selected = np.zeros(size, np.bool_)
+    canvas.data.vertices.foreach_get("select", selected)
+    return selected
 
 
 def store_all_painted() -> None:
-    """Store all areas that are being painted with their effects, so that saved files and exports
-    have them.
-    """
+    """Store the areas of all canvases with their effects, for saving and exports."""
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
@@ -164,24 +173,23 @@ def store_all_painted() -> None:
                 effects.store_weights(effect, _read_group(effect, obj))
 
 
-def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
-    """Mesh on which an effect is being painted."""
-    found = (obj for obj in bpy.data.objects if obj.get(PAINTED_EFFECT) == effect)
-    return next(found, None)
+def canvas_of(effect: bpy.types.Object) -> bpy.types.Object | None:
+    """Canvas of an effect; None if it is not being painted."""
+    return next((obj for obj in bpy.data.objects if obj.get(PAINTED_EFFECT) == effect), None)
 
 
 def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Mesh that is painted on: the active one, or the only one."""
+    """Active object if it is a canvas, else the only canvas of the view layer; None otherwise."""
     active = context.object
     if active is not None and active.get(PAINTED_EFFECT) is not None:
         return active
-    found = [obj for obj in context.view_layer.objects if obj.get(PAINTED_EFFECT) is not None]
-    return found[0] if len(found) == 1 else None
+    canvases = [obj for obj in context.view_layer.objects if obj.get(PAINTED_EFFECT) is not None]
+    return canvases[0] if len(canvases) == 1 else None
 
 
 def end(effect: bpy.types.Object) -> int:
-    """Take the painted weights over into the effect and remove the mesh; how many vertices."""
-    canvas = painted_mesh(effect)
+    """Store the painted weights with the effect, and remove the canvas; return the vertex count."""
+    canvas = canvas_of(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
     count = effects.store_weights(effect, _read_group(effect, canvas))
@@ -192,7 +200,7 @@ def end(effect: bpy.types.Object) -> int:
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
-    """Paint whole body parts at full weight, added to the area; how many vertices it has now.
+    """Add whole body parts to an effect's area at full weight; return its number of vertices.
 
     Parameters
     ----------
@@ -205,24 +213,24 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     from ...engine.body.regions import region_weights
 
     model = effects.model_of(effect)
-    found = [region_weights(model, part, side) for part in parts]
-    if not found:
-        found = [part_flags(model, (), side).astype(np.float64)]
-    return set_weights(effect, np.maximum.reduce([weights_of(effect), *found]))
+    layers = [region_weights(model, part, side) for part in parts]
+    if not layers:
+        layers = [part_flags(model, (), side).astype(np.float64)]
+    return set_weights(effect, np.maximum.reduce([weights_of(effect), *layers]))
 
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
-    """Mask (V,) of the vertices on some parts (none: the whole body), on one side or both."""
+    """Mask (V,) of vertices on body parts; no parts: the whole body."""
     import numpy as np
 
-    wanted = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
-    chosen: Bool = np.isin(model.part, wanted)
+    numbers = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
+    is_inside: Bool = np.isin(model.part, numbers)
     if side != "both":
-        chosen &= np.isin(model.side, (SIDES.index("centre"), SIDES.index(side)))
-    return chosen
+        is_inside &= np.isin(model.side, (SIDES.index("centre"), SIDES.index(side)))
+    return is_inside
 
 
-def _edited(canvas: bpy.types.Object, size: int) -> str:
+def _edited_message(canvas: bpy.types.Object, size: int) -> str:
     return (
         f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
         f"'{GROUP}'. Undo that, or delete it and paint again."
@@ -230,13 +238,13 @@ def _edited(canvas: bpy.types.Object, size: int) -> str:
 
 
 def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
-    """The painted weights, (V,) in 0..1."""
+    """Painted weights (V,) of a canvas, 0 to 1; InputError for an edited mesh."""
     import numpy as np
 
     size = len(effects.model_of(effect))
     canvas.update_from_editmode()
     if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
-        raise InputError(_edited(canvas, size))
+        raise InputError(_edited_message(canvas, size))
     group = canvas.vertex_groups[GROUP].index
     weights = np.zeros(size)
     for vertex in canvas.data.vertices:
@@ -246,8 +254,82 @@ def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
     return weights
 
 
+def saved_names() -> list[str]:
+    """Sorted names of the user's saved areas; empty if their file is unreadable."""
+    return sorted(_read_saved())
+
+
+def save_area(effect: bpy.types.Object, name: str) -> int:
+    """Save an effect's area by name for all files; return its number of vertices.
+
+    Saving an empty area deletes the saved one.
+
+    Raises
+    ------
+    InputError
+        The name is empty or too long.
+    OutputError
+        The file cannot be written.
+    """
+    import numpy as np
+
+    if not name or len(name) > _LONGEST_NAME:
+        raise InputError(f"Name: expected 1 to {_LONGEST_NAME} letters, found {len(name)}.")
+    weights = weights_of(effect)
+    vertices = np.flatnonzero(weights > 0.0)
+    area = {
+        "model": effects.model_id_for(effect.hfx.modality),
+        "vertices": vertices.tolist(),
+        "weights": np.round(weights[vertices], 4).tolist(),
+    }
+
+    def content() -> dict[str, Any]:
+        saved = {key: value for key, value in _read_saved().items() if key != name}
+        return {**saved, name: area} if len(vertices) else saved
+
+    amend_json(resources.saved_areas(), content)
+    return len(vertices)
+
+
+def add_saved(effect: bpy.types.Object, name: str) -> int:
+    """Add a saved area to an effect's area; return the number of vertices of both.
+
+    Raises
+    ------
+    InputError
+        There is no readable area of that name.
+    """
+    import numpy as np
+
+    from ...engine.body import areas
+    from ...engine.body.model import load_model
+
+    model = effects.model_of(effect)
+    try:
+        area = _read_saved()[name]
+        source = load_model(area["model"])
+        weights = np.zeros(len(source))
+        stored = np.asarray(area["weights"], np.float64)
+        weights[np.asarray(area["vertices"], np.int64)] = np.clip(np.nan_to_num(stored), 0.0, 1.0)
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
+        text = f"{resources.saved_areas()}: has no readable area '{name}'; save it again."
+        raise InputError(text) from None
+    if source is not model:
+        weights = areas.transferred(source, weights, model)
+    return set_weights(effect, np.maximum(weights_of(effect), weights))
+
+
+def _read_saved() -> dict[str, Any]:
+    try:
+        with open(resources.saved_areas(), "rb") as file:
+            saved = json.loads(file.read(_MOST_BYTES))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return saved if isinstance(saved, dict) else {}
+
+
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
-    """Replace the painted weights, in whatever mode the mesh is."""
+    """Replace the painted weights of a canvas, in any mode."""
     group = canvas.vertex_groups[GROUP].index
     in_edit_mode = canvas.mode == "EDIT"
     mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()

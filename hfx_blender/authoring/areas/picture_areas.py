@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas from the avatar itself: an image on its UV map, or selected vertices."""
+"""Areas from the avatar: an image on its UV map, or selected vertices."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from ..effects import effects
 from ..surfaces.image_values import pixels_of
 
 
-def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str) -> F64:
+def weights_of_image(
+    effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str
+) -> F64:
     """Weights (V,) of an effect's vertices from an image on the avatar's UV map.
 
     Parameters
     ----------
     channel : "brightness", "darkness" or "alpha"
-        Brightness is luminance as it is seen (Rec. 709 weights on the stored values).
+        Brightness is the luma of the stored values (Rec. 709).
     uv_map : str
-        Empty: the map that is rendered.
+        Empty: the map active for rendering.
 
     Raises
     ------
     InputError
-        No avatar, no such map, or an image without pixels.
+        There is no avatar or no such map, or the image has no pixels.
     """
     body, anchors = _anchors(effect)
     pixels = _pixels(image, channel)
@@ -39,8 +41,8 @@ def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_m
     return areas.from_image(pixels, uv)
 
 
-def of_avatar_selection(effect: bpy.types.Object) -> F64:
-    """Weights (V,) from the vertices selected on the avatar's meshes in Edit Mode."""
+def weights_of_selection(effect: bpy.types.Object) -> F64:
+    """Weights (V,) of an effect's vertices from vertices selected on the avatar in Edit Mode."""
     body, anchors = _anchors(effect)
     selected = []
     for mesh in avatar_meshes.meshes_of(body):
@@ -65,15 +67,15 @@ def _pixels(image: bpy.types.Image, channel: str) -> F64:
         if image.channels < 4:
             raise InputError(f"Image '{image.name}' has no alpha channel.")
         return colours[..., 3].astype(np.float64)
-    seen = colours[..., :3] @ [0.2126, 0.7152, 0.0722] if image.channels >= 3 else colours[..., 0]
-    bright = np.clip(np.nan_to_num(seen.astype(np.float64)), 0.0, 1.0)
-    return 1.0 - bright if channel == "darkness" else bright
+    luma = colours[..., :3] @ [0.2126, 0.7152, 0.0722] if image.channels >= 3 else colours[..., 0]
+    brightness = np.clip(np.nan_to_num(luma.astype(np.float64)), 0.0, 1.0)
+    return 1.0 - brightness if channel == "darkness" else brightness
 
 
-def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, wanted: npt.NDArray[np.int32]) -> F64:
-    """UV (V, 3, 2) at corners (V, 3) of triangles; a seam goes by the triangle.
+def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:
+    """UVs (V, 3, 2) at corners (V, 3) of triangles, with the UVs of that triangle at seams.
 
-    A triangle that the meshes do not have takes one coordinate of each of its vertices.
+    For corners that form no triangle of the meshes, each vertex has its UV on any triangle.
     """
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:
@@ -81,21 +83,21 @@ def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, wanted: npt.NDArray
         at_loops = mesh_arrays.values(_uv_layer(obj, uv_map).uv, "vector", 2)
         vertices = mesh_arrays.triangles(mesh)
         uv = at_loops[mesh_arrays.triangles(mesh, "loops")].astype(np.float64)
-        own = np.full((len(mesh.vertices), 2), np.nan)
-        own[vertices.ravel()] = uv.reshape(-1, 2)
+        vertex_uvs = np.full((len(mesh.vertices), 2), np.nan)
+        vertex_uvs[vertices.ravel()] = uv.reshape(-1, 2)
         corners.append(vertices.astype(np.int64) + first)
         uvs.append(uv)
-        of_vertex.append(own)
+        of_vertex.append(vertex_uvs)
         first += len(mesh.vertices)
-    every, uv = np.concatenate(corners), np.concatenate(uvs)
-    rows = {tuple(key): row for row, key in enumerate(np.sort(every, axis=1).tolist())}
-    found = np.concatenate(of_vertex)[wanted]
-    for vertex, key in enumerate(np.sort(wanted, axis=1).tolist()):
+    all_corners, uv = np.concatenate(corners), np.concatenate(uvs)
+    rows = {tuple(key): row for row, key in enumerate(np.sort(all_corners, axis=1).tolist())}
+    corner_uvs = np.concatenate(of_vertex)[needed]
+    for vertex, key in enumerate(np.sort(needed, axis=1).tolist()):
         row = rows.get(tuple(key))
         if row is not None:
-            order = [int(np.flatnonzero(every[row] == c)[0]) for c in wanted[vertex]]
-            found[vertex] = uv[row, order]
-    return found
+            order = [int(np.flatnonzero(all_corners[row] == c)[0]) for c in needed[vertex]]
+            corner_uvs[vertex] = uv[row, order]
+    return corner_uvs
 
 
 def _uv_layer(obj: bpy.types.Object, uv_map: str) -> bpy.types.MeshUVLoopLayer:
@@ -105,7 +107,7 @@ def _uv_layer(obj: bpy.types.Object, uv_map: str) -> bpy.types.MeshUVLoopLayer:
             names = ", ".join(f"'{layer.name}'" for layer in layers) or "none"
             raise InputError(f"Mesh '{obj.name}' has no UV map '{uv_map}'; it has: {names}.")
         return layers[uv_map]
-    found = next((layer for layer in layers if layer.active_render), None)
-    if found is None:
+    rendered = next((layer for layer in layers if layer.active_render), None)
+    if rendered is None:
         raise InputError(f"Mesh '{obj.name}' has no UV map. Unwrap it first.")
-    return found
+    return rendered

@@ -18,10 +18,9 @@ from ...engine.body.model import load_model
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
+from .. import clips, drawn_fades, responses
 from ..areas import painting
-from ..clips import clips, drawn_fades
 from ..paths import paths, vector_sensations
-from ..responses import response_exchange
 from . import effects, model_migration, swarms
 from .effect_file import (
     SUFFIX,
@@ -203,7 +202,7 @@ def _apply_volume(
     for axis in range(3) if volume.path else ():
         keys = [(frame + t * fps, origin[axis] + place[axis] / unit_m) for t, place in volume.path]
         compat.set_keys(compat.own_fcurve(effect, "location", "Path", axis), keys)
-    response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
+    responses.add_response(effect, volume.response, unit_m, frame, fps)
     if volume.swarm is not None:
         swarms.add_swarm(scene, effect, volume.swarm, unit_m, frame, fps, origin)
 
@@ -353,7 +352,7 @@ def _volume_recipe(
         location_m=tuple(unit_m * x for x in location),
         rotation_deg=tuple(degrees(angle) for angle in rotation.to_euler()),
         path=path,  # type: ignore[arg-type]
-        response=response_exchange.response_recipe(effect, unit_m, first, fps),
+        response=responses.response_recipe(effect, unit_m, first, fps),
         swarm=swarms.swarm_recipe(scene, effect, unit_m, first, fps),
     )
 

@@ -16,7 +16,7 @@ from ...blender.scene_info import fps_of, metres_of
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.body.parts import PARTS
 from ...errors import InputError
-from ..clips import clips
+from .. import clips
 from ..paths import paths
 from . import effects
 

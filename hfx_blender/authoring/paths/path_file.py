@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths on the skin in files of their own (``.hfxpath``), and the library that is shipped.
+"""Path files (``.hfxpath``) on the skin, and the library of shipped paths.
 
-A file holds the points that a path was drawn through, so that it can be drawn again on the
-canonical body, and maybe how a hand has moved along it. It holds no code and names no path.
+A file contains the control points of a path, and optionally a motion along it. It contains no code
+and no file path.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PathRecipe:
-    """A path through places of the canonical body's rest space."""
+    """Path through points of the canonical body's rest space, metres."""
 
     name: str
     points_m: tuple[Place, ...]
-    kind: str = "straight"  # shortest ways, a smooth curve, or point after point
+    kind: str = "straight"  # "straight" (shortest paths), "curve" or "traced" (point after point)
     is_closed: bool = False
     description: str = ""
     motion: tuple[tuple[float, float], ...] = ()  # (seconds, share of the path)
@@ -63,30 +63,30 @@ _PATH: Final = strict(
 
 
 def load(path: Path) -> PathRecipe:
-    """Read a file, every field checked.
+    """Read a path file and check every field.
 
     Raises
     ------
     InputError
-        For the first fault: file, place in it, what was found and what is allowed.
+        For the first fault: file, field, found and allowed value.
     """
     return recipe_of(read(path))
 
 
 def recipe_of(document: Node) -> PathRecipe:
-    """Read a path from a parsed document."""
+    """Path of a parsed document; errors of :func:`load`."""
     refuse_another(document.value, document.file, SCHEMA)
     path: PathRecipe = document.read(_PATH)
     return path
 
 
 def save(recipe: PathRecipe, path: Path) -> None:
-    """Write a file atomically: an existing one is replaced only by a complete one.
+    """Write a path file; an existing file is replaced only after a complete write.
 
     Raises
     ------
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     document: dict[str, Any] = {
         "schema": SCHEMA,
@@ -105,20 +105,14 @@ def save(recipe: PathRecipe, path: Path) -> None:
 
 
 def library() -> dict[str, Path]:
-    """The shipped paths: file by stem, in alphabetical order."""
+    """Shipped paths: file paths by file name without suffix, sorted."""
     folder = resources.effect_library() / "paths"
     return {path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
 
 
 def load_library(name: str) -> PathRecipe:
-    """A shipped path by its name.
-
-    Raises
-    ------
-    InputError
-        There is no such path.
-    """
-    found = library()
-    if name not in found:
-        raise InputError(f"There is no path '{name}' in the library: {', '.join(found)}.")
-    return load(found[name])
+    """Load a shipped path by name; InputError lists the names if it is unknown."""
+    files = library()
+    if name not in files:
+        raise InputError(f"There is no path '{name}' in the library: {', '.join(files)}.")
+    return load(files[name])

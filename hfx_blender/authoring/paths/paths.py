@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the skin and their paths: making them, storing them with the effect, moving them.
+"""Points on the skin and their paths: creation, storage with the effect, motion.
 
-A path lies on the skin of the canonical body (rest space, metres), so it means the same place
-on every avatar. Where the point is on it is the property ``path_position``, whose F-curve is
-the motion: easing, holding and looping are Blender's own.
+A path lies on the skin of the canonical body (rest space, metres), so it is valid for every avatar.
+The position along it is the property ``path_position``. Its F-curve is the motion, with Blender's
+easing and looping.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import bpy
 from ...blender import compat
 from ...blender.scene_info import fps_of, metres_of
 from ...errors import InputError
-from ..clips import clips
+from .. import clips
 from ..effects import effects
 from .skin_picking import SKIN_MODEL, Anchors
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 PATH = "hfx_path"
 KNOTS = "hfx_path_knots"
-"""ID properties: the path, and the points that it was drawn through, as flat lists of metres."""
+"""ID properties: the path and its control points, as flat lists of metres."""
 
 OWN = "hfx_path_own"
-"""ID property: how many of the path's places are its own; see :func:`own_path`."""
+"""ID property: number of path points without a temporary extension, see :func:`own_path`."""
 
 KIND = "hfx_path_kind"
 CLOSED = "hfx_path_closed"
@@ -41,25 +41,28 @@ POSITION = "hfx.path_position"
 RADIUS_M = 0.03
 MAX_POINTS = 100_000
 
-_kept: SkinPaths | None = None
+_skin: SkinPaths | None = None
 
 
 def skin() -> SkinPaths:
-    """Skin that paths are drawn on; cached."""
+    """Skin for paths, cached."""
     from ...engine.body.model import load_model
     from ...engine.body.skin_path import SkinPaths
 
-    global _kept
-    if _kept is None:
+    global _skin
+    if _skin is None:
         model = load_model(SKIN_MODEL)
-        _kept = SkinPaths(model.vertices, model.triangles)
-    return _kept
+        _skin = SkinPaths(model.vertices, model.triangles)
+    return _skin
 
 
 def add_spot(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """A point on the skin of a body; it is nowhere until it is placed or given a path."""
+    """Add a point on the skin of a body, without a position and path.
+
+    Raises InputError for an object that is no body, and for wind.
+    """
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
     if modality == "wind":
@@ -70,35 +73,35 @@ def add_spot(
     return effect
 
 
-def stand_at_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Move the object, which only stands for the effect, to the start of its path on the body."""
+def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
+    """Move an effect's object, which marks the effect, to the start of its path on the body."""
     body = effect.hfx.body
     if body is not None and effect.parent is None:
-        effect.location = Anchors.of(path_of(effect)[:1]).on(body, depsgraph)[0][0].tolist()
+        effect.location = Anchors.of(path_of(effect)[:1]).posed_on(body, depsgraph)[0][0].tolist()
 
 
 def path_of(effect: bpy.types.Object) -> F64:
-    """The stored path of an effect, (n, 3) metres; (0, 3): none.
+    """Stored path of an effect, (n, 3) metres; (0, 3) without a path.
 
     Raises
     ------
     InputError
-        What is stored is not a path.
+        The stored values are not a path.
     """
     return _points(effect, PATH)
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """Path without the extension to the point's temporary place, (n, 3)."""
+    """Path without its temporary extension, (n, 3)."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
 
 
 def knots_of(effect: bpy.types.Object) -> F64:
-    """Points that the path was drawn through, (k, 3) metres; the path's own if none are stored."""
-    found = _points(effect, KNOTS)
-    return found if len(found) else path_of(effect)
+    """Control points of a path, (k, 3) metres; all points of the path if none are stored."""
+    knots = _points(effect, KNOTS)
+    return knots if len(knots) else path_of(effect)
 
 
 def _points(effect: bpy.types.Object, key: str) -> F64:
@@ -115,29 +118,28 @@ def _points(effect: bpy.types.Object, key: str) -> F64:
     return flat.reshape(-1, 3)
 
 
-def check_own(effect: bpy.types.Object) -> None:
-    """Raise InputError if an effect's path cannot be changed in this file and stay so."""
+def check_editable(effect: bpy.types.Object) -> None:
+    """Raise InputError for the path of a linked or overridden effect, as edits are not saved."""
     if effect.library is not None or effect.override_library is not None:
         source = effect.library or effect.override_library.reference.library
         raise InputError(
-            f"The path of '{effect.name}' is that of {bpy.path.basename(source.filepath)}, and "
-            "what is drawn here is not saved: make the effect local (Object > Relations > Make "
+            f"The path of '{effect.name}' belongs to {bpy.path.basename(source.filepath)}, and "
+            "changes are not saved here: make the effect local (Object > Relations > Make "
             "Local), or draw it in that file."
         )
 
 
 def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
-    """Store a path (n, 3), n > 0, that lies on the skin.
+    """Store a path (n, 3), n > 0, on the skin, with its control points (default: all its points).
 
     Raises
     ------
     InputError
-        The effect is no point on the skin, it is another file's, or a place is not finite or not
-        on the body.
+        The effect is no point on the skin or belongs to another file, or a point is not finite.
     """
     import numpy as np
 
-    check_own(effect)
+    check_editable(effect)
     if effect.hfx.kind != "SPOT":
         raise InputError(f"'{effect.name}' is not a point on the skin.")
     path = np.asarray(path, np.float64).reshape(-1, 3)
@@ -153,26 +155,21 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
 def draw(
     effect: bpy.types.Object, places: F64, *, kind: str = "straight", closed: bool = False
 ) -> float:
-    """Give an effect a path through places on the skin.
+    """Give an effect a path through points on the skin; return its length in metres.
 
     Parameters
     ----------
     places : (n, 3) float64
-        Rest space of the canonical body; one is a place where the point rests.
+        Rest space of the canonical body; a single point is a resting position.
     kind : str
-        "straight" (the shortest ways), "curve", or "traced" (place after place).
+        "straight" (shortest paths), "curve", or "traced" (point after point).
     closed : bool
-        Whether the path returns to its beginning.
-
-    Returns
-    -------
-    float
-        Its length, metres.
+        Return to the first point.
 
     Raises
     ------
     InputError
-        A place is not on the body.
+        A point is not on the body.
     """
     knots, path = through(places, kind, closed)
     set_path(effect, path, knots)
@@ -181,13 +178,7 @@ def draw(
 
 
 def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
-    """Places as they lie on the skin (n, 3), and the path through them (m, 3); see :func:`draw`.
-
-    Raises
-    ------
-    InputError
-        A place is not on the body.
-    """
+    """Points projected onto the skin (n, 3), and the path through them (m, 3); see :func:`draw`."""
     import numpy as np
 
     knots = skin().on_skin(places)
@@ -199,7 +190,7 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
 
 
 def length_m(effect: bpy.types.Object) -> float:
-    """Length of an effect's path, metres; 0 without one."""
+    """Length of an effect's path without its extension, metres; 0 without a path."""
     return _length(own_path(effect))
 
 
@@ -216,19 +207,19 @@ def record(
     times_s: Sequence[float],
     frame: float,
 ) -> None:
-    """Turn a motion of the hand into a path and keyframes of the position along it.
+    """Convert a recorded motion into a path and keyframes of the position.
 
     Parameters
     ----------
     places : (n, 3) float64
-        Where the point was, on the skin.
+        Points on the skin.
     times_s : (n,)
-        When, ascending; the first is at ``frame``.
+        Ascending times; the first is at ``frame``.
 
     Raises
     ------
     InputError
-        A place is not on the body, or the times do not ascend.
+        A point is not on the body, or the times do not ascend.
     """
     import numpy as np
 
@@ -246,37 +237,37 @@ def record(
 def set_motion(
     effect: bpy.types.Object, keys: Sequence[tuple[float, float]], interpolation: str = "BEZIER"
 ) -> None:
-    """Replace the keyframes of an effect's position: (frame, share of the path) pairs."""
+    """Replace the keyframes of an effect's position by (frame, share of the path) pairs."""
     curve = compat.own_fcurve(effect, POSITION, "Motion")
     compat.set_keys(curve, keys, interpolation)
     effect.update_tag()
 
 
 def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
-    """The F-curve of an effect's position, if it has any."""
+    """F-curve of an effect's position; None without one."""
     return compat.fcurve_of(effect, POSITION)
 
 
 def reverse(effect: bpy.types.Object) -> None:
-    """Reverse the path; the keyframes stay, so the point goes backwards."""
+    """Reverse the path. The keyframes are unchanged, so the motion runs backwards."""
     set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Mirror the path to the other side of the body."""
+    """Mirror the path to the opposite side of the body."""
     import numpy as np
 
-    other = np.array([-1.0, 1.0, 1.0])
-    set_path(effect, path_of(effect) * other, knots_of(effect) * other)
+    mirrored = np.array([-1.0, 1.0, 1.0])
+    set_path(effect, path_of(effect) * mirrored, knots_of(effect) * mirrored)
 
 
 def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> PathRecipe:
-    """An effect's path as a file holds it, with the motion along it if it has any.
+    """Path and motion of an effect, for a path file.
 
     Raises
     ------
     InputError
-        It has no path.
+        The effect has no path.
     """
     import numpy as np
 
@@ -298,10 +289,10 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
 def motion_keys(
     scene: bpy.types.Scene, effect: bpy.types.Object, first: float | None = None
 ) -> tuple[tuple[float, float], ...]:
-    """The keyframes of an effect's position as (seconds, share), timed from a frame.
+    """Keyframes of an effect's position as (seconds, share of the path), relative to a frame.
 
-    The first of them by default. Between linear keys nothing is lost; others are sampled. Keys in
-    its clips count where its action has none.
+    ``first`` None: the first keyframe. Linear keyframes are exact, other curves are sampled.
+    Without an action, keyframes of the effect's clips are used.
     """
     curve = motion_of(effect)
     if curve is None or not len(curve.keyframe_points):
@@ -311,9 +302,10 @@ def motion_keys(
         keys = clips.linear_keys(curve)
     start = keys[0][0] if first is None and keys else first or 0.0
     fps = fps_of(scene)
-    longer = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
+    # Shares of a temporarily extended path are converted to shares of the path itself.
+    stretch = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
     return tuple(
-        (max((frame - start) / fps, 0.0), min(max(share * longer, 0.0), 1.0))
+        (max((frame - start) / fps, 0.0), min(max(share * stretch, 0.0), 1.0))
         for frame, share in keys
     )
 
@@ -321,7 +313,7 @@ def motion_keys(
 def apply(
     scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
 ) -> float:
-    """Draw the path of a file, and move along it from a frame on as the file says; its length."""
+    """Draw a recipe's path, with its motion from a frame on; return the length in metres."""
     import numpy as np
 
     places = np.array(recipe.points_m, np.float64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places on the canonical skin mapped to a posed body, and back by a ray."""
+"""Mapping between points on the canonical skin and a posed body, and ray picking."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 SKIN_MODEL = "hfx-pressure-1"
-"""Model that samples all of the skin evenly."""
+"""Perceptual model with an even density on all skin."""
 
 
 @lru_cache(maxsize=1)
 def _skin() -> tuple[I64, SurfaceLocator]:
-    """Triangles of the canonical body (F, 3), and the search among them."""
+    """Triangles of the canonical body (F, 3), and their search structure."""
     import numpy as np
 
     from ...engine.body.model import load_model
@@ -35,39 +35,42 @@ def _skin() -> tuple[I64, SurfaceLocator]:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """n places on the skin as triangles of its model and weights of their corners."""
+    """Points on the skin as corners and barycentric weights of triangles."""
 
     corners: I64  # (n, 3)
     weights: F64  # (n, 3) sum 1
 
     @classmethod
     def of(cls, places: F64) -> Anchors:
-        """Anchor places (n, 3), rest space of the canonical body."""
+        """Anchors of the skin nearest to ``places`` (n, 3), rest space of the canonical body."""
         triangles, locator = _skin()
-        found = locator.nearest(places)
-        return cls(triangles[found.triangle], found.weights)
+        feet = locator.nearest(places)
+        return cls(triangles[feet.triangle], feet.weights)
 
-    def on(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[F64, F64]:
-        """World places and unit normals, (n, 3) each, Blender's units."""
+    def posed_on(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[F64, F64]:
+        """World positions and unit normals on a posed body, (n, 3) each, Blender units."""
         import numpy as np
 
-        ids, places = np.unique(self.corners, return_inverse=True)
-        places = places.reshape(-1, 3)
-        points, normals = posed(body, depsgraph, ids)
-        found = np.einsum("ij,ijk->ik", self.weights, points[places])
-        outward = np.einsum("ij,ijk->ik", self.weights, normals[places])
-        return found, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+        ids, numbers = np.unique(self.corners, return_inverse=True)
+        numbers = numbers.reshape(-1, 3)
+        vertices, normals = posed_vertices(body, depsgraph, ids)
+        points = np.einsum("ij,ijk->ik", self.weights, vertices[numbers])
+        outward = np.einsum("ij,ijk->ik", self.weights, normals[numbers])
+        return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
 
 
-def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64) -> tuple[F64, F64]:
-    """Positions and normals of some vertices of the skin's model on a body, posed by its bones.
+def posed_vertices(
+    body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64
+) -> tuple[F64, F64]:
+    """Positions and normals of skin vertices on a body posed by its bones, (n, 3) each.
 
-    Blender's units, world space, (n, 3) each.
+    World space, Blender units. Normals are not normalised. Preserve Volume and further modifiers
+    are ignored.
 
     Raises
     ------
     InputError
-        The body models do not fit this body.
+        The stored fit is outdated.
     """
     import numpy as np
 
@@ -78,15 +81,18 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
     armature = body.evaluated_get(depsgraph)
     flat = np.zeros(len(armature.pose.bones) * 16, np.float32)
     armature.pose.bones.foreach_get("matrix_channel", flat)  # column-major
-    place = {bone.name: k for k, bone in enumerate(body.pose.bones)}
-    mine = np.array([place.get(name, -1) for name in model.bone_names])
-    own = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    matrices = np.concatenate([own, np.eye(4)[None]])[mine]  # a bone that is missing rests
+    bone_indices = {bone.name: k for k, bone in enumerate(body.pose.bones)}
+    model_bones = np.array([bone_indices.get(name, -1) for name in model.bone_names])
+    bone_matrices = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    matrices = np.concatenate([bone_matrices, np.eye(4)[None]])[
+        model_bones
+    ]  # index -1: identity for a missing bone
     weights = model.weights
+    # Flat list of all (vertex, bone) weights of the given vertices, summed per vertex by reduceat.
     counts = np.diff(weights.offsets)[vertices]
     starts = np.cumsum(counts) - counts
-    within = np.arange(counts.sum()) - np.repeat(starts, counts)
-    entries = np.repeat(weights.offsets[vertices], counts) + within
+    offsets = np.arange(counts.sum()) - np.repeat(starts, counts)
+    entries = np.repeat(weights.offsets[vertices], counts) + offsets
     shares = weights.values[entries].astype(np.float64)
     skin = np.add.reduceat(shares[:, None, None] * matrices[weights.bones[entries]], starts)
     skin = np.array(armature.matrix_world, np.float64) @ skin
@@ -101,12 +107,12 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
 
 
 class Picker:
-    """Ray picker of places on the skin, for one pose of one body.
+    """Ray picking on the skin in one pose of a body.
 
     Raises
     ------
     InputError
-        The body models do not fit this body.
+        The stored fit is outdated.
     """
 
     def __init__(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
@@ -117,29 +123,29 @@ class Picker:
         model = load_model(SKIN_MODEL)
         self._rest = model.vertices.astype(np.float64)
         self._triangles = model.triangles.astype(np.int64)
-        self._posed, _ = posed(body, depsgraph, np.arange(len(model)))
+        self._posed, _ = posed_vertices(body, depsgraph, np.arange(len(model)))
         self._tree = BVHTree.FromPolygons(self._posed.tolist(), model.triangles.tolist())
 
     def hit(self, origin: Vector, direction: Vector) -> F64 | None:
-        """Canonical place (3,) where a ray of the world first meets the skin."""
+        """Canonical point (3,) of a world ray's first hit on the skin; None without a hit."""
         import numpy as np
 
-        place, _, triangle, _ = self._tree.ray_cast(origin, direction)
-        return None if place is None else self._canonical(np.array(place), triangle)
+        position, _, triangle, _ = self._tree.ray_cast(origin, direction)
+        return None if position is None else self._canonical(np.array(position), triangle)
 
     def nearest(self, point: Vector, reach: float) -> F64 | None:
-        """The canonical place (3,) nearest to a point of the world, if it is within reach."""
+        """Canonical point (3,) nearest to a world point; None beyond ``reach`` in Blender units."""
         import numpy as np
 
-        place, _, triangle, distance = self._tree.find_nearest(point)
-        if place is None or distance > reach:
+        position, _, triangle, distance = self._tree.find_nearest(point)
+        if position is None or distance > reach:
             return None
-        return self._canonical(np.array(place), triangle)
+        return self._canonical(np.array(position), triangle)
 
     def _canonical(self, place: F64, triangle: int) -> F64:
         from ...engine.body.surface_locator import barycentric
 
         corners = self._triangles[triangle]
         (weights,) = barycentric(place[None], self._posed[corners][None])
-        found: F64 = weights @ self._rest[corners]
-        return found
+        canonical: F64 = weights @ self._rest[corners]
+        return canonical

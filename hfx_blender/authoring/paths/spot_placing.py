@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places a point on the skin at a frame, and updates its path and its keyframes.
+"""Placement of a point on the skin at the current frame, with its path and keyframes.
 
-As with any object of Blender: what rests is moved; what moves is keyed there if Auto Keying is on,
-else it stays only until the frame changes, or until it is keyed by hand.
+As for any object in Blender: a point without keyframes is moved. A point with keyframes is keyed if
+Auto Keying is on; otherwise the move lasts until the frame changes or a keyframe is inserted.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from . import paths
 if TYPE_CHECKING:
     from ...engine.arrays import F64
 
-    Way = Callable[[F64, F64], F64]
-    """Two places (3,) on the skin -> the places (n, 3) from the one to the other."""
+    Connection = Callable[[F64, F64], F64]
+    """Function of two points (3,) on the skin that returns a path (n, 3) between them."""
 
     Route = tuple[F64, F64]
-    """A path (m, 3), and at which shares of its length the keys (k,) are."""
+    """A path (m, 3), and the shares (k,) of its length at the keyframes."""
 
 _SAME_FRAME: Final = 0.01
 _SAME_PLACE_M: Final = 1e-5
@@ -33,30 +33,30 @@ _NEAR_M: Final = 0.01
 
 
 def place_of(effect: bpy.types.Object) -> F64 | None:
-    """Current place of a point (3,), metres, rest space; None if it has none yet."""
+    """Current position of a point (3,), metres, rest space; None without a path."""
     path = paths.path_of(effect)
     return places_on(path, np.array([effect.hfx.path_position]))[0] if len(path) else None
 
 
-def check_free(effect: bpy.types.Object, data_path: str, what: str) -> None:
-    """Raise InputError if anything but the keyframes of its action controls a property."""
+def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
+    """Raise InputError if a driver or NLA strip controls a property."""
     data = effect.animation_data
     if data is None:
         return
     if any(d.data_path == data_path and not d.mute for d in data.drivers):
-        raise InputError(f"The {what} of '{effect.name}' is driven; change or mute its driver.")
+        raise InputError(f"The {label} of '{effect.name}' is driven; change or mute its driver.")
     for track in data.nla_tracks:
         for strip in () if track.mute else track.strips:
             if any(c.data_path == data_path for c in compat.strip_fcurves(strip)):
                 if not data.use_tweak_mode:
                     raise InputError(
-                        f"The {what} of '{effect.name}' is animated by the NLA strip "
+                        f"The {label} of '{effect.name}' is animated by the NLA strip "
                         f"'{strip.name}'; edit it in tweak mode (Tab)."
                     )
 
 
 def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_path: str) -> bool:
-    """Test that Auto Keying, as it is set, keys a property of an effect at this frame."""
+    """Test for Auto Keying of an effect's property at the current frame, by Blender's settings."""
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
@@ -70,62 +70,62 @@ def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_pat
 
 
 def action_frame(scene: bpy.types.Scene, effect: bpy.types.Object) -> float:
-    """The current frame, as the keyframes of the effect's action count it."""
+    """Current frame in the time of the effect's action."""
     data = effect.animation_data
     frame = float(scene.frame_current_final)
     return frame if data is None else float(data.nla_tweak_strip_time_to_scene(frame, invert=True))
 
 
 def key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
-    """An F-curve's key at a frame."""
+    """Keyframe of an F-curve at a frame; None without one."""
     return next((k for k in curve.keyframe_points if abs(k.co[0] - frame) < _SAME_FRAME), None)
 
 
-def put(scene: bpy.types.Scene, effect: bpy.types.Object, place: F64, is_keyed: bool) -> None:
-    """Put a point to a place on the skin at the current frame.
+def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_keyed: bool) -> None:
+    """Move a point to a position on the skin at the current frame.
 
     Parameters
     ----------
     place : (3,) float64
         Rest space of the canonical body, metres.
     is_keyed : bool
-        Whether its place is keyed. The way from and to the neighbouring keys is the shortest one on
-        the skin; everything between other keys stays as it is.
+        Insert a keyframe. The path to the neighbouring keyframes is the shortest one on the skin;
+        other parts of the path are unchanged.
 
     Raises
     ------
     InputError
-        The place is not on the body, the effect is another file's, or its position is driven or
-        animated by an NLA strip.
+        The position is not on the body, the effect belongs to another file, or its position is
+        driven or animated by an NLA strip.
     """
-    paths.check_own(effect)
-    check_free(effect, paths.POSITION, "position")
-    (place,) = paths.skin().on_skin(np.asarray(place, np.float64)[None])
-    settle(effect)
+    paths.check_editable(effect)
+    check_keyable(effect, paths.POSITION, "position")
+    (point,) = paths.skin().on_skin(np.asarray(point, np.float64)[None])
+    remove_extension(effect)
     if len(paths.path_of(effect)) == 0:
-        paths.set_path(effect, place[None])
+        paths.set_path(effect, point[None])
     curve = paths.motion_of(effect)
     if curve is None or not len(curve.keyframe_points):
-        _put_resting(effect, place)
+        _move_unkeyed(effect, point)
         if is_keyed:
             effect.keyframe_insert(paths.POSITION)
     elif is_keyed:
-        _key(scene, effect, curve, place)
+        _key_position(scene, effect, curve, point)
     else:
-        _hold(effect, place)
+        _extend_to(effect, point)
     effect.update_tag()
 
 
-def put_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
-    """Put a point to a share of its own path at the current frame; the path stays as it is.
+def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
+    """Move a point to a share of its own path at the current frame; the path is unchanged.
 
     Raises
     ------
     InputError
         Its position is driven or animated by an NLA strip.
     """
-    check_free(effect, paths.POSITION, "position")
-    settle(effect)
+    check_keyable(effect, paths.POSITION, "position")
+    remove_extension(effect)
     effect.hfx.path_position = share
     if is_keyed:
         effect.keyframe_insert(paths.POSITION)
@@ -133,76 +133,76 @@ def put_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
 
 
 def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
-    """Key the place where a point is now.
+    """Insert a keyframe at the current position of a point.
 
     Raises
     ------
     InputError
-        It is nowhere yet, or its position is driven or animated by an NLA strip.
+        The point has no position, or it is driven or animated by an NLA strip.
     """
     place = place_of(effect)
     if place is None:
         raise InputError(f"'{effect.name}' has no place on the skin; place it first.")
     if paths.OWN in effect:
-        put(scene, effect, place, is_keyed=True)
+        place_at(scene, effect, place, is_keyed=True)
     else:
-        put_along(effect, effect.hfx.path_position, is_keyed=True)
+        place_along(effect, effect.hfx.path_position, is_keyed=True)
 
 
 def share_nearest(path: F64, place: F64) -> float:
-    """Share of a path's length at which it is nearest to a place (3,)."""
+    """Share of a path's length at its point nearest to ``place`` (3,); 0 for a single point."""
     if len(path) < 2:
         return 0.0
-    starts, ways = path[:-1], np.diff(path, axis=0)
-    squares = np.maximum(np.einsum("ij,ij->i", ways, ways), 1e-18)
-    within = np.clip(np.einsum("ij,ij->i", place - starts, ways) / squares, 0.0, 1.0)
-    k = int(np.argmin(np.linalg.norm(starts + within[:, None] * ways - place, axis=1)))
+    starts, edges = path[:-1], np.diff(path, axis=0)
+    squares = np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-18)
+    along = np.clip(np.einsum("ij,ij->i", place - starts, edges) / squares, 0.0, 1.0)
+    k = int(np.argmin(np.linalg.norm(starts + along[:, None] * edges - place, axis=1)))
     lengths = lengths_along(path)
     if lengths[-1] <= 0.0:
         return 0.0
-    return float((lengths[k] + within[k] * (lengths[k + 1] - lengths[k])) / lengths[-1])
+    return float((lengths[k] + along[k] * (lengths[k + 1] - lengths[k])) / lengths[-1])
 
 
-def rerouted(path: F64, shares: F64, at: int, place: F64, way: Way, *, new: bool) -> Route:
-    """A path through the places of keys in the order of time, one of them at another place.
+def rerouted(
+    path: F64, shares: F64, at: int, place: F64, connect: Connection, *, new: bool
+) -> Route:
+    """Path through the positions of keyframes in the order of time, with one position changed.
 
     Parameters
     ----------
     path : (n, 3) float64
         n > 0.
     shares : (k,) float64
-        Of the keys, k > 0, in the order of time; where they are on the path.
+        Positions of the keyframes on the path, k > 0, in the order of time.
     at : int
-        The key that is put elsewhere.
+        Index of the changed keyframe.
     place : (3,) float64
-    way : Way
-        Leads to the place and on from it. Between other keys the path goes as it went.
+        New position.
+    connect : Connection
+        Path to and from the new position. Between other keyframes the path is unchanged.
     new : bool
-        Whether it is a key of its own before key ``at``, or that key itself.
+        Insert a keyframe before index ``at`` instead of changing keyframe ``at``.
     """
     places = places_on(path, shares)
     before, after = at, at if new else at + 1
     legs: list[F64] = [between(path, *shares[k : k + 2]) for k in range(before - 1)]
     if before > 0:
-        legs.append(way(places[before - 1], place))
+        legs.append(connect(places[before - 1], place))
     if after < len(shares):
-        legs.append(way(place, places[after]))
+        legs.append(connect(place, places[after]))
     legs += [between(path, *shares[k : k + 2]) for k in range(after, len(shares) - 1)]
     if not legs:
         return place[None].copy(), np.zeros(1)
-    found = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
+    route = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
     ends = np.cumsum([0, *(len(leg) - 1 for leg in legs)])
-    lengths = lengths_along(found)
+    lengths = lengths_along(route)
     if lengths[-1] <= 0.0:
-        return found[:1], np.zeros(len(ends))
-    return found, lengths[ends] / lengths[-1]
+        return route[:1], np.zeros(len(ends))
+    return route, lengths[ends] / lengths[-1]
 
 
 def between(path: F64, first: float, last: float) -> F64:
-    """The part of a path from one share of its length to another, which may be before it, (n, 3).
-
-    n > 1.
-    """
+    """Part of a path between two shares of its length, (n, 3), n > 1; reversed if first > last."""
     lengths = lengths_along(path)
     low, high = sorted((np.clip(first, 0.0, 1.0), np.clip(last, 0.0, 1.0)))
     ends = places_on(path, np.array([low, high]))
@@ -211,48 +211,47 @@ def between(path: F64, first: float, last: float) -> F64:
     return part if first <= last else part[::-1]
 
 
-def settle(effect: bpy.types.Object) -> None:
-    """Remove the extension to a temporary place; the keys keep their places.
+def remove_extension(effect: bpy.types.Object) -> None:
+    """Remove the path's temporary extension; keyframes keep their positions.
 
-    The point itself is then at the path's end, until it is put elsewhere.
+    ``path_position`` is unchanged, so the point itself moves to the end of the path.
     """
-    own = paths.own_path(effect)
+    own_path = paths.own_path(effect)
     path = paths.path_of(effect)
     if paths.OWN in effect:
         del effect[paths.OWN]
-    if len(own) == len(path):
+    if len(own_path) == len(path):
         return
-    effect[paths.PATH] = own.ravel().tolist()
-    longer = lengths_along(path)[-1] / max(lengths_along(own)[-1], 1e-12)
+    effect[paths.PATH] = own_path.ravel().tolist()
+    # Keyframes store shares of the length, which is shorter now.
+    stretch = lengths_along(path)[-1] / max(lengths_along(own_path)[-1], 1e-12)
     curve = paths.motion_of(effect)
     if curve is not None:
-        values = [min(key.co[1] * longer, 1.0) for key in curve.keyframe_points]
-        _set_values(curve, values, [longer] * len(values), [longer] * len(values))
+        values = [min(key.co[1] * stretch, 1.0) for key in curve.keyframe_points]
+        _set_values(curve, values, [stretch] * len(values), [stretch] * len(values))
 
 
-def _hold(effect: bpy.types.Object, place: F64) -> None:
-    """Hold a keyed point elsewhere until the frame changes: at the end of an added stretch
-    of path.
-    """
+def _extend_to(effect: bpy.types.Object, place: F64) -> None:
+    """Move a keyed point until the frame changes: to the end of a temporary path extension."""
     path = paths.path_of(effect)
     if np.linalg.norm(place - path[-1]) < _SAME_PLACE_M:
         effect.hfx.path_position = 1.0
         return
     length = lengths_along(path)[-1]
-    longer = np.concatenate([path, place[None]])
+    extended = np.concatenate([path, place[None]])
     effect[paths.OWN] = len(path)
-    effect[paths.PATH] = longer.ravel().tolist()
-    scale = float(length / lengths_along(longer)[-1])
+    effect[paths.PATH] = extended.ravel().tolist()
+    scale = float(length / lengths_along(extended)[-1])
     curve = paths.motion_of(effect)
     assert curve is not None
     values = [key.co[1] * scale for key in curve.keyframe_points]
     _set_values(curve, values, [scale] * len(values), [scale] * len(values))
-    bpy.context.view_layer.update()  # the changed F-curve's values come first
+    bpy.context.view_layer.update()  # evaluates the F-curve, before the next line overrides it
     effect.hfx.path_position = 1.0
 
 
-def _put_resting(effect: bpy.types.Object, place: F64) -> None:
-    """Move a point without keys: if it has a path, that is pulled along and leads through there."""
+def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
+    """Move a point without keyframes, and bend its path to lead through the new position."""
     path, knots = paths.path_of(effect), paths.knots_of(effect)
     if len(knots) < 2:
         paths.set_path(effect, place[None])
@@ -260,15 +259,15 @@ def _put_resting(effect: bpy.types.Object, place: F64) -> None:
     kind = str(effect.get(paths.KIND, "traced"))
     closed = bool(effect.get(paths.CLOSED, 0))
     lengths = lengths_along(path)
-    here_m = effect.hfx.path_position * lengths[-1]
-    along_m = np.array([share_nearest(path, knot) for knot in knots]) * lengths[-1]
+    current_m = effect.hfx.path_position * lengths[-1]
+    knots_m = np.array([share_nearest(path, knot) for knot in knots]) * lengths[-1]
     before_m = after_m = _NEAR_M
-    if kind == "traced":  # its places are close together: as many give way as it is pulled far
-        here = places_on(path, np.array([effect.hfx.path_position]))[0]
-        pulled_m = float(np.linalg.norm(place - here))
-        before_m = max(_NEAR_M, min(pulled_m, 0.5 * here_m))
-        after_m = max(_NEAR_M, min(pulled_m, 0.5 * (lengths[-1] - here_m)))
-    before, after = knots[along_m < here_m - before_m], knots[along_m > here_m + after_m]
+    if kind == "traced":  # dense control points: those within the distance of the move give way
+        current = places_on(path, np.array([effect.hfx.path_position]))[0]
+        pulled_m = float(np.linalg.norm(place - current))
+        before_m = max(_NEAR_M, min(pulled_m, 0.5 * current_m))
+        after_m = max(_NEAR_M, min(pulled_m, 0.5 * (lengths[-1] - current_m)))
+    before, after = knots[knots_m < current_m - before_m], knots[knots_m > current_m + after_m]
     middle = place[None]
     if kind == "traced":
         middle = np.concatenate(
@@ -282,52 +281,60 @@ def _put_resting(effect: bpy.types.Object, place: F64) -> None:
     effect.hfx.path_position = share_nearest(paths.path_of(effect), place)
 
 
-def _key(
+def _key_position(
     scene: bpy.types.Scene, effect: bpy.types.Object, curve: bpy.types.FCurve, place: F64
 ) -> None:
-    """Put a key at the current frame to a place, or add one there."""
+    """Change the keyframe at the current frame, or insert one, and reroute the path through it."""
     path = paths.path_of(effect)
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])
     shares = np.clip([key.co[1] for key in curve.keyframe_points], 0.0, 1.0)
     at = int(np.searchsorted(frames, frame - _SAME_FRAME))
     new = key_at(curve, frame) is None
-    made, values = rerouted(path, shares, at, place, _shortest, new=new)
-    if len(made) > paths.MAX_POINTS:
+    route, values = rerouted(path, shares, at, place, _shortest, new=new)
+    if len(route) > paths.MAX_POINTS:
         raise InputError(
             f"'{effect.name}': the path through all its {len(frames)} keyframes would have more "
             f"than {paths.MAX_POINTS} places; remove some keyframes first."
         )
-    paths.set_path(effect, made)
+    paths.set_path(effect, route)
     effect[paths.KIND], effect[paths.CLOSED] = "traced", 0
-    scale = float(lengths_along(path)[-1] / max(lengths_along(made)[-1], 1e-12))
-    _unroll(curve, np.delete(values, at) if new else values, shares, scale)
+    scale = float(lengths_along(path)[-1] / max(lengths_along(route)[-1], 1e-12))
+    _set_ascending_values(curve, np.delete(values, at) if new else values, shares, scale)
     effect.hfx.path_position = float(values[at])
     effect.keyframe_insert(paths.POSITION)
 
 
 def _shortest(first: F64, last: F64) -> F64:
-    found = paths.skin().straight(np.stack([first, last]))
-    return found if len(found) > 1 else np.stack([first, last])
+    path = paths.skin().straight(np.stack([first, last]))
+    return path if len(path) > 1 else np.stack([first, last])
 
 
-def _unroll(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
-    """Recompute keys that ascend with time, where the old values went back and forth."""
+def _set_ascending_values(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
+    """Set ascending keyframe values, where the old values went back and forth along the path.
+
+    Handles are scaled by ``scale``, and mirrored where the old curve fell.
+    """
     signs = np.sign(np.diff(old))
-    into = np.concatenate([[1.0], signs])
-    out_of = np.concatenate([signs, [1.0]])
-    for key, before, after in zip(curve.keyframe_points, into, out_of, strict=True):
-        if before * after < 0.0:  # a turning point: it still rests there for a moment
+    left_scales = np.concatenate([[1.0], signs])
+    right_scales = np.concatenate([signs, [1.0]])
+    for key, before, after in zip(curve.keyframe_points, left_scales, right_scales, strict=True):
+        if before * after < 0.0:  # a turning point has level handles, and keeps its short rest
             key.handle_left_type = key.handle_right_type = "ALIGNED"
             key.handle_left[1] = key.handle_right[1] = key.co[1]
-    _set_values(curve, values.tolist(), (into * scale).tolist(), (out_of * scale).tolist())
+    _set_values(
+        curve, values.tolist(), (left_scales * scale).tolist(), (right_scales * scale).tolist()
+    )
 
 
 def _set_values(
-    curve: bpy.types.FCurve, values: list[float], into: list[float], out_of: list[float]
+    curve: bpy.types.FCurve,
+    values: list[float],
+    left_scales: list[float],
+    right_scales: list[float],
 ) -> None:
-    """Give keys other values; the offsets of their handles are scaled, left and right."""
-    points = zip(curve.keyframe_points, values, into, out_of, strict=True)
+    """Set keyframe values, and scale the value offsets of their left and right handles."""
+    points = zip(curve.keyframe_points, values, left_scales, right_scales, strict=True)
     for key, value, left, right in points:
         offsets = (key.handle_left[1] - key.co[1], key.handle_right[1] - key.co[1])
         key.co[1] = value

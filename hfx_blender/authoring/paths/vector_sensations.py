@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations: effects that hold a curve for each actuator of one device."""
+"""Vector sensations: effects with one curve per actuator of a device."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import bpy
 from ...blender import compat
 from ...engine.modality import MODALITIES
 from ...errors import InputError
-from ..clips import clips
+from .. import clips
 from ..effects import effects
 
 if TYPE_CHECKING:
@@ -28,24 +28,23 @@ def add(
     modality: str | None = None,
     name: str | None = None,
 ) -> bpy.types.Object:
-    """A vector sensation for a device, every actuator at 0.
+    """Add a vector sensation for a device, all actuators at 0.
 
-    Its strength is as much as the actuators may give, so that a value of 1 is all of it.
+    Its full strength is the highest of the actuators' strengths, reached at value 1.
 
     Parameters
     ----------
     modality : str, optional
-        Of the actuators; that of the first one by default.
+        Modality of the actuators; by default that of the device's first.
 
     Raises
     ------
     InputError
-        The device has no actuator of the modality, or the body is none.
+        The device has no actuator of the modality, or the object is no body.
     """
-
     modality = modality or device.modalities[0]
-    chosen = [each for each in device.actuators if each.type.modality == modality]
-    if not chosen:
+    actuators = [actuator for actuator in device.actuators if actuator.type.modality == modality]
+    if not actuators:
         raise InputError(
             f"Device '{device.id}' has no actuator for {modality}, only for "
             f"{', '.join(device.modalities)}."
@@ -54,14 +53,14 @@ def add(
         scene,
         modality,
         device.id,
-        [(actuator.id, ()) for actuator in chosen],
+        [(actuator.id, ()) for actuator in actuators],
         body,
         name or f"{device.name} Vector",
     )
-    highest = max(each.type.strength.highest for each in chosen)
+    highest = max(actuator.type.strength.highest for actuator in actuators)
     setattr(effect.hfx, MODALITIES[modality].strength_parameter.prop, highest)
-    if modality == "vibration" and len(chosen[0].type.controls) > 1:
-        effect.hfx.frequency = chosen[0].type.controls[1].neutral
+    if modality == "vibration" and len(actuators[0].type.controls) > 1:
+        effect.hfx.frequency = actuators[0].type.controls[1].neutral
     if modality == "temperature":
         effect.hfx.temperature_reference = "CONTACT"
     return effect
@@ -75,9 +74,9 @@ def add_named(
     body: bpy.types.Object,
     name: str,
 ) -> bpy.types.Object:
-    """A vector sensation for actuators that are named; the device need not be known here.
+    """Add a vector sensation for actuators by name; the device may be unknown on this computer.
 
-    One that has a single key keeps its value.
+    The first key of each curve sets the actuator's value; no keyframes are added.
     """
     effect = effects.add_on_body(scene, modality, body, "ACTUATORS", name)
     effect.hfx.device = device_id
@@ -91,14 +90,14 @@ def add_named(
 def curves_of(
     effect: bpy.types.Object, first: float, fps: float
 ) -> tuple[tuple[str, tuple[Key, ...]], ...]:
-    """The curve of each actuator as (seconds, value), timed from a frame; never empty.
+    """Keyframes (seconds, value) of each actuator, relative to a frame; at least one per actuator.
 
-    Between linear keys nothing is lost; others are sampled at each frame.
+    Linear keyframes are exact, other curves are sampled at each frame.
     """
-    found = {curve.data_path: curve for curve in compat.fcurves(effect)}
+    fcurves = {curve.data_path: curve for curve in compat.fcurves(effect)}
     curves = []
     for k, item in enumerate(effect.hfx.drive):
-        curve = found.get(f"hfx.drive[{k}].value")
+        curve = fcurves.get(f"hfx.drive[{k}].value")
         if curve is None or not len(curve.keyframe_points):
             curves.append((item.name, ((0.0, float(item.value)),)))
             continue
@@ -111,7 +110,7 @@ def curves_of(
 
 
 def set_curve(effect: bpy.types.Object, actuator: str, keys: list[tuple[float, float]]) -> None:
-    """Replace the keyframes of one actuator: (frame, value in 0..1) pairs.
+    """Replace the keyframes of an actuator by (frame, value 0 to 1) pairs.
 
     Raises
     ------
@@ -120,7 +119,7 @@ def set_curve(effect: bpy.types.Object, actuator: str, keys: list[tuple[float, f
     """
     index = effect.hfx.drive.find(actuator)
     if index < 0:
-        names = ", ".join(each.name for each in effect.hfx.drive) or "none"
+        names = ", ".join(item.name for item in effect.hfx.drive) or "none"
         raise InputError(f"Effect '{effect.name}' has no actuator '{actuator}'; it has: {names}.")
     curve = compat.own_fcurve(effect, f"hfx.drive[{index}].value", "Curves")
     compat.set_keys(curve, keys, "LINEAR")

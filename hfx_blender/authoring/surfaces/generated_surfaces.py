@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated surfaces in Blender: their material, their haptic surface, and a .blend with both."""
+"""Generated surfaces in Blender: material, haptic surface, and a .blend with both."""
 
 from __future__ import annotations
 
@@ -16,56 +16,58 @@ from ...generation import generated
 from ...generation.generated import GeneratedFiles
 from . import image_values, surface_sources, surfaces
 
-_TITLE = 60  # bytes of a data-block's name
+_TITLE = 60  # bytes of a datablock's name
 
 
-def apply(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
-    """Give an object a generated material and its haptic surface, at the surface's own size.
+def apply_generated(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
+    """Give an object a generated material and haptic surface at their real size.
 
-    A surface or a material that the object has already is replaced.
+    An existing surface, and the material of the active slot, are replaced.
 
     Raises
     ------
     InputError
-        It is no mesh of this file, or a file of the record is missing or damaged.
+        The object is no mesh of this file, or a file of the record is missing or damaged.
     """
-    made = generated.read(record)
+    files = generated.read(record)
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj, "GENERATED")
-    obj.hfx.surface.use_steps = made.map.steps is not None
-    surfaces.take_relief(obj, _relief(made))
-    material = _material(made, obj)
+    obj.hfx.surface.use_steps = files.map.steps is not None
+    surfaces.store_generated(obj, _relief(files))
+    material = _material(files, obj)
     obj.active_material = material  # in the active slot; without one, a new slot
     return material
 
 
-def _relief(made: GeneratedFiles) -> surface_sources.Relief:
-    return surface_sources.Relief(made.height, made.roughness, notes=made.notes, slope=made.slope)
+def _relief(files: GeneratedFiles) -> surface_sources.SurfaceRelief:
+    return surface_sources.SurfaceRelief(
+        files.height, files.roughness, notes=files.notes, slope=files.slope
+    )
 
 
-def _material(made: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:
-    """Material with colour, roughness and displacement, shown at the surface's own size."""
-    name = (made.words or made.name)[:_TITLE]
+def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:
+    """Material with images for colour, roughness and displacement at their real size."""
+    name = (files.words or files.name)[:_TITLE]
     material = bpy.data.materials.new(name)
-    if material.node_tree is None:  # before 5.0 a material may be without nodes
+    if material.node_tree is None:  # before 5.0 a material can be without nodes
         material.use_nodes = True
     tree = material.node_tree
     nodes, links = tree.nodes, tree.links
     shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
-    shader.inputs["Metallic"].default_value = float(made.is_metal)
-    placing = _placing(made, obj, tree)
+    shader.inputs["Metallic"].default_value = float(files.is_metal)
+    placing = _tile_coordinates(files, obj, tree)
     sockets = {}
     for row, part in enumerate(("colour", "roughness", "height")):
-        image = image_values.load(os.path.abspath(made.path.with_name(f"{made.name}.{part}.png")))
+        image = image_values.load(os.path.abspath(files.path.with_name(f"{files.name}.{part}.png")))
         if part != "colour":
             image.colorspace_settings.is_data = True
-            image.reload()  # an image loaded as a colour stays one
+            image.reload()  # applies the new colour space to the loaded pixels
         image.pack()
         node = nodes.new("ShaderNodeTexImage")
         node.image, node.label = image, part.title()
         node.location = (-600.0, 300.0 - 300.0 * row)
-        node.extension = "REPEAT" if made.height.tiles else "EXTEND"
+        node.extension = "REPEAT" if files.height.tiles else "EXTEND"
         if not obj.data.uv_layers:
             node.projection = "BOX"
         links.new(placing, node.inputs["Vector"])
@@ -76,29 +78,29 @@ def _material(made: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material
     relief.location = (-200.0, -300.0)
     relief.inputs["Midlevel"].default_value = 0.0
     unit = metres_of(bpy.context.scene)
-    depth = float(made.height.heights_m.max() - made.height.heights_m.min())
+    depth = float(files.height.heights_m.max() - files.height.heights_m.min())
     relief.inputs["Scale"].default_value = depth / unit
     links.new(sockets["height"], relief.inputs["Height"])
     links.new(relief.outputs["Displacement"], output.inputs["Displacement"])
-    material["hfx_generated"] = made.path.read_text(encoding="utf-8")
+    material["hfx_generated"] = files.path.read_text(encoding="utf-8")
     return material
 
 
-def _placing(
-    made: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
+def _tile_coordinates(
+    files: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
 ) -> bpy.types.NodeSocket:
-    """Texture coordinates in tiles of a surface: by the UV map, or else seen along each axis."""
+    """Texture coordinates in tiles, from the UV map, or object coordinates without one."""
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)
-    size_mm = [1000.0 * length for length in made.height.size_m]
+    size_mm = [1000.0 * length for length in files.height.size_m]
     if obj.data.uv_layers:
         source = coordinates.outputs["UV"]
         unit_mm = [*surface_sources.tile_mm(obj), 1000.0]
     else:
         source = coordinates.outputs["Object"]
         metres = metres_of(bpy.context.scene)
-        unit_mm = [1000.0 * metres * abs(each) for each in obj.matrix_world.to_scale()]
+        unit_mm = [1000.0 * metres * abs(scale) for scale in obj.matrix_world.to_scale()]
     tiles = [unit / size for unit, size in zip(unit_mm, [*size_mm, size_mm[0]], strict=True)]
     mapping.inputs["Scale"].default_value = tiles
     tree.links.new(source, mapping.inputs["Vector"])
@@ -106,9 +108,9 @@ def _placing(
 
 
 def write_blend(record: Path) -> Path:
-    """Write a .blend beside a record: a swatch of 20 cm with the material and its surface.
+    """Write a .blend next to a record: a 20 cm swatch of material and surface. Return its path.
 
-    The file that is open is left for a new one.
+    The open file is replaced by a new one.
 
     Raises
     ------
@@ -126,14 +128,14 @@ def write_blend(record: Path) -> Path:
     swatch = bpy.data.objects.new("Swatch", mesh)
     bpy.context.scene.collection.objects.link(swatch)
     bpy.context.view_layer.update()
-    apply(swatch, record).asset_mark()
+    apply_generated(swatch, record).asset_mark()
     path = record.with_name(record.name.removesuffix(generated.RECORD) + ".blend")
     with temporary_folder() as folder:
-        kept = os.path.join(folder, path.name)
+        saved = os.path.join(folder, path.name)
         try:
-            bpy.ops.wm.save_as_mainfile(filepath=kept, compress=True, copy=True)
+            bpy.ops.wm.save_as_mainfile(filepath=saved, compress=True, copy=True)
         except RuntimeError as error:
             raise OutputError(f"{path}: Blender cannot save it ({error}).") from error
         with atomic_file(path) as file:
-            file.write(Path(kept).read_bytes())
+            file.write(Path(saved).read_bytes())
     return path

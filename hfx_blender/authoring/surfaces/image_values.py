@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's images as numbers, whatever their depth and colour space."""
+"""Pixels of Blender's images as arrays, for all depths and colour spaces."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from ...files.hashes import is_elsewhere
 from ...formats.pictures import jpeg
 
 LARGEST = 8192
-"""Pixels along an edge of an image that is read: larger ones would take gigabytes."""
+"""Largest edge of an image, pixels: larger images take gigabytes of memory."""
 
 MOST_MISSING = 0.5
 
 
 def data_of(image: bpy.types.Image) -> F64:
-    """The stored numbers (H, W) of an image's first channel, bottom row first.
+    """Stored values (H, W) of an image's first channel, bottom row first, without colour space.
 
-    0 to 1 for whole numbers of 8 or 16 bits; a float image's own. No colour space is applied.
+    8-bit and 16-bit values are 0 to 1, float values are unchanged.
 
     Raises
     ------
     InputError
-        It has no pixels, or too many.
+        The image has no pixels, or too many.
     """
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
         return pixels_of(image)[..., 0].astype(np.float64)
-    copy = image.copy()  # loaded as plain data; the user's keeps what it has
+    copy = image.copy()  # reloads the file as data; the user's image is unchanged
     try:
         copy.colorspace_settings.is_data = True
         if not copy.size[0]:
@@ -49,43 +49,43 @@ def data_of(image: bpy.types.Image) -> F64:
 
 
 def brightness_of(image: bpy.types.Image) -> F64:
-    """Luminance (H, W) of an image's colours in linear light, bottom row first.
+    """Luminance (H, W) of an image in linear light, bottom row first.
 
     Raises
     ------
     InputError
-        It has no pixels, or too many.
+        The image has no pixels, or too many.
     """
     pixels = pixels_of(image)
     if pixels.shape[2] < 3:
         pixels = np.repeat(pixels[..., :1], 3, axis=2)
-    # Blender keeps the codes of 8-bit images, and converts all others to linear light.
+    # Blender stores 8-bit images as sRGB codes, and other images in linear light.
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
 
 
 def colours_of(image: bpy.types.Image) -> F64:
-    """Colours (H, W, 3) of an image as sRGB codes 0..1, bottom row first.
+    """Colours (H, W, 3) of an image as sRGB values 0 to 1, bottom row first.
 
     Raises
     ------
     InputError
-        It has no pixels, too many, or some that are no numbers.
+        The image has no pixels, too many, or NaN.
     """
     pixels = pixels_of(image)
     pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
     if not np.isfinite(pixels).all():
         raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
-    # As in brightness_of: only 8-bit images are held as codes.
+    # As in brightness_of: only 8-bit images are stored as sRGB codes.
     return np.clip(linear_to_srgb(pixels) if image.is_float else pixels, 0.0, 1.0).astype(float)
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
-    """Fill the non-finite values of (H, W) from their surroundings; returns notes on it.
+    """Fill non-finite values of a height map (H, W); return it with notes.
 
     Raises
     ------
     InputError
-        More than half is missing: the rest would be invented, not measured.
+        More than half of the values are missing.
     """
     missing = float(np.mean(~np.isfinite(grey)))
     if missing > MOST_MISSING:
@@ -99,12 +99,12 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
 
 
 def pixels_of(image: bpy.types.Image) -> F32:
-    """All channels of an image as Blender holds them, (H, W, C), bottom row first.
+    """All channels of an image as stored by Blender, (H, W, C), bottom row first.
 
     Raises
     ------
     InputError
-        It has no pixels, or too many.
+        The image has no pixels or too many, or its file is a pipe or on another machine.
     """
     if not image.has_data and image.source != "GENERATED" and not image.packed_files:
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
@@ -130,7 +130,7 @@ def load(path: str) -> bpy.types.Image:
     Raises
     ------
     InputError
-        It is missing, cut off, or no image that Blender reads.
+        The file is missing, truncated, or no image for Blender.
     """
     refuse_no_file(Path(path))
     try:
@@ -150,14 +150,15 @@ def load(path: str) -> bpy.types.Image:
 def store(
     name: str, image: bpy.types.Image | None, channels: list[npt.ArrayLike]
 ) -> bpy.types.Image:
-    """Keep arrays (H, W) in the .blend, exactly: the channels of a packed float image.
+    """Store arrays (H, W) exactly, as the channels of a packed float image; return the image.
 
-    A single one fills red, green and blue, so that it is shown as grey.
+    A single array fills red, green and blue. ``image`` is reused if it has one user and the same
+    size, and removed if it has another size.
     """
     first = np.asarray(channels[0])
     rows, columns = first.shape
     if image is not None and image.users > 1:
-        image = None  # a copy of the object shows it, too, and keeps it
+        image = None  # also used by a copy of the object
     elif image is not None and tuple(image.size) != (columns, rows):
         bpy.data.images.remove(image)
         image = None
@@ -175,10 +176,10 @@ def store(
     return image
 
 
-def show(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
-    """Make an image's preview from values (H, W), black lowest, white highest.
+def set_preview(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
+    """Set an image's preview from values (H, W): black is the minimum, white the maximum.
 
-    Where all are alike there is no contrast to show: their own value then, 0 black, 1 white.
+    Constant values are shown as their own grey value, clipped to 0 to 1.
     """
     grid = np.asarray(values, np.float32)
     rows = np.linspace(0, grid.shape[0] - 1, size).round().astype(int)

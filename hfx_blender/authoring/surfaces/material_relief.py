@@ -1,33 +1,46 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief and colour that a material's nodes define.
+"""Relief and colour of a material, from its shader nodes.
 
-Displacement and bump are heights, read as they are. Whatever else bends the shading normal (a
-normal map, a group, a mix of shaders) is left to be baked as a normal. It works on copies of
-materials only: nodes are added and rewired.
+Displacement and Bump nodes are read as heights. Other sources of a bent normal (normal maps,
+groups, mixed shaders) are baked as normals. Nodes are added and rewired, so materials must be
+copies. A map at full strength nearly everywhere is traced to its node.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import bpy
 
+from ...blender.scene_info import metres_of
 from ...errors import InputError
 
+if TYPE_CHECKING:
+    from ...engine.texture.haptic_map import HapticMap
+
 Value = bpy.types.NodeSocket | float | None
-"""An output socket, or a constant; None is 0."""
+"""An output socket or a constant; None means 0."""
 
 _BENDS = {"BUMP", "NORMAL_MAP"}
 
+MOST_SATURATED: Final = 0.5
+"""Share of a map at full strength that causes a warning."""
+
+_LIKELY_M: Final = 0.01
+"""Largest plausible height of a relief for stroking, metres."""
+
+_HEIGHT_INPUTS: Final = {"BUMP": "Distance", "DISPLACEMENT": "Scale"}
+
 
 @dataclass(frozen=True)
-class Relief:
-    """Sources of a material's relief."""
+class ReliefNodes:
+    """Nodes of a material's relief."""
 
-    height: Value = None  # Blender's units of the world, outwards
-    normal: bpy.types.NodeSocket | None = None  # a bent normal, besides the height
-    is_surface_bent: bool = False  # only the normal of the whole surface shows it
+    height: Value = None  # outwards, Blender units in the world
+    normal: bpy.types.NodeSocket | None = None  # further bent normal; None without one
+    is_surface_bent: bool = False  # bent by an unknown combination of shaders
 
     @property
     def has_normal(self) -> bool:
@@ -35,14 +48,14 @@ class Relief:
 
 
 def prepare(material: bpy.types.Material, name: str) -> None:
-    """See to it that a material has nodes with an output; ``name`` is for messages.
+    """Give a material nodes if it has none; ``name`` is the name for messages.
 
     Raises
     ------
     InputError
-        It has none that Cycles renders.
+        The material has no output for Cycles.
     """
-    if material.node_tree is None:  # before 5.0 a material may be without nodes
+    if material.node_tree is None:  # before 5.0 a material can be without nodes
         colour, roughness = tuple(material.diffuse_color), material.roughness
         material.use_nodes = True
         shader = _shader(material)
@@ -56,18 +69,18 @@ def prepare(material: bpy.types.Material, name: str) -> None:
 
 
 def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
-    """Set the image that Cycles bakes a material into."""
+    """Set the image that Cycles bakes a material to."""
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
-    for other in tree.nodes:
-        other.select = False
+    for selected in tree.nodes:
+        selected.select = False
     node.select = True
     tree.nodes.active = node
 
 
-def relief_of(material: bpy.types.Material) -> Relief:
-    """Relief of a material; unlinks its displacement, so that no bake is bent by it."""
+def relief_of(material: bpy.types.Material) -> ReliefNodes:
+    """Relief nodes of a material. Its displacement is unlinked, so that no bake contains it."""
     tree = material.node_tree
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
@@ -77,16 +90,16 @@ def relief_of(material: bpy.types.Material) -> Relief:
     shader = _shader(material)
     if shader is None:
         is_bent = any(node.type in _BENDS for node in nodes_of(tree))
-        return Relief(_sum(tree, heights), is_surface_bent=is_bent)
+        return ReliefNodes(_sum(tree, heights), is_surface_bent=is_bent)
     source = _source(shader.inputs["Normal"]) if "Normal" in shader.inputs else None
     while source is not None and source.node.type == "BUMP":
         heights.append(_bump_height(tree, source.node))
         source = _source(source.node.inputs["Normal"])
-    return Relief(_sum(tree, heights), source)
+    return ReliefNodes(_sum(tree, heights), source)
 
 
 def colour_of(material: bpy.types.Material) -> Value:
-    """The base colour of a material's surface, as far as it is that of one shader."""
+    """Base colour of a material; None for mixed shaders, or a shader without a colour."""
     shader = _shader(material)
     inputs = [] if shader is None else _colour_inputs(shader)
     if not inputs:
@@ -103,28 +116,28 @@ def _colour_inputs(shader: bpy.types.Node) -> list[bpy.types.NodeSocket]:
     return [shader.inputs[name] for name in ("Base Color", "Color") if name in shader.inputs]
 
 
-def colour_picture_of(material: bpy.types.Material) -> bpy.types.Image | None:
-    """Image behind the base colour of a material's surface, if there is just one; adds nothing."""
+def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
+    """Image behind the base colour of a material; None for no image or several. Changes nothing."""
     shader = _shader(material)
     if shader is None:
         return None
-    waiting = _colour_inputs(shader)[:1]
-    found, seen = set(), set()
-    while waiting:
-        for link in waiting.pop().links:
+    sockets = _colour_inputs(shader)[:1]
+    images, visited = set(), set()
+    while sockets:
+        for link in sockets.pop().links:
             node = link.from_node
-            if node in seen:
+            if node in visited:
                 continue
-            seen.add(node)
+            visited.add(node)
             if node.type == "TEX_IMAGE" and node.image is not None:
-                found.add(node.image)
+                images.add(node.image)
             else:
-                waiting.extend(node.inputs)
-    return found.pop() if len(found) == 1 else None
+                sockets.extend(node.inputs)
+    return images.pop() if len(images) == 1 else None
 
 
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
-    """Make a material emit a value; returns the function that restores it."""
+    """Rewire a material to emit a value; return the undo function."""
     node = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(value, bpy.types.NodeSocket):
         material.node_tree.links.new(value, node.inputs["Color"])
@@ -133,10 +146,8 @@ def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
     return _as_surface(material, node)
 
 
-def matt(material: bpy.types.Material, relief: Relief) -> Callable[[], None]:
-    """Make a material matt, bent by a relief's normal only; returns the function that
-    restores it.
-    """
+def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], None]:
+    """Rewire a material to a diffuse shader with the relief's normal; return the undo function."""
     if relief.is_surface_bent:
         return lambda: None
     node = material.node_tree.nodes.new("ShaderNodeBsdfDiffuse")
@@ -160,16 +171,16 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 
 
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
-    """Find what materials depend on besides one UV map; empty if nothing."""
+    """Label of the first input of materials other than one UV map; empty without one."""
     for material in materials:
         for node in nodes_of(material.node_tree):
-            found = _stranger(node, uv_map)
-            if found:
-                return found
+            dependency = _dependency(node, uv_map)
+            if dependency:
+                return dependency
     return ""
 
 
-def _stranger(node: bpy.types.Node, uv_map: str) -> str:
+def _dependency(node: bpy.types.Node, uv_map: str) -> str:
     if node.type == "TEX_COORD":
         used = next((s.name for s in node.outputs if s.is_linked and s.name != "UV"), "")
         return f"{used} coordinates" if used else ""
@@ -189,7 +200,7 @@ def _stranger(node: bpy.types.Node, uv_map: str) -> str:
 def nodes_of(
     tree: bpy.types.NodeTree, seen: frozenset[str] = frozenset()
 ) -> Iterator[bpy.types.Node]:
-    """Nodes of a tree and of its groups."""
+    """Yield the nodes of a tree and of its groups."""
     for node in tree.nodes:
         yield node
         group = getattr(node, "node_tree", None)
@@ -197,18 +208,59 @@ def nodes_of(
             yield from nodes_of(group, seen | {group.name_full})
 
 
+def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
+    """Warning about a map at full strength on half of its area; empty without a fault.
+
+    The usual cause is a Bump node with its default distance of 1 m (until Blender 4.3), or a
+    Displacement node with its default scale of 1 m, which look plausible when rendered.
+    """
+    share = float((haptic_map.intensity >= 1.0).mean())
+    if share < MOST_SATURATED:
+        return ""
+    finding = f"the map is at full strength over {share:.0%} of the surface"
+    tallest = _tallest(obj) if obj.hfx.surface.source == "MATERIAL" else None
+    if tallest is None:
+        return f"{finding}: lower its heights, or raise Full Slope"
+    height_m, material, node = tallest
+    return (
+        f"{finding}: the {node.bl_label} node of material '{material.name}' has heights of "
+        f"{height_m:g} m; set its {_HEIGHT_INPUTS[node.type]} to the relief's real height, such "
+        "as 0.001 m, and press Make Maps"
+    )
+
+
+def _tallest(
+    obj: bpy.types.Object,
+) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
+    """Height (m), material and node of the largest implausible relief; None without one."""
+    unit = metres_of(bpy.context.scene)
+    candidates = []
+    for slot in obj.material_slots:
+        tree = slot.material.node_tree if slot.material is not None else None
+        for node in nodes_of(tree) if tree is not None else ():
+            factor = node.inputs.get(_HEIGHT_INPUTS.get(node.type, ""))
+            if factor is None or factor.is_linked or not node.inputs["Height"].is_linked:
+                continue
+            height_m = abs(factor.default_value) * unit
+            if node.type == "BUMP" and not node.inputs["Strength"].is_linked:
+                height_m *= node.inputs["Strength"].default_value
+            if height_m >= _LIKELY_M:
+                candidates.append((height_m, slot.material, node))
+    return max(candidates, key=lambda candidate: candidate[0], default=None)
+
+
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
-    """Socket linked to an input, past reroutes."""
+    """Output socket linked to an input, skipping reroutes; None if unlinked."""
     while socket.is_linked:
-        found = socket.links[0].from_socket
-        if found.node.type != "REROUTE":
-            return found
-        socket = found.node.inputs[0]
+        output = socket.links[0].from_socket
+        if output.node.type != "REROUTE":
+            return output
+        socket = output.node.inputs[0]
     return None
 
 
 def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
-    """Shader that is the whole surface; None if it is a mix, a group or nothing."""
+    """Shader of the whole surface; None for a mix, a group or an unlinked output."""
     source = _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])
     if source is None or source.node.type in ("MIX_SHADER", "ADD_SHADER", "GROUP"):
         return None
@@ -224,15 +276,15 @@ def _along_normal(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket) -> Val
 
 
 def _bump_height(tree: bpy.types.NodeTree, bump: bpy.types.Node) -> Value:
-    """Height that a bump node states: its strength scales the slope, and so the height."""
+    """Height of a Bump node: its Strength scales the slope, and so the height; None if unlinked."""
     height = bump.inputs["Height"]
     if not height.is_linked:
         return None
     product = _math(tree, "MULTIPLY", height.links[0].from_socket, -1.0 if bump.invert else 1.0)
     for name in ("Strength", "Distance"):
         factor = bump.inputs[name]
-        linked = factor.links[0].from_socket if factor.is_linked else factor.default_value
-        product = _math(tree, "MULTIPLY", product, linked)
+        operand = factor.links[0].from_socket if factor.is_linked else factor.default_value
+        product = _math(tree, "MULTIPLY", product, operand)
     return product
 
 
@@ -244,10 +296,10 @@ def _sum(tree: bpy.types.NodeTree, values: list[Value]) -> Value:
     return total
 
 
-def _math(tree: bpy.types.NodeTree, operation: str, one: Value, two: Value) -> bpy.types.NodeSocket:
+def _math(tree: bpy.types.NodeTree, operation: str, a: Value, b: Value) -> bpy.types.NodeSocket:
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
-    for socket, value in zip(node.inputs, (one, two), strict=False):
+    for socket, value in zip(node.inputs, (a, b), strict=False):
         if isinstance(value, bpy.types.NodeSocket):
             tree.links.new(value, socket)
         else:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief of an object's surface, estimated from the picture of its material in another process.
+"""Estimation of a surface's relief from the picture of its material, in a helper process.
 
-The result is an image in the .blend, which the surface is then made of as of any other.
+The estimate is stored as an image in the .blend, which is the source of the surface.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from . import image_values, material_relief, surface_sources, surfaces
 
 
 def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
-    """Picture of the base colour of an object's material; None where there is no single one."""
+    """Image of the base colour of an object's material; None if there is none, or several."""
     material = obj.active_material if obj is not None and obj.type == "MESH" else None
     if material is None or material.node_tree is None:
         return None
-    return material_relief.colour_picture_of(material)
+    return material_relief.colour_image_of(material)
 
 
 class ReliefEstimation:
-    """Estimation that runs in a process of its own.
+    """Estimation in a helper process, started at once.
 
     Parameters
     ----------
     picture : Image
     size_mm : (float, float)
-        Of what it shows.
+        Width and height of the pictured material.
     tiles : bool
-        Whether it goes on at its opposite edge.
+        Opposite edges of the picture match.
 
     Raises
     ------
     InputError
         The picture cannot be read.
     OutputError
-        The temporary folder cannot be written to.
+        The temporary folder is not writable.
     """
 
     def __init__(self, picture: bpy.types.Image, size_mm: tuple[float, float], tiles: bool) -> None:
@@ -66,12 +66,12 @@ class ReliefEstimation:
         return self._worker.is_running
 
     def result(self) -> EstimatedRelief:
-        """Estimate, when the process has ended; waits for it.
+        """Estimated relief; waits for the process.
 
         Raises
         ------
         InputError
-            It failed.
+            The estimation failed.
         """
         try:
             refusal = self._worker.receive()
@@ -98,25 +98,25 @@ class ReliefEstimation:
         self._folder.cleanup()
 
 
-def take(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
-    """Make an object's surface of an estimate; returns notes.
+def apply_estimate(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
+    """Store an estimate as an object's surface, and make its maps; return notes.
 
     Raises
     ------
     InputError
-        The estimation failed, or the object can have no surface.
+        The estimation failed, or the object cannot have a surface.
     """
-    found = estimation.result()
+    estimate = estimation.result()
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj, "IMAGE")
     settings = obj.hfx.surface
-    height_mm = 1000.0 * float(found.field.heights_m.max())
+    height_mm = 1000.0 * float(estimate.field.heights_m.max())
     image = image_values.store(
-        f"{estimation.name} Estimate", None, surface_sources.estimate_channels(found)
+        f"{estimation.name} Estimate", None, surface_sources.estimate_channels(estimate)
     )
     settings.source, settings.image_kind, settings.image = "IMAGE", "ESTIMATE", image
     settings.roughness_image = None
     settings.height_mm = height_mm
     settings.use_own_scale, settings.uv_mm = True, estimation.size_mm
-    surfaces.make(obj)
+    surfaces.make_maps(obj)
     return f"The relief of '{estimation.name}' is an estimate, {height_mm:.3g} mm high"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bakes the tangible parts of an object's materials through Cycles: relief, roughness, colour.
+"""Baking of an object's materials with Cycles: relief, roughness, colour.
 
-A bake happens in a scratch scene, on a copy of the object with copies of its materials, so that
-there is nothing to restore in the user's: neither render settings nor selection nor nodes are
-ever touched. Relief is the sum of what the materials state, see :mod:`.material_relief`.
+A bake uses copies of the object and its materials in a scratch scene, so render settings, selection
+and nodes of the user stay unchanged. The relief is the sum of the materials' heights, see
+:mod:`.material_relief`.
 """
 
 from __future__ import annotations
@@ -25,46 +25,48 @@ from ...engine.texture.relief.linear_light import luminance
 from ...engine.texture.scan import fill_holes
 from ...errors import InputError
 from . import material_relief, surface_uv
-from .material_relief import Relief, Value
+from .material_relief import ReliefNodes, Value
 from .surface_uv import Charts
 
 FINEST = 4096
-"""Texels along an edge: a bake of more takes gigabytes."""
+"""Largest edge of a bake, texels: larger bakes take gigabytes of memory."""
 
 _FLAT_M = 1e-9
 _COVERAGE = 256
-_OVERLAP = 0.02  # share of the UV map's area; less is rounding
+_OVERLAP = 0.02  # rounding tolerance, as a share of the UV map's area
 _NAME = ".HFX Bake"
 
 
 @dataclass(frozen=True, eq=False)
 class BakedMaterial:
-    """An object's materials on its UV map; rows go up with V, (H, W)."""
+    """Materials of an object on its UV map, arrays (H, W), bottom row first."""
 
-    heights_m: F64  # continued smoothly where there is no face
+    heights_m: F64  # extrapolated smoothly outside of faces
     roughness: F64  # 0..1
-    luminance: F32 | None  # 0..1 of the base colour, linear light; where there is no relief
-    covered: Bool  # texels that belong to a face
-    tile_mm: tuple[float, float]  # of a UV unit, along U and V
-    tiles: bool  # whether it continues at the opposite edge
+    luminance: (
+        F32 | None
+    )  # 0..1 of the base colour in linear light; None for a material with relief
+    covered: Bool  # texels of faces
+    tile_mm: tuple[float, float]  # size of a UV unit along U and V
+    tiles: bool  # opposite edges match
     notes: tuple[str, ...]
 
     @property
     def is_flat(self) -> bool:
-        """Test that no material states any relief."""
+        """Test for materials without any relief."""
         return self.luminance is not None
 
 
 def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> BakedMaterial:
     """Bake an object's materials to maps of ``height`` rows of ``width`` texels.
 
-    Where the UV map leaves the unit square or covers parts of it twice, and the materials
-    depend on nothing but it, one tile of them is baked instead.
+    If the UV map leaves the unit square or overlaps, one tile of the material is baked instead,
+    provided that it depends on the UV map alone.
 
     Raises
     ------
     InputError
-        No mesh, no size, no UV map, no material, overlapping UVs, or Cycles cannot bake it.
+        The object has no mesh, size, UV map or material, its UVs overlap, or Cycles cannot bake it.
     """
     if not (2 <= width <= FINEST and 2 <= height <= FINEST):
         raise InputError(
@@ -75,7 +77,7 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
             "Baking a material needs Cycles, which is switched off; enable the add-on 'Cycles "
             "Render Engine' in the preferences."
         )
-    with _scratch(obj) as scratch:
+    with _scratch_copy(obj) as scratch:
         return _bake(scratch, obj.name, width, height, uv_map)
 
 
@@ -85,7 +87,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     copy.data.uv_layers[charts.name].active = True
     copy.data.uv_layers[charts.name].active_render = True
     scratch.copy_materials(charts, owner)
-    fault = _fault(scratch, charts)
+    fault = _uv_fault(scratch, charts)
     if fault:
         _use_one_tile(scratch, charts, owner, fault)
         notes.append(f"UV map '{charts.name}' {fault}: one tile of the material was baked")
@@ -94,8 +96,8 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     scratch.new_image(width, height)
     reliefs = [material_relief.relief_of(material) for material in scratch.materials]
     pixels = scratch.emitted([relief.height for relief in reliefs])
-    covered = pixels[..., 3] > 0.5
-    if not covered.any():
+    is_covered = pixels[..., 3] > 0.5
+    if not is_covered.any():
         raise InputError(
             f"Surface of '{owner}': no face is as large as a texel of UV map '{charts.name}'."
         )
@@ -105,16 +107,16 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     if any(relief.has_normal for relief in reliefs):
         texel_m = tile_m[0] / width, tile_m[1] / height
         normals = scratch.normals(reliefs)
-        normals[~covered] = np.nan
+        normals[~is_covered] = np.nan
         heights += heights_of_normals(normals, texel_m, tiles=bool(fault))
     roughness = scratch.baked("ROUGHNESS")[..., 0]
-    is_flat = float(np.ptp(heights[covered])) < _FLAT_M
+    is_flat = float(np.ptp(heights[is_covered])) < _FLAT_M
     return BakedMaterial(
-        # A map continues beyond its charts, or their rims would be felt as steps.
-        heights_m=fill_holes(np.where(covered, heights, np.nan)),
-        roughness=fill_holes(np.where(covered, roughness, np.nan)).clip(0.0, 1.0),
+        # Extrapolation beyond the charts prevents steps at their rims.
+        heights_m=fill_holes(np.where(is_covered, heights, np.nan)),
+        roughness=fill_holes(np.where(is_covered, roughness, np.nan)).clip(0.0, 1.0),
         luminance=_luminance(scratch) if is_flat else None,
-        covered=covered,
+        covered=is_covered,
         tile_mm=(tile_m[0] * 1000.0, tile_m[1] * 1000.0),
         tiles=bool(fault),
         notes=tuple(notes),
@@ -127,8 +129,8 @@ def _luminance(scratch: _Scratch) -> F32:
     return np.clip(values, 0.0, 1.0).astype(np.float32)
 
 
-def _fault(scratch: _Scratch, charts: Charts) -> str:
-    """Reason why the object itself cannot be baked on its UV map; empty if it can."""
+def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
+    """Fault of the UV map that prevents baking the object itself; empty without one."""
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
     scratch.new_image(_COVERAGE, _COVERAGE)
@@ -138,11 +140,11 @@ def _fault(scratch: _Scratch, charts: Charts) -> str:
 
 
 def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> None:
-    stranger = material_relief.depends_on(scratch.materials, charts.name)
-    if stranger or len(scratch.materials) > 1:
+    dependency = material_relief.depends_on(scratch.materials, charts.name)
+    if dependency or len(scratch.materials) > 1:
         reason = (
-            f"its material depends on more than UVs ({stranger})"
-            if stranger
+            f"its material depends on more than UVs ({dependency})"
+            if dependency
             else f"it has {len(scratch.materials)} materials"
         )
         raise InputError(
@@ -153,10 +155,8 @@ def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> 
 
 
 @contextmanager
-def _scratch(obj: bpy.types.Object) -> Iterator[_Scratch]:
-    """Context with the object as it is evaluated now, alone in a scene of its own; removed
-    afterwards.
-    """
+def _scratch_copy(obj: bpy.types.Object) -> Iterator[_Scratch]:
+    """Yield a scratch scene with a copy of the evaluated object, and remove it at the end."""
     if obj.type != "MESH":
         raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
     if obj.mode == "EDIT":
@@ -167,14 +167,14 @@ def _scratch(obj: bpy.types.Object) -> Iterator[_Scratch]:
         yield scratch
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command``.
-        bpy.data.batch_remove(scratch.made)
+        bpy.data.batch_remove(scratch.datablocks)
 
 
 class _Scratch:
-    """Scratch scene with a copy of one object, which Cycles bakes."""
+    """Scratch scene with a copy of one object, for bakes with Cycles."""
 
     def __init__(self) -> None:
-        self.made: list[bpy.types.ID] = []
+        self.datablocks: list[bpy.types.ID] = []
         self.materials: list[bpy.types.Material] = []
         self._image: bpy.types.Image | None = None
 
@@ -184,12 +184,12 @@ class _Scratch:
         mesh = bpy.data.meshes.new_from_object(
             evaluated, preserve_all_data_layers=True, depsgraph=graph
         )
-        self.made.append(mesh)
+        self.datablocks.append(mesh)
         mesh.name = _NAME
         self._slots = [slot.material for slot in evaluated.material_slots]
-        self.copy = self._keep(bpy.data.objects.new(_NAME, mesh))
+        self.copy = self._add(bpy.data.objects.new(_NAME, mesh))
         self.copy.matrix_world = evaluated.matrix_world
-        self.scene = self._keep(bpy.data.scenes.new(_NAME))
+        self.scene = self._add(bpy.data.scenes.new(_NAME))
         self.scene.collection.objects.link(self.copy)
         self.scene.render.engine = "CYCLES"
         cycles = self.scene.cycles
@@ -197,14 +197,14 @@ class _Scratch:
         cycles.use_denoising = cycles.use_adaptive_sampling = False
         self.scene.view_layers[0].update()
 
-    def _keep(self, made: bpy.types.ID) -> bpy.types.ID:
-        self.made.append(made)
-        return made
+    def _add(self, datablock: bpy.types.ID) -> bpy.types.ID:
+        self.datablocks.append(datablock)
+        return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
-        """Give the copy materials of its own, in one slot for each that a face uses."""
+        """Give the copy its own materials, in one slot per material slot with faces."""
         mesh = self.copy.data
-        place: dict[int, int] = {}
+        new_slots: dict[int, int] = {}
         last = len(self._slots) - 1
         for slot in charts.used_slots:
             material = self._slots[min(slot, last)] if last >= 0 else None
@@ -213,53 +213,53 @@ class _Scratch:
                     f"'{owner}' has faces without a material; give it one, or choose an image, a "
                     "scan or a procedural surface."
                 )
-            place[slot] = len(self.materials)
-            # The original, not the evaluated one: only that can be copied into the file.
-            copy = self._keep(material.original.copy())
+            new_slots[slot] = len(self.materials)
+            # The original: an evaluated material cannot be copied into the file.
+            copy = self._add(material.original.copy())
             material_relief.prepare(copy, material.name)
             self.materials.append(copy)
         indices = mesh_arrays.values(mesh.polygons, "material_index", kind=np.int32)
         mesh.materials.clear()
         for material in self.materials:
             mesh.materials.append(material)
-        moved = np.array([place.get(int(k), 0) for k in indices], np.int32)
-        mesh.polygons.foreach_set("material_index", moved)
+        new_indices = np.array([new_slots.get(int(k), 0) for k in indices], np.int32)
+        mesh.polygons.foreach_set("material_index", new_indices)
 
     def make_tile(self, charts: Charts) -> None:
-        """Reduce the copy to one face with one UV tile of its material."""
+        """Replace the copy's mesh by one face with a whole UV tile."""
         scale = abs(self.copy.matrix_world.determinant()) ** (1.0 / 3.0)
         self.copy.matrix_world = Matrix.Scale(scale, 4)
         surface_uv.make_tile(self.copy.data, charts, scale)
 
     def new_image(self, width: int, height: int) -> None:
-        """Bake into a new image from now on."""
-        self._image = self._keep(
+        """Create the target image of the next bakes."""
+        self._image = self._add(
             bpy.data.images.new(_NAME, width, height, alpha=True, float_buffer=True, is_data=True)
         )
         for material in self.materials:
             material_relief.set_target(material, self._image)
 
     def emitted(self, sockets: Sequence[Value]) -> F32:
-        """Bake a value of each material, (H, W, 4); alpha tells where faces are."""
+        """Bake a value of each material, (H, W, 4); alpha marks faces."""
         with _wired(self.materials, material_relief.emission, sockets):
             return self.baked("EMIT")
 
-    def normals(self, reliefs: list[Relief]) -> F64:
-        """Bake shading normals in tangent space, (H, W, 3), without the relief that is known as
-        heights.
+    def normals(self, reliefs: list[ReliefNodes]) -> F64:
+        """Bake shading normals in tangent space, (H, W, 3), without heights; NaN outside of
+        faces.
         """
-        with _wired(self.materials, material_relief.matt, reliefs):
+        with _wired(self.materials, material_relief.diffuse, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         normals = colours * 2.0 - 1.0
         lengths = np.linalg.norm(normals, axis=2, keepdims=True)
         return np.divide(normals, lengths, out=np.full_like(normals, np.nan), where=lengths > 0.5)
 
     def baked(self, kind: str) -> F32:
-        """The pixels (H, W, 4) of a bake; zero where no face is."""
+        """Pixels (H, W, 4) of a bake; 0 outside of faces."""
         image, layer = self._image, self.scene.view_layers[0]
         assert image is not None
         width, height = image.size
-        # Blender clears to an opaque black, which would look like a face everywhere.
+        # Cleared here, as Blender clears to opaque black, and alpha marks faces.
         image.pixels.foreach_set(np.zeros(width * height * 4, np.float32))
         image.update()
         layer.objects.active = self.copy
@@ -297,10 +297,10 @@ def _wired(
     wire: Callable[[bpy.types.Material, Any], Callable[[], None]],
     values: Sequence[Any],
 ) -> Iterator[None]:
-    """Context with temporary surfaces."""
+    """Rewire materials to temporary surface shaders, and restore them at the end."""
     undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
     try:
         yield
     finally:
-        for each in undo:
-            each()
+        for restore in undo:
+            restore()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief sources of a haptic surface: a material, an image, a scan, or the library."""
+"""Sources of a surface's relief: material, image, scan, or library."""
 
 from __future__ import annotations
 
@@ -21,53 +21,55 @@ from . import image_values, surface_baking, surface_uv
 
 PICTURES = {".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg"}
 
-_LIKELY_M = (1e-3, 5.0)  # length of a scan
+_LIKELY_M = (1e-3, 5.0)  # plausible length of a scan
 
 
 @dataclass(frozen=True, eq=False)
-class Relief:
-    """Relief of a surface: the input of a map."""
+class SurfaceRelief:
+    """Relief of a surface, input of its haptic map."""
 
     height: HeightField
-    roughness: npt.NDArray[np.floating] | None = None  # 0..1, the same rectangle
+    roughness: npt.NDArray[np.floating] | None = (
+        None  # 0..1 on the same rectangle, with its own resolution; None: default
+    )
     notes: tuple[str, ...] = ()
-    slope: npt.NDArray[np.float32] | None = None  # estimated by itself, on the heights' grid
+    slope: npt.NDArray[np.float32] | None = None  # estimated separately, on the grid of the heights
 
 
-def relief_of(obj: bpy.types.Object) -> Relief:
-    """Make the relief of an object's surface from its chosen source.
+def relief_of(obj: bpy.types.Object) -> SurfaceRelief:
+    """Make the relief of an object's surface from its source.
 
     Raises
     ------
     InputError
-        What it is to be made of is missing or cannot be used.
+        The source is missing or unusable.
     """
     source = obj.hfx.surface.source
     if source == "MATERIAL":
-        return _of_material(obj)
+        return _material_relief(obj)
     if source == "IMAGE":
-        return _of_image(obj)
+        return _image_relief(obj)
     if source == "SCAN":
-        return _of_scan(obj)
+        return _scan_relief(obj)
     if source == "PROCEDURAL":
         settings = obj.hfx.surface
         material = procedural.material(settings.procedural)
-        return Relief(*material.make(max(settings.resolution, 16), settings.seed))
+        return SurfaceRelief(*material.make(max(settings.resolution, 16), settings.seed))
     raise InputError(f"The surface of '{obj.name}' is an imported map: it has no relief.")
 
 
 def tile_mm(obj: bpy.types.Object) -> tuple[float, float]:
-    """Width and height of a UV unit on an object."""
+    """Width and height of a UV unit on an object, millimetres: entered, or measured."""
     settings = obj.hfx.surface
     if settings.use_own_scale:
         return settings.uv_mm[0], settings.uv_mm[1]
     return surface_uv.tile_mm(obj, settings.uv_map)
 
 
-def _of_material(obj: bpy.types.Object) -> Relief:
+def _material_relief(obj: bpy.types.Object) -> SurfaceRelief:
     settings = obj.hfx.surface
     tile = tile_mm(obj)
-    # Texels are about square on the object, whatever the UV map makes of it.
+    # Texels are nearly square on the object, even if UV units are not.
     width, height = (max(8, round(settings.resolution * t / max(tile))) for t in tile)
     baked = surface_baking.bake(obj, width, height, settings.uv_map)
     heights, notes = baked.heights_m, list(baked.notes)
@@ -79,34 +81,38 @@ def _of_material(obj: bpy.types.Object) -> Relief:
     else:
         heights = heights - heights[baked.covered].mean()
     texel = tile[0] / 1000.0 / width, tile[1] / 1000.0 / height
-    return Relief(HeightField(heights, texel, baked.tiles), baked.roughness, tuple(notes))
+    return SurfaceRelief(HeightField(heights, texel, baked.tiles), baked.roughness, tuple(notes))
 
 
-def _of_image(obj: bpy.types.Object) -> Relief:
+def _image_relief(obj: bpy.types.Object) -> SurfaceRelief:
     settings = obj.hfx.surface
     if settings.image is None:
         raise InputError(f"The surface of '{obj.name}' is made of an image; choose one.")
     if settings.image_kind == "ESTIMATE":
-        return _of_estimate(obj)
+        return _estimate_relief(obj)
     is_colour = settings.image_kind == "COLOUR"
-    read = image_values.brightness_of if is_colour else image_values.data_of
-    grey, notes = image_values.without_holes(read(settings.image), settings.image.name)
+    read_values = image_values.brightness_of if is_colour else image_values.data_of
+    grey, notes = image_values.without_holes(read_values(settings.image), settings.image.name)
     tile = tile_mm(obj)
     field = from_image(grey, settings.height_mm / 1000.0, (tile[0] / 1000.0, tile[1] / 1000.0))
     roughness = settings.roughness_image
-    return Relief(field, None if roughness is None else image_values.data_of(roughness), notes)
+    return SurfaceRelief(
+        field, None if roughness is None else image_values.data_of(roughness), notes
+    )
 
 
-def estimate_channels(found: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
-    """Channels of the image of an estimate: height 0..1, roughness, and the slope that a square
-    of height and edge 1 would have."""
-    height_m = float(found.field.heights_m.max()) or 1.0
-    width, length = found.field.size_m
-    slope = found.slope * np.float32(np.sqrt(width * length) / height_m)
-    return [found.field.heights_m / height_m, found.roughness, slope]
+def estimate_channels(estimate: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
+    """Image channels of an estimate: height 0 to 1, roughness, normalised slope.
+
+    The slope is that of a unit square of height 1, so that it scales with size and height.
+    """
+    height_m = float(estimate.field.heights_m.max()) or 1.0
+    width, length = estimate.field.size_m
+    slope = estimate.slope * np.float32(np.sqrt(width * length) / height_m)
+    return [estimate.field.heights_m / height_m, estimate.roughness, slope]
 
 
-def _of_estimate(obj: bpy.types.Object) -> Relief:
+def _estimate_relief(obj: bpy.types.Object) -> SurfaceRelief:
     settings, tile = obj.hfx.surface, tile_mm(obj)
     pixels = image_values.pixels_of(settings.image)
     if pixels.shape[2] < 3 or not np.isfinite(pixels).all():
@@ -115,10 +121,10 @@ def _of_estimate(obj: bpy.types.Object) -> Relief:
     field = from_image(pixels[..., 0], settings.height_mm / 1000.0, size_m)
     steepness = abs(settings.height_mm) / float(np.sqrt(tile[0] * tile[1]))
     slope = steepness * np.abs(pixels[..., 2])
-    return Relief(field, pixels[..., 1].clip(0.0, 1.0), slope=slope)
+    return SurfaceRelief(field, pixels[..., 1].clip(0.0, 1.0), slope=slope)
 
 
-def _of_scan(obj: bpy.types.Object) -> Relief:
+def _scan_relief(obj: bpy.types.Object) -> SurfaceRelief:
     settings = obj.hfx.surface
     if not settings.scan_path:
         raise InputError(f"The surface of '{obj.name}' is made of a scan; choose its file.")
@@ -141,21 +147,22 @@ def read_scan(
     size_mm: tuple[float, float],
     height_mm: float,
     resolution: int,
-) -> Relief:
-    """The relief of a scan's file: a point cloud, or a picture of heights.
+) -> SurfaceRelief:
+    """Relief of a scan: a point cloud or a height map.
 
     Parameters
     ----------
     unit_mm : float
-        Of a point cloud's coordinates.
+        Unit of a point cloud's coordinates.
     size_mm, height_mm : (float, float), float
-        Of a picture: its size, and that of white over black.
+        Size of a height map, and its height of white above black.
     resolution : int
-        Texels along the longer edge of a point cloud's map, at most.
+        Largest number of texels along the longer edge of a point cloud.
 
     Raises
     ------
     InputError
+        The file is missing or unreadable, or more than half of the heights are missing.
     """
     if path.suffix.lower() in PICTURES:
         image = image_values.load(str(path))
@@ -164,12 +171,12 @@ def read_scan(
         finally:
             bpy.data.images.remove(image)
         size = size_mm[0] / 1000.0, size_mm[1] / 1000.0
-        return Relief(from_image(grey, height_mm / 1000.0, size, tiles=False), notes=notes)
+        return SurfaceRelief(from_image(grey, height_mm / 1000.0, size, tiles=False), notes=notes)
     points = seen_from_above(point_cloud.read(path) * (unit_mm / 1000.0))
     span = np.ptp(points[:, :2], axis=0)
-    # A texel for each point, up to the requested number.
+    # One texel per point, up to the given resolution.
     texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
     longest, notes = float(span.max()), ()
     if not _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
         notes = (f"the scan is {1000.0 * longest:.3g} mm long; is the unit of its numbers right?",)
-    return Relief(from_points(points, texel), notes=notes)
+    return SurfaceRelief(from_points(points, texel), notes=notes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV map of a mesh as the map of a haptic surface: size of a UV unit, area covered twice."""
+"""UV map of a mesh as the map of a haptic surface: size of a UV unit, areas."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _SMALLEST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Charts:
-    """A mesh's triangles on a UV map and in the world."""
+    """Triangles of a mesh on a UV map and in the world."""
 
     name: str  # of the UV map
     uv: F64  # (F, 3, 2)
-    tile: tuple[float, float]  # Blender's units of the world in a UV unit, along U and V
+    tile: tuple[float, float]  # length of a UV unit along U and V in the world, Blender units
     slots: I64  # (F,) material slot of each triangle
     areas: F64  # (F,) in the world
 
     @property
     def used_slots(self) -> list[int]:
-        """Slots that a face uses, the largest area first."""
+        """Material slots with faces, sorted by falling area."""
         totals = np.bincount(self.slots, self.areas)
         return [int(k) for k in np.argsort(-totals, kind="stable") if k in set(self.slots.tolist())]
 
@@ -41,24 +41,24 @@ class Charts:
 
     @property
     def uv_area(self) -> float:
-        """Area of all triangles, in UV units."""
+        """Sum of the triangles' areas, in UV units."""
         return float(_uv_areas(self.uv).sum())
 
 
 def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
-    """Charts of a mesh; ``owner`` is the object's name, for messages.
+    """Charts of a mesh; ``owner`` is the object's name for messages.
 
     Parameters
     ----------
     uv_map : str
-        Empty: the map that is rendered.
+        Empty: the map active for rendering.
     world : array_like
         (4, 4) local to world.
 
     Raises
     ------
     InputError
-        The object has no size, there is no such map, or it has no area.
+        The object has no size, there is no such UV map, or the map has no area.
     """
     points, areas = _triangles(mesh, owner, world)
     layer = _layer(mesh, uv_map, owner)
@@ -74,11 +74,11 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
 
 
 def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
-    """Corners (F, 3, 3) and areas (F,) of a mesh's triangles, in the world's units."""
-    turn = np.array(world, np.float64)[:3, :3]
-    points = (mesh_arrays.points(mesh) @ turn.T)[mesh_arrays.triangles(mesh)]
-    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    areas = 0.5 * np.linalg.norm(across, axis=1)
+    """Corners (F, 3, 3), without translation, and areas (F,) of a mesh's triangles in the world."""
+    linear = np.array(world, np.float64)[:3, :3]
+    points = (mesh_arrays.points(mesh) @ linear.T)[mesh_arrays.triangles(mesh)]
+    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    areas = 0.5 * np.linalg.norm(normals, axis=1)
     if not (np.isfinite(points).all() and float(areas.sum()) > _SMALLEST):
         raise InputError(
             f"'{owner}' has no faces of any size (or its scale is 0): it has no surface."
@@ -87,10 +87,9 @@ def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[
 
 
 def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
-    """Coordinates (F, 3, 2) without a UV map, in the world's units.
+    """Coordinates (F, 3, 2) without a UV map, projected along each face's main axis, Blender units.
 
-    Each face is seen along the axis that it faces most, so that neighbours that face the same
-    way go on without a seam.
+    Adjacent faces with equal main axes continue without a seam.
 
     Raises
     ------
@@ -98,10 +97,10 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
         The object has no size.
     """
     points, _ = _triangles(mesh, owner, world)
-    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    facing = np.abs(across).argmax(axis=1)
-    kept = np.array([[1, 2], [0, 2], [0, 1]])[facing]
-    return np.take_along_axis(points, kept[:, None, :], axis=2)
+    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    main_axis = np.abs(normals).argmax(axis=1)
+    plane_axes = np.array([[1, 2], [0, 2], [0, 1]])[main_axis]
+    return np.take_along_axis(points, plane_axes[:, None, :], axis=2)
 
 
 def _layer(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
@@ -117,22 +116,24 @@ def _layer(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoo
 
 
 def _uv_areas(uv: F64) -> F64:
-    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return 0.5 * np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    first_edge, second_edge = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return 0.5 * np.abs(first_edge[:, 0] * second_edge[:, 1] - first_edge[:, 1] * second_edge[:, 0])
 
 
 def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
-    """Mean length of a UV unit along U and V; texels count evenly."""
-    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    twice = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-    good = np.abs(twice) > _SMALLEST
-    if not good.any():
+    """Mean world length of a UV unit along U and V, weighted by UV area; None without an area."""
+    uv_1, uv_2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    determinant = uv_1[:, 0] * uv_2[:, 1] - uv_1[:, 1] * uv_2[:, 0]
+    is_valid = np.abs(determinant) > _SMALLEST
+    if not is_valid.any():
         return None
-    one, two, twice = one[good], two[good], twice[good, None]
-    first, second = (points[good, k] - points[good, 0] for k in (1, 2))
-    along_u = (first * two[:, 1:] - second * one[:, 1:]) / twice
-    along_v = (second * one[:, :1] - first * two[:, :1]) / twice
-    weights = np.abs(twice[:, 0])
+    uv_1, uv_2, determinant = uv_1[is_valid], uv_2[is_valid], determinant[is_valid, None]
+    edge_1, edge_2 = (points[is_valid, k] - points[is_valid, 0] for k in (1, 2))
+    # Inverse of the 2 x 2 matrix of UV edges times the world edges: the derivative of the position
+    # by u and v.
+    along_u = (edge_1 * uv_2[:, 1:] - edge_2 * uv_1[:, 1:]) / determinant
+    along_v = (edge_2 * uv_1[:, :1] - edge_1 * uv_2[:, :1]) / determinant
+    weights = np.abs(determinant[:, 0])
     lengths = [
         float(np.average(np.linalg.norm(along, axis=1), weights=weights))
         for along in (along_u, along_v)
@@ -141,12 +142,9 @@ def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
 
 
 def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
-    """Turn a mesh into one face that shows one UV tile in its size.
+    """Replace a mesh by one face with a whole UV tile at its size in the world.
 
-    Parameters
-    ----------
-    scale : float
-        Of the object that has the mesh; the face has its size in the world.
+    ``scale`` is the scale of the mesh's object.
     """
     width, height = charts.tile[0] / scale, charts.tile[1] / scale
     mesh.clear_geometry()
@@ -161,12 +159,12 @@ def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
 
 
 def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
-    """Width and height of a UV unit on an object as it stands, mm.
+    """Width and height of a UV unit on an object, millimetres.
 
     Raises
     ------
     InputError
-        No mesh, no size, no UV map, or a map without area.
+        The object is no mesh, or has no size, no UV map or no UV area.
     """
     if obj.type != "MESH":
         raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as Blender objects: their creation, removal, maps and haptic material.
+"""Haptic surfaces as Blender objects: creation, removal, maps and haptic material.
 
-A surface is an effect whose place is an object of the scene itself. Its relief and the layers of
-its haptic map are images in the .blend, so that nothing is lost with a file; they are made anew
-when the settings that they were made of are no longer the object's.
+A surface is an effect on an object of the scene. Its relief and the layers of its haptic map are
+stored as images in the .blend, and are made again when the settings differ from those stored with
+the images.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ...engine.texture.haptic_map import DeviceRange, HapticMap
     from ...engine.texture.height_field import HeightField
     from ...engine.texture.surface_texture import SurfaceTexture
-    from .surface_sources import Relief
+    from .surface_sources import SurfaceRelief
 
 _IMAGES = ("relief_image", "intensity_image", "sharpness_image")
 
@@ -36,33 +36,33 @@ _RELIEF_SETTINGS = {
     "MAP": (),
     "GENERATED": (),
 }
-_KEPT: Final = ("MAP", "GENERATED")
-"""Sources whose images are the surface itself: no setting makes them again."""
+_FIXED: Final = ("MAP", "GENERATED")
+"""Sources with stored images only, which no setting changes."""
 
 _ROUNDING: Final = 1e-3
-"""Distance that a value of an imported map may be beyond 0 to 1, as pictures are converted."""
+"""Rounding of values of imported maps beyond 0 to 1, from image conversion."""
 
 _LAYER_SETTINGS = ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps")
 
 
 def surfaces_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The scene's surfaces, by name."""
-    found = [obj for obj in scene.objects if is_surface(obj)]
-    return sorted(found, key=lambda obj: obj.name)
+    """Surfaces of a scene, sorted by name."""
+    surfaces = [obj for obj in scene.objects if is_surface(obj)]
+    return sorted(surfaces, key=lambda obj: obj.name)
 
 
 def is_surface(obj: bpy.types.Object | None) -> bool:
-    """Test for an object with a haptic surface."""
+    """Test for an object with a haptic surface; False for None."""
     return obj is not None and obj.hfx.role == "EFFECT" and obj.hfx.kind == "SURFACE"
 
 
 def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
-    """Add a haptic surface to an object; nothing is baked yet.
+    """Add a haptic surface to an object, without baking it.
 
     Raises
     ------
     InputError
-        It is no mesh, or has another haptic meaning.
+        The object is no mesh, is linked, or has a haptic role.
     """
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
@@ -86,7 +86,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
 
 
 def remove_surface(obj: bpy.types.Object) -> None:
-    """Remove the surface; its maps go with it unless something else uses them."""
+    """Remove the surface of an object, with images that have no further user."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
     for name in settings.bl_rna.properties.keys():
@@ -100,48 +100,48 @@ def remove_surface(obj: bpy.types.Object) -> None:
             bpy.data.images.remove(image)
 
 
-def is_stale(obj: bpy.types.Object) -> bool:
-    """Test for maps that were made with other settings."""
+def has_outdated_settings(obj: bpy.types.Object) -> bool:
+    """Test for maps of other settings than the present ones."""
     settings = obj.hfx.surface
     return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
 
 
-def differs_from_material(obj: bpy.types.Object) -> bool:
-    """Test for a material edited since it was baked; False where that is not known."""
-    from . import material_state
+def has_edited_material(obj: bpy.types.Object) -> bool:
+    """Test for a material edited after it was baked; False without a stored state."""
+    from . import surface_updates
 
-    known = obj.hfx.surface.material_state
-    return known != "" and known != material_state.state_of(obj)
+    baked_state = obj.hfx.surface.material_state
+    return baked_state != "" and baked_state != surface_updates.material_hash(obj)
 
 
-def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
-    """Make an object's maps and store them in the .blend; returns notes.
+def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
+    """Make an object's maps and store them in the .blend; return notes.
 
     Parameters
     ----------
     anew : bool
-        Make the relief again even where its settings are the same (its material may differ).
+        Make the relief even if its settings are unchanged, as its material may be edited.
 
     Raises
     ------
     InputError
-        The maps cannot be made; those that there were are kept.
+        The maps cannot be made. Stored maps are unchanged, and the error is shown in the panel.
     """
-    from . import material_state, surface_sources
+    from . import surface_sources, surface_updates
 
     settings = obj.hfx.surface
-    if obj.mode == "EDIT":  # its mesh cannot be read there
+    if obj.mode == "EDIT":  # the mesh is outdated in Edit Mode
         raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
-        if settings.source not in _KEPT and (anew or settings.made_of != _relief_key(obj)):
-            begin = time.monotonic()
-            _keep_relief(obj, surface_sources.relief_of(obj))
+        if settings.source not in _FIXED and (anew or settings.made_of != _relief_key(obj)):
+            start_s = time.monotonic()
+            _store_relief(obj, surface_sources.relief_of(obj))
             settings.is_outdated = False
             settings.material_state = ""
             if settings.source == "MATERIAL":
-                settings.material_state = material_state.state_of(obj)
-                material_state.bake_s[obj.name] = time.monotonic() - begin
-        _keep_layers(obj)
+                settings.material_state = surface_updates.material_hash(obj)
+                surface_updates.bake_s[obj.name] = time.monotonic() - start_s
+        _update_layers(obj)
     except HfxError as error:
         settings.note, settings.is_faulty = str(error), True
         raise
@@ -149,18 +149,18 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     return settings.note
 
 
-def _keep_relief(obj: bpy.types.Object, relief: Relief) -> None:
+def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     from . import image_values
 
     settings, field = obj.hfx.surface, relief.height
-    roughness = _on_grid(relief.roughness, field)
+    roughness = _roughness_on_grid(relief.roughness, field)
     heights_mm = field.heights_m * 1000.0
     channels = [heights_mm, roughness] + ([] if relief.slope is None else [relief.slope])
     settings.relief_image = image_values.store(
         f"{obj.name} Relief (mm)", settings.relief_image, channels
     )
     settings.made_slope = relief.slope is not None
-    image_values.show(settings.relief_image, heights_mm)
+    image_values.set_preview(settings.relief_image, heights_mm)
     settings.made_size_mm = [1000.0 * length for length in field.size_m]
     settings.made_tiles = field.tiles
     settings.made_of = _relief_key(obj)
@@ -168,7 +168,8 @@ def _keep_relief(obj: bpy.types.Object, relief: Relief) -> None:
     settings.note = "; ".join(relief.notes)
 
 
-def _on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
+def _roughness_on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
+    """Roughness resampled to the grid of the heights; the default roughness for None."""
     import numpy as np
 
     from ...engine.texture.mcha import MapSettings, make_map
@@ -178,46 +179,47 @@ def _on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
     return 1.0 - make_map(field, roughness, MapSettings(blur_m=0.0)).sharpness
 
 
-def _keep_layers(obj: bpy.types.Object) -> None:
-    from . import image_values, surface_saturation
+def _update_layers(obj: bpy.types.Object) -> None:
+    """Make and store the layers of the map, unless their settings are unchanged."""
+    from . import image_values, material_relief
 
     settings = obj.hfx.surface
     if settings.layers_of == _layer_key(obj):
         return
-    made = _map_of(obj, field_of(obj))
+    haptic_map = _map_of(obj, field_of(obj))
     if settings.source != "MAP":
-        _store_layers(obj, made)
-    image_values.show(settings.intensity_image, made.intensity)
-    image_values.show(settings.sharpness_image, made.sharpness)
-    settings.warning = surface_saturation.warning(obj, made)
+        _store_layers(obj, haptic_map)
+    image_values.set_preview(settings.intensity_image, haptic_map.intensity)
+    image_values.set_preview(settings.sharpness_image, haptic_map.sharpness)
+    settings.warning = material_relief.saturation_warning(obj, haptic_map)
     settings.layers_of = _layer_key(obj)
 
 
-def _store_layers(obj: bpy.types.Object, made: HapticMap) -> None:
+def _store_layers(obj: bpy.types.Object, haptic_map: HapticMap) -> None:
     from . import image_values
 
     settings = obj.hfx.surface
     settings.intensity_image = image_values.store(
-        f"{obj.name} Intensity", settings.intensity_image, [made.intensity]
+        f"{obj.name} Intensity", settings.intensity_image, [haptic_map.intensity]
     )
     settings.sharpness_image = image_values.store(
-        f"{obj.name} Sharpness", settings.sharpness_image, [made.sharpness]
+        f"{obj.name} Sharpness", settings.sharpness_image, [haptic_map.sharpness]
     )
 
 
-def ensure(obj: bpy.types.Object) -> None:
-    """Make an object's maps if there are none of its present settings."""
-    if is_stale(obj):
-        make(obj, anew=False)
+def ensure_maps(obj: bpy.types.Object) -> None:
+    """Make an object's maps if their settings changed."""
+    if has_outdated_settings(obj):
+        make_maps(obj, anew=False)
 
 
 def field_of(obj: bpy.types.Object) -> HeightField | None:
-    """Relief stored in an object's images; None for an imported map.
+    """Stored relief of an object; None for an imported map.
 
     Raises
     ------
     InputError
-        There is none.
+        No relief is stored.
     """
     import numpy as np
 
@@ -231,7 +233,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
         raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
     heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
     size_mm = settings.made_size_mm
-    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, whatever its present size
+    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, of the present size
         size_mm = surface_sources.tile_mm(obj)
     rows, columns = heights_m.shape
     texel = size_mm[0] / 1000.0 / columns, size_mm[1] / 1000.0 / rows
@@ -239,7 +241,10 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
 
 
 def device_of(obj: bpy.types.Object) -> DeviceRange:
-    """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1."""
+    """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1.
+
+    Raises InputError if the lowest frequency exceeds the highest.
+    """
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     hfx = obj.hfx
@@ -256,28 +261,29 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 
 
 def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
-    """A layer of an imported map, (rows, columns) in 0..1.
+    """Layer of an imported map, (rows, columns), clipped to 0 to 1.
 
     Raises
     ------
     InputError
-        It holds anything else.
+        Values are outside of 0 to 1, or NaN.
     """
     import numpy as np
 
     from . import image_values
 
     values = image_values.pixels_of(image)[..., 0]
-    wrong = int(np.count_nonzero(~((values >= -_ROUNDING) & (values <= 1.0 + _ROUNDING))))
-    if wrong:
+    invalid_count = int(np.count_nonzero(~((values >= -_ROUNDING) & (values <= 1.0 + _ROUNDING))))
+    if invalid_count:
         raise InputError(
-            f"The surface of '{obj.name}': {wrong} of {values.size} values of its map "
+            f"The surface of '{obj.name}': {invalid_count} of {values.size} values of its map "
             f"'{image.name}' are not from 0 to 1; import it again."
         )
     return np.clip(values, 0.0, 1.0)
 
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
+    """Haptic map of a stored relief, or of imported layers without one."""
     import numpy as np
 
     from ...engine.texture.haptic_map import HapticMap, NoticeableSteps
@@ -295,19 +301,19 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
         )
         rows, columns = intensity.shape
         texel = settings.made_size_mm[0] / 1000.0 / columns, settings.made_size_mm[1] / 1000 / rows
-        made = HapticMap(intensity, sharpness, texel, settings.made_tiles, device)
-        return made if steps is None else made.in_steps(steps)
+        haptic_map = HapticMap(intensity, sharpness, texel, settings.made_tiles, device)
+        return haptic_map if steps is None else haptic_map.in_steps(steps)
     pixels = image_values.pixels_of(settings.relief_image)
     slope = np.ascontiguousarray(pixels[..., 2]) if settings.made_slope else None
-    wanted = MapSettings(
+    map_settings = MapSettings(
         blur_m=settings.blur_mm / 1000.0,
         full_slope=settings.full_slope,
         device=device,
         steps=steps,
     )
     try:
-        return make_map(field, pixels[..., 1], wanted, slope)
-    except ModuleNotFoundError as error:  # the small extension comes without its wheels
+        return make_map(field, pixels[..., 1], map_settings, slope)
+    except ModuleNotFoundError as error:  # the extension without wheels
         raise InputError(
             f"Haptic maps need '{error.name}', which this installation lacks; install the "
             "extension with its wheels."
@@ -315,29 +321,29 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
 
 
 def map_of(obj: bpy.types.Object) -> HapticMap:
-    """The haptic map of an object as its settings are now.
+    """Up-to-date haptic map of an object.
 
     Raises
     ------
     InputError
-        It cannot be made.
+        The map cannot be made.
     """
-    ensure(obj)
+    ensure_maps(obj)
     return _map_of(obj, field_of(obj))
 
 
 def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
-    """Haptic material of an object.
+    """Up-to-date haptic material of an object.
 
     Raises
     ------
     InputError
-        Its maps cannot be made.
+        The maps cannot be made.
     """
     from ...devices.configurations import surface_calibration
     from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 
-    ensure(obj)
+    ensure_maps(obj)
     settings, field = obj.hfx.surface, field_of(obj)
     renderer = SurfaceRenderer[settings.renderer]
     if field is None and renderer is not SurfaceRenderer.MCHA:
@@ -356,24 +362,24 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
     )
 
 
-def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
+def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> None:
     """Store an imported map as the object's surface."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY
 
     settings = obj.hfx.surface
-    _store_layers(obj, made)
-    settings.made_size_mm = [1000.0 * length for length in made.size_m]
-    settings.made_tiles = made.tiles
-    settings.lowest_hz, settings.highest_hz = made.device.frequency_hz
-    obj.hfx.amplitude = made.device.amplitude_g[1] * STANDARD_GRAVITY
+    _store_layers(obj, haptic_map)
+    settings.made_size_mm = [1000.0 * length for length in haptic_map.size_m]
+    settings.made_tiles = haptic_map.tiles
+    settings.lowest_hz, settings.highest_hz = haptic_map.device.frequency_hz
+    obj.hfx.amplitude = haptic_map.device.amplitude_g[1] * STANDARD_GRAVITY
     settings.source = "MAP"
     settings.made_of = _relief_key(obj)
     settings.layers_of = ""
-    _keep_layers(obj)
+    _update_layers(obj)
     settings.note, settings.is_faulty = note, False
 
 
-def take_relief(obj: bpy.types.Object, relief: Relief) -> None:
+def store_generated(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     """Store a generated relief as the object's surface, and make its map.
 
     Raises
@@ -383,12 +389,13 @@ def take_relief(obj: bpy.types.Object, relief: Relief) -> None:
     """
     settings = obj.hfx.surface
     settings.source = "GENERATED"
-    _keep_relief(obj, relief)
-    _keep_layers(obj)
+    _store_relief(obj, relief)
+    _update_layers(obj)
     settings.is_faulty, settings.is_outdated = False, False
 
 
 def _relief_key(obj: bpy.types.Object) -> str:
+    """JSON text of the settings, images and materials of the relief."""
     settings = obj.hfx.surface
     names = _RELIEF_SETTINGS[settings.source]
     key = [settings.source, *(_plain(getattr(settings, name)) for name in names)]
@@ -397,11 +404,12 @@ def _relief_key(obj: bpy.types.Object) -> str:
         key += [None if i is None else [i.name_full, i.filepath, *i.size] for i in images]
     if settings.source == "MATERIAL":
         materials = [slot.material for slot in obj.material_slots]
-        key.append(["" if each is None else each.name_full for each in materials])
+        key.append(["" if material is None else material.name_full for material in materials])
     return json.dumps(key)
 
 
 def _layer_key(obj: bpy.types.Object) -> str:
+    """JSON text of the settings of the map's layers."""
     settings = obj.hfx.surface
     values = [_plain(getattr(settings, name)) for name in _LAYER_SETTINGS]
     if settings.use_steps:
@@ -414,7 +422,7 @@ def _plain(value: object) -> object:
 
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
-    """Fingerprint of an object's haptic material: changes with every setting that may affect it."""
+    """Fingerprint of an object's haptic material: all settings that affect it."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),

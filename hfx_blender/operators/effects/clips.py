@@ -8,7 +8,7 @@ from typing import ClassVar
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
-from ...authoring.clips import clips, drawn_fades
+from ...authoring import clips, drawn_fades
 from ...authoring.effects import swarms
 from ...blender.scene_info import fps_of, frames_per_shown_unit
 from ...errors import InputError
@@ -181,7 +181,7 @@ class HFX_OT_extend_scene(HfxOperator):
         if self.which == "ACTIVE":
             found = [active] if active is not None else []
         before = scene.frame_start, scene.frame_end
-        is_done = clips.extend(scene, found)
+        is_done = clips.extend_scene(scene, found)
         if not is_done and before == (scene.frame_start, scene.frame_end):
             raise InputError("A scene begins at frame 0 or later. Move the clip.")
         return f"The scene has the frames {scene.frame_start} to {scene.frame_end}"

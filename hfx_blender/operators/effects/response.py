@@ -6,8 +6,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from ...authoring.responses import responses
-from ...authoring.responses.responses import KINDS
+from ...authoring import responses
+from ...authoring.responses import KINDS
 from ...export import response_baking
 from ..shared import HfxOperator, active_effect
 

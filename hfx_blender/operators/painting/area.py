@@ -154,7 +154,7 @@ class HFX_OT_area_from_image(_AreaOperator):
         if picture is None:
             names = ", ".join(f"'{image.name}'" for image in bpy.data.images) or "none"
             raise InputError(f"There is no image '{self.image}'; this file has: {names}.")
-        found = picture_areas.weights(effect, picture, self.channel, self.uv_map)
+        found = picture_areas.weights_of_image(effect, picture, self.channel, self.uv_map)
         return self.covers(effect, _blend(effect, found, self.blend))
 
 
@@ -172,10 +172,10 @@ class HFX_OT_area_from_selection(_AreaOperator):
         from ...authoring.areas import picture_areas
 
         effect = painted_effect(context)
-        if painting.painted_mesh(effect) is not None:
+        if painting.canvas_of(effect) is not None:
             found = painting.selected_vertices(effect).astype(np.float64)
         else:
-            found = picture_areas.of_avatar_selection(effect)
+            found = picture_areas.weights_of_selection(effect)
         if not found.any():
             raise InputError("No vertices are selected. Select some in Edit Mode first.")
         return self.covers(effect, _blend(effect, found, self.blend))
@@ -221,7 +221,7 @@ class HFX_OT_area_keep(_AreaOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
-        return self.covers(effect, painting.carry_over(effect))
+        return self.covers(effect, painting.transfer_area(effect))
 
 
 class HFX_OT_effect_mirrored(_AreaOperator):
@@ -234,7 +234,7 @@ class HFX_OT_effect_mirrored(_AreaOperator):
         from ...engine.body import areas
 
         effect = painted_effect(context)
-        if painting.painted_mesh(effect) is not None:
+        if painting.canvas_of(effect) is not None:
             raise InputError("Finish painting first.")
         copy = effects.duplicate(effect)
         painting.set_weights(copy, areas.mirrored(self.model(effect), painting.weights_of(effect)))

@@ -8,7 +8,7 @@ import json
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ...authoring.areas import painting, saved_areas
+from ...authoring.areas import painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...engine.body.parts import REGIONS
@@ -81,7 +81,7 @@ def _parts() -> EnumItems:
             for region in REGIONS
             if region.group == group
         ]
-    names = saved_areas.names()
+    names = painting.saved_names()
     if names:
         found.append(("", "My Areas", ""))
         found += [(_SAVED + name, name, "Saved by you") for name in names]
@@ -112,7 +112,7 @@ class HFX_OT_fill_part(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
         if self.part.startswith(_SAVED):
-            count = saved_areas.add(effect, self.part.removeprefix(_SAVED))
+            count = painting.add_saved(effect, self.part.removeprefix(_SAVED))
         else:
             parts = () if self.part == "all" else (self.part,)
             count = painting.fill_parts(effect, parts, self.side)
@@ -156,5 +156,5 @@ class HFX_OT_save_area(_PaintedOperator):
         return context.window_manager.invoke_props_dialog(self)
 
     def work(self, context: bpy.types.Context) -> str:
-        count = saved_areas.save(painted_effect(context), self.name.strip())
+        count = painting.save_area(painted_effect(context), self.name.strip())
         return f"'{self.name}' saved" if count else f"'{self.name}' is no longer listed"

@@ -109,7 +109,7 @@ class HFX_OT_draw_path(HfxOperator):
                 effect, places, kind=kinds.get(self.mode, "straight"), closed=self.closed
             )
             message = f"{length:.2f} m" if length > 0.0 else ""
-        paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+        paths.move_to_path(effect, context.evaluated_depsgraph_get())
         return message
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -83,7 +83,7 @@ def _on_body(
         if len(_anchors) > 256:
             _anchors.clear()
         _anchors[key] = skin_picking.Anchors.of(places)
-    points, normals = _anchors[key].on(body, depsgraph)
+    points, normals = _anchors[key].posed_on(body, depsgraph)
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 
 
@@ -102,7 +102,7 @@ def _ring(
     axes = np.linalg.svd(normal[None])[2][1:]
     angle = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
     rim = place + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
-    points, normals = skin_picking.Anchors.of(rim).on(body, depsgraph)
+    points, normals = skin_picking.Anchors.of(rim).posed_on(body, depsgraph)
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 
 

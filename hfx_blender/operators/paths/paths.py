@@ -114,7 +114,7 @@ class HFX_OT_add_spot(OnBodyOperator):
         paths.skin().on_skin([self.place])  # refused before anything is made
         effect = paths.add_spot(context.scene, self.modality, body, self.name or None)
         paths.draw(effect, np.array([self.place], np.float64))
-        paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+        paths.move_to_path(effect, context.evaluated_depsgraph_get())
         select_only(context, effect)
         return f"'{effect.name}' does not move; draw a path to move it"
 
@@ -128,7 +128,7 @@ class HFX_OT_reverse_path(PathOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.paths import spot_placing
 
-        spot_placing.settle(active_spot(context))
+        spot_placing.remove_extension(active_spot(context))
         paths.reverse(active_spot(context))
         return ""
 
@@ -149,7 +149,7 @@ class HFX_OT_mirror_path(PathOperator):
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
-        spot_placing.settle(effect)
+        spot_placing.remove_extension(effect)
         if self.copy:
             effect = effects.duplicate(effect)
             effect.name = f"{active_spot(context).name} Mirrored"
@@ -207,7 +207,7 @@ def _ready_paths() -> EnumItems:
 def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
     effect = active_spot(context)
     length = paths.apply(context.scene, effect, recipe, float(context.scene.frame_current))
-    paths.stand_at_path(effect, context.evaluated_depsgraph_get())
+    paths.move_to_path(effect, context.evaluated_depsgraph_get())
     return f"'{recipe.name}': {length:.2f} m"
 
 

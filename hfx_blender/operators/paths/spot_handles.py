@@ -38,7 +38,9 @@ def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
 def _on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
     """Position of a canonical place on the effect's body now, world space."""
     anchors = skin_picking.Anchors.of(place[None])
-    return Vector(anchors.on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist())
+    return Vector(
+        anchors.posed_on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist()
+    )
 
 
 class _HeldSpotOperator(PathOperator):
@@ -180,17 +182,17 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         is_keyed = spot_placing.is_auto_keyed(context, effect, paths.POSITION)
         if self.along_path:
             share = spot_placing.share_nearest(paths.own_path(effect), place)
-            spot_placing.put_along(effect, share, is_keyed)
+            spot_placing.place_along(effect, share, is_keyed)
         else:
-            spot_placing.put(context.scene, effect, place, is_keyed)
+            spot_placing.place_at(context.scene, effect, place, is_keyed)
         _stand(context, effect)
         return ""
 
     def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         from ...authoring.paths import spot_placing
 
-        paths.check_own(effect)
-        spot_placing.check_free(effect, paths.POSITION, "position")
+        paths.check_editable(effect)
+        spot_placing.check_keyable(effect, paths.POSITION, "position")
         body = effect.hfx.body
         if body is None:
             raise InputError("The point has no body; choose one first.")
@@ -295,7 +297,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
-        spot_placing.check_free(effect, "hfx.radius", "radius")
+        spot_placing.check_keyable(effect, "hfx.radius", "radius")
         if self.properties.is_property_set("radius"):
             effect.hfx.radius = self.radius
         if spot_placing.is_auto_keyed(context, effect, "hfx.radius"):
@@ -306,7 +308,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
     def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         from ...authoring.paths import spot_placing
 
-        spot_placing.check_free(effect, "hfx.radius", "radius")
+        spot_placing.check_keyable(effect, "hfx.radius", "radius")
         self._before = effect.hfx.radius
         least = _LEAST_RADIUS_M / metres_of(context.scene)
         self._unit = max(self._before, least)

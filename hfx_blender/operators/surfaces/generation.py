@@ -172,7 +172,7 @@ class HFX_OT_generate_surface(HfxOperator):
 def _given(obj: bpy.types.Object, record: Path) -> str:
     from ...authoring.surfaces import generated_surfaces
 
-    material = generated_surfaces.apply(obj, record)
+    material = generated_surfaces.apply_generated(obj, record)
     return f"'{obj.name}' has the material '{material.name}'; {obj.hfx.surface.note}"
 
 

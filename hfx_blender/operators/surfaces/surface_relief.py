@@ -72,7 +72,7 @@ class HFX_OT_estimate_relief(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.surfaces import relief_estimation
 
-        return relief_estimation.take(context.object, self._started(context))
+        return relief_estimation.apply_estimate(context.object, self._started(context))
 
     def _started(self, context: bpy.types.Context) -> ReliefEstimation:
         from ...authoring.surfaces import relief_estimation
@@ -109,7 +109,7 @@ class HFX_OT_estimate_relief(HfxOperator):
         if obj is None:
             estimation.stop()
             raise InputError(f"'{self._owner}' is gone: its relief was not made.")
-        return relief_estimation.take(obj, estimation)
+        return relief_estimation.apply_estimate(obj, estimation)
 
     def cancel(self, context: bpy.types.Context) -> None:
         """End the waiting, with a result or without."""

@@ -21,7 +21,7 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
     """Make an object's maps; returns notes, and reports faults as a warning."""
-    note = surfaces.make(obj)
+    note = surfaces.make_maps(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."
         operator.report({"WARNING"}, printable(text))
@@ -179,7 +179,7 @@ class HFX_OT_import_texture(_OfFile):
         from ...formats.pictures import texture_map
 
         path = self.path()
-        surfaces.take_map(context.object, texture_map.read(path), f"imported from {path.name}")
+        surfaces.store_map(context.object, texture_map.read(path), f"imported from {path.name}")
         return f"Imported {path.name}"
 
 

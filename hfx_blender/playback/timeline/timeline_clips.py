@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import bpy
 
-from ...authoring.clips import clips
+from ...authoring import clips
 from ...authoring.effects import effects, swarms
 
 _log = logging.getLogger(__name__)

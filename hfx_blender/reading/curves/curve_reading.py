@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ...authoring import responses
 from ...authoring.effects import effect_values
-from ...authoring.responses import responses
 from ...blender.stored_values import limited
 from ...engine.arrays import F64, I64
 from ...engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
@@ -125,7 +125,7 @@ class CurveEffect:
         if still is None:
             return None
         values = np.repeat(still[None], len(sampled), axis=0)
-        for f, (place, each) in enumerate(responses.active(self._hfx)):
+        for f, (place, each) in enumerate(responses.active_filters(self._hfx)):
             for c, name in enumerate(responses.properties_of(each)):
                 column = self._place.values.columns.get((f"hfx.response[{place}].{name}", 0))
                 if column is not None:

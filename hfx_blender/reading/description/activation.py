@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ...authoring.clips import clips
+from ...authoring import clips
 from ...blender import compat
 from ...blender.stored_values import limited
 from ...engine.arrays import F64

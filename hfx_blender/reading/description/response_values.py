@@ -6,8 +6,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...authoring.responses import responses
-from ...authoring.responses.responses import PATH
+from ...authoring import responses
+from ...authoring.responses import PATH
 from ...blender import compat
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
@@ -24,7 +24,7 @@ def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
     """Active filters, with upper bounds of how long their impacts ring."""
     return tuple(
         responses.described(each, _longest_s(effect, k, each))
-        for k, each in responses.active(effect.hfx)
+        for k, each in responses.active_filters(effect.hfx)
     )
 
 
@@ -61,7 +61,7 @@ def highest_of(curve: bpy.types.FCurve) -> float:
 
 def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
     """Controls (F, WIDTH) as they are evaluated now; None without filters."""
-    found = responses.active(hfx)
+    found = responses.active_filters(hfx)
     if not found:
         return None
     values = np.zeros((len(found), WIDTH))
@@ -80,7 +80,7 @@ def with_even_phase(
     Turns are the integral of the frequency; its difference to frequency times time goes into
     the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
     """
-    for f, (place, each) in enumerate(responses.active(effect.hfx)):
+    for f, (place, each) in enumerate(responses.active_filters(effect.hfx)):
         if each.kind != FilterKind.SINE or each.domain != "time":
             continue
         path = f"hfx.response[{place}].frequency"

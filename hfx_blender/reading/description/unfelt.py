@@ -14,8 +14,7 @@ from typing import Final
 
 import bpy
 
-from ...authoring.clips import clips
-from ...authoring.responses import responses
+from ...authoring import clips, responses
 from ...blender.scene_info import scene_objects
 from ...blender.stored_values import limited
 from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
@@ -158,7 +157,7 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
     the animation.
     """
     hfx = effect.hfx
-    if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active(hfx):
+    if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active_filters(hfx):
         return None
     if stepping.foreign_handler() is not None:
         return None  # it may set anything

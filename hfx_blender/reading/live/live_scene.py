@@ -15,9 +15,9 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
+from ...authoring import responses
 from ...authoring.effects import effects
 from ...authoring.effects.effect_values import ShapeCache
-from ...authoring.responses import responses
 from ...authoring.surfaces import surfaces
 from ...blender.scene_info import fps_of
 from ...engine.evaluate import Engine

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 import bpy
 import numpy as np
 
+from ...authoring import responses
 from ...authoring.effects import effect_values
-from ...authoring.responses import responses
 from ...blender import compat
 from ...blender.stored_values import limited, limited_vector
 from ...engine.arrays import F32, F64, I64, Bool
@@ -174,7 +174,7 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
     where an effect can be felt: it is no volume, or has filters that go on ringing.
     """
     hfx = effect.hfx
-    if hfx.kind != "VOLUME" or responses.active(hfx) or is_keyed(effect, "hfx.shape"):
+    if hfx.kind != "VOLUME" or responses.active_filters(hfx) or is_keyed(effect, "hfx.shape"):
         return None
     if hfx.shape == "MESH":
         is_read = effect.type == "MESH" and effect.mode != "EDIT"

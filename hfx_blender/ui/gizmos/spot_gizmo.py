@@ -80,7 +80,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
             return None
         position = effect.evaluated_get(depsgraph).hfx.path_position
         anchors = skin_picking.Anchors.of(places_on(path, np.array([position])))
-        points, normals = anchors.on(effect.hfx.body, depsgraph)
+        points, normals = anchors.posed_on(effect.hfx.body, depsgraph)
     except (HfxError, ReferenceError):
         return None  # the panels report faults
     turn = Vector(normals[0].tolist()).to_track_quat("Z", "Y").to_matrix().to_4x4()

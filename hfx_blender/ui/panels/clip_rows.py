@@ -10,7 +10,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import CollectionProperty, FloatProperty
 
-from ...authoring.clips import clips
+from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
 from ...blender.scene_info import frames_per_shown_unit
@@ -76,7 +76,7 @@ def _start(_manager: object) -> float:
 
 
 def _set_start(manager: object, value: float) -> None:
-    clips.shift(active_group(), (value - _start(manager)) * _frames())
+    clips.shift_times(active_group(), (value - _start(manager)) * _frames())
     preview.check_soon()
     push_undo_soon()
 

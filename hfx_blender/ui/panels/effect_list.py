@@ -12,7 +12,7 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 
-from ...authoring.clips import clips
+from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
 from ...engine.modality import MODALITIES

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...authoring.clips import clips
+from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...operators.effects.clips import draw_clip_buttons
 from ...operators.shared import active_armature, active_effect

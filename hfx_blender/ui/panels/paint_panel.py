@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...authoring.areas.painting import painted_mesh
+from ...authoring.areas.painting import canvas_of
 from ...authoring.effects import effects
 from ...operators.shared import painted_effect
 from ..sidebar import HfxPanel, draw_text
@@ -24,7 +24,7 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         effect = painted_effect(context)
-        canvas = painted_mesh(effect)
+        canvas = canvas_of(effect)
         if canvas is None and effects.has_other_area(effect):
             column = layout.column()
             column.alert = True

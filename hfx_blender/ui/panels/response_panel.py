@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...authoring.responses import responses
+from ...authoring import responses
 from ...operators.effects.response import active_volume
 from ..sidebar import HfxPanel
 

@@ -82,7 +82,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
     @staticmethod
     def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         """Draw the material beside its haptic maps."""
-        surface_updates.shown(obj)
+        surface_updates.on_shown(obj)
         shown = [(obj.active_material, "Material")]
         shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring.clips import clips, drawn_fades
+from hfx_blender.authoring import clips, drawn_fades
 from hfx_blender.authoring.effects import effect_exchange, effect_file
 
 
@@ -105,4 +105,4 @@ def test_straight_fades_again_forget_the_curve(effect: Any, strip: Any) -> None:
     strip.use_animated_influence = False
     effect.update_tag()
     bpy.context.view_layer.update()
-    assert not drawn_fades.is_remembered(effect)
+    assert not drawn_fades.has_drawn_fades(effect)

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effect_file, effects
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.files import resources

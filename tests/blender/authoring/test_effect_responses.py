@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 import pytest
 
+from hfx_blender.authoring import responses
 from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
-from hfx_blender.authoring.responses import responses
 from hfx_blender.blender import compat
 from hfx_blender.engine.response_filters.controls import FilterKind
 from hfx_blender.errors import InputError

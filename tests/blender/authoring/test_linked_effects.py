@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.tolerance import PREVIEW
 from hfx_blender.reading.description import scene_description

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects, model_migration
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES

@@ -90,7 +90,7 @@ def test_parts_are_put_together_to_the_same_bytes(
 
 
 def test_what_rings_on_rings_over_the_end_of_a_part(registered: Any, tmp_path: Path) -> None:
-    from hfx_blender.authoring.responses import responses
+    from hfx_blender.authoring import responses
 
     _moving_scene()
     impact = responses.add_filter(bpy.data.objects["Ball"], "impact")

@@ -13,7 +13,7 @@ import pytest
 from hfx_scenes import names_in, save, small_scene
 
 from hfx_blender import cli
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError

@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 import pytest
 
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.areas import painting
-from hfx_blender.authoring.clips import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
@@ -291,7 +291,7 @@ def test_a_copy_of_the_scene_made_while_painting_is_shown_again(effect: Any, kin
     assert bpy.context.view_layer != layer and not copied.hide_get()
     if kind == "LINK_COPY":  # of the same objects: painting has ended in both
         assert not copied.hide_get(view_layer=layer)
-    elif painting.painted_mesh(effect) is not None:
+    elif painting.canvas_of(effect) is not None:
         bpy.context.window.scene = layer.id_data
         bpy.ops.hfx.paint_end()
         assert not effect.hfx.body.hfx.avatar.hide_get()

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.authoring.clips import clips, drawn_fades
+from hfx_blender.authoring import clips, drawn_fades
 from hfx_blender.engine.counters import Unfelt
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.reading.description import activation

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effect_exchange, effects, rain
 from hfx_blender.authoring.paths import paths
 from hfx_blender.engine.areas.spot import places_on

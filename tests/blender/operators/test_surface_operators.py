@@ -52,7 +52,7 @@ def test_a_library_surface_has_its_own_size_in_mm(denim: Any) -> None:
     field = surfaces.field_of(denim)
     assert denim.hfx.role == "EFFECT" and denim.hfx.kind == "SURFACE" and denim.hfx.uid
     assert field.size_m == pytest.approx((0.03, 0.03)) and field.tiles
-    assert not surfaces.is_stale(denim) and np.ptp(field.heights_m) > 1e-5
+    assert not surfaces.has_outdated_settings(denim) and np.ptp(field.heights_m) > 1e-5
     assert tuple(denim.color) == (1, 1, 1, 1) and not denim.hide_render
 
 
@@ -61,7 +61,7 @@ def test_the_maps_travel_with_the_file(denim: Any, tmp_path: Path) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     obj = bpy.data.objects["Plane"]
-    assert not surfaces.is_stale(obj)
+    assert not surfaces.has_outdated_settings(obj)
     after = surfaces.texture_of(obj)
     assert np.array_equal(after.height.heights_m, before.height.heights_m)
     assert np.array_equal(after.map.intensity, before.map.intensity)
@@ -70,9 +70,9 @@ def test_the_maps_travel_with_the_file(denim: Any, tmp_path: Path) -> None:
 def test_parameters_make_the_map_stale_and_it_is_made_again(denim: Any) -> None:
     sharp = surfaces.map_of(denim).intensity
     denim.hfx.surface.blur_mm = 0.5
-    assert surfaces.is_stale(denim)
+    assert surfaces.has_outdated_settings(denim)
     soft = surfaces.map_of(denim).intensity
-    assert not surfaces.is_stale(denim) and soft.max() < 0.8 * sharp.max()
+    assert not surfaces.has_outdated_settings(denim) and soft.max() < 0.8 * sharp.max()
     denim.hfx.surface.full_slope = 0.5
     assert np.allclose(surfaces.map_of(denim).intensity, np.minimum(2.0 * soft, 1.0), atol=1e-5)
 
@@ -88,7 +88,7 @@ def test_a_copy_of_the_object_gets_maps_of_its_own_when_it_changes(denim: Any) -
     bpy.context.scene.collection.objects.link(copy)
     before = surfaces.field_of(denim).heights_m
     copy.hfx.surface.procedural = "wood-oak"
-    surfaces.make(copy)
+    surfaces.make_maps(copy)
     assert copy.hfx.surface.relief_image != denim.hfx.surface.relief_image
     assert np.array_equal(surfaces.field_of(denim).heights_m, before)
 
@@ -325,7 +325,7 @@ def test_a_layer_that_is_the_same_everywhere_is_shown_as_grey_as_it_is(registere
 
     image = bpy.data.images.new("Even", 4, 4, float_buffer=True, is_data=True)
     for value in (0.0, 0.5, 1.0):
-        image_values.show(image, np.full((4, 4), value))
+        image_values.set_preview(image, np.full((4, 4), value))
         pixels = np.array(image.preview.image_pixels_float).reshape(-1, 4)
         # A preview keeps bytes.
         np.testing.assert_allclose(pixels[:, :3], value, atol=1 / 255)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mathutils.bvhtree import BVHTree
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
 from hfx_blender.engine.samples import Sample, Stream
 from hfx_blender.playback.preview import preview_layers

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import hfx_blender
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.blender import compat, events
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery, live_settings, live_targets

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar

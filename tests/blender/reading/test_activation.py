@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.blender import compat
 from hfx_blender.reading import scene_reader
 from hfx_blender.reading.description import activation

@@ -90,7 +90,7 @@ def _kinds() -> dict[str, Callable[[], Any]]:
         return effect
 
     def filtered(kind: str) -> Any:
-        from hfx_blender.authoring.responses import responses
+        from hfx_blender.authoring import responses
 
         effect = volume(falloff="linear")
         responses.add_filter(effect, kind)

@@ -43,7 +43,7 @@ def scene_of_a_stroke(scene: Any) -> Any:
     surfaces.add_surface(plane, "IMAGE")
     settings = plane.hfx.surface
     settings.image, settings.height_mm, settings.renderer = grating(), 0.05, "DIRECT"
-    surfaces.make(plane)
+    surfaces.make_maps(plane)
     move(plane, SPEED)
     return scene
 
@@ -138,7 +138,7 @@ def test_coordinates_are_millimetres_on_the_object(scene_of_a_stroke: Any) -> No
     plane.hfx.surface.source = "PROCEDURAL"
     plane.hfx.surface.resolution = 32
     plane.data.uv_layers.remove(plane.data.uv_layers[0])
-    surfaces.make(plane)
+    surfaces.make_maps(plane)
     area = SceneReader(scene_of_a_stroke).description.effects[0].area
     assert np.ptp(area.coordinates_m.reshape(-1, 2), axis=0) == pytest.approx([SIZE, SIZE])
 

@@ -13,7 +13,7 @@ import hfx_scenes
 import pytest
 
 from hfx_blender import cli
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
 from hfx_blender.export.report import ExportReport
@@ -141,7 +141,7 @@ def test_extend_the_scene(
     strip = _clip(touch, start, end)
     assert clips.outside_scene(scene, strip) == where
     if where is None or start < 0.0:  # nothing to mend, or no scene begins before frame 0
-        assert clips.extend(scene, [touch]) == (where is None)
+        assert clips.extend_scene(scene, [touch]) == (where is None)
         assert (scene.frame_start, scene.frame_end) == (0, LAST)
         return
     assert bpy.ops.hfx.extend_scene() == {"FINISHED"}

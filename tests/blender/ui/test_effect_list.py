@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hfx_blender.authoring.clips import clips
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects, response_recipes, swarms
 from hfx_blender.ui.panels import effect_list
 

@@ -33,7 +33,7 @@ def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record:
     bpy = registered
     # The library's tile of 40 mm goes twice into the plane: its true size.
     obj = plane(bpy, 0.08)
-    material = generated_surfaces.apply(obj, record)
+    material = generated_surfaces.apply_generated(obj, record)
     assert obj.active_material == material
     mapping = next(node for node in material.node_tree.nodes if node.type == "MAPPING")
     np.testing.assert_allclose(mapping.inputs["Scale"].default_value[:2], 2.0, rtol=1e-5)
@@ -48,7 +48,7 @@ def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record:
     other.data.materials.append(material)
     surfaces.add_surface(other, "MATERIAL")
     other.hfx.surface.resolution = 256
-    surfaces.make(other)
+    surfaces.make_maps(other)
     baked = surfaces.field_of(other).heights_m[:128, :128]
     truth = written.height.heights_m
     assert np.corrcoef(baked.ravel(), truth.ravel())[0, 1] > 0.99

@@ -153,7 +153,9 @@ def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
     while (state := operator.modal(window, tick)) == {"PASS_THROUGH"} and time.monotonic() < until:
         time.sleep(0.05)
     assert state == {"FINISHED"} and window.timers == 0
-    assert painted.hfx.surface.image_kind == "ESTIMATE" and not surfaces.is_stale(painted)
+    assert painted.hfx.surface.image_kind == "ESTIMATE" and not surfaces.has_outdated_settings(
+        painted
+    )
 
 
 def test_esc_ends_the_process_and_leaves_the_object_alone(painted: Any) -> None:

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.surfaces import material_state, surface_updates, surfaces
+from hfx_blender.authoring.surfaces import surface_updates, surfaces
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterat
     bpy.ops.hfx.add_surface(source="MATERIAL")
     assert not obj.hfx.surface.is_faulty, obj.hfx.surface.note
     yield obj
-    for known in (surface_updates.shown_s, material_state.bake_s, surface_updates.painted_images):
+    for known in (surface_updates.shown_s, surface_updates.bake_s, surface_updates.painted_images):
         known.clear()
     for work in (surface_updates.make_waiting, surface_updates.bake_outdated):
         if bpy.app.timers.is_registered(work):
@@ -78,8 +78,8 @@ def _in_a_group(obj: Any) -> None:
     group = bpy.data.node_groups.new("Inner", "ShaderNodeTree")
     node = _nodes(obj).new("ShaderNodeGroup")
     node.node_tree = group
-    surfaces.make(obj)
-    assert not surfaces.differs_from_material(obj)
+    surfaces.make_maps(obj)
+    assert not surfaces.has_edited_material(obj)
     group.nodes.new("ShaderNodeValue").outputs[0].default_value = 3.0
 
 
@@ -116,27 +116,27 @@ def test_where_nodes_are_drawn_and_undone_edits_are_of_no_matter(plane: Any) -> 
 
 def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: Any) -> None:
     before = surfaces.field_of(plane).heights_m
-    material_state.bake_s[plane.name] = 0.2
+    surface_updates.bake_s[plane.name] = 0.2
     _another_value(plane)
     surface_updates.bake_outdated()
     assert plane.hfx.surface.is_outdated  # nobody looks
-    surface_updates.shown(plane)
+    surface_updates.on_shown(plane)
     surface_updates.bake_outdated()
     assert not plane.hfx.surface.is_outdated
     assert np.abs(surfaces.field_of(plane).heights_m - before).max() > 1e-5
 
 
 def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> None:
-    material_state.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
+    surface_updates.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
     _another_value(plane)
-    surface_updates.shown(plane)
+    surface_updates.on_shown(plane)
     surface_updates.bake_outdated()
     assert plane.hfx.surface.is_outdated
 
 
 def test_nothing_is_baked_while_it_is_edited(plane: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    material_state.bake_s[plane.name] = 0.2
-    surface_updates.shown(plane)
+    surface_updates.bake_s[plane.name] = 0.2
+    surface_updates.on_shown(plane)
     _another_value(plane)
     monkeypatch.setattr(surface_updates, "last_edit_s", [time.monotonic()])
     again = surface_updates.bake_outdated()
@@ -148,12 +148,12 @@ def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
     image = bpy.data.images.new("Paint", 8, 8)
     texture = _nodes(plane).new("ShaderNodeTexImage")
     texture.image = image
-    surfaces.make(plane)
-    assert material_state.images_of(plane) == {image}
+    surfaces.make_maps(plane)
+    assert surface_updates.images_of(plane) == {image}
     surface_updates.painted_images.add(image.name_full)
     assert surface_updates.check() == [plane]
     assert surface_updates.check() == [plane]  # until it is baked again
-    surfaces.make(plane)
+    surfaces.make_maps(plane)
     assert surface_updates.check() == []
 
 
@@ -167,8 +167,8 @@ def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
     told: list[tuple[bool, bool]] = []
 
     def on_update(_scene: Any, graph: Any) -> None:
-        told.append((surface_updates.is_of_matter(graph), graph.id_type_updated("IMAGE")))
-        surface_updates.note(graph)
+        told.append((surface_updates.is_material_update(graph), graph.id_type_updated("IMAGE")))
+        surface_updates.note_painted(graph)
 
     image = bpy.data.images.new("Paint", 8, 8)
     texture = _nodes(plane).new("ShaderNodeTexImage")

@@ -191,7 +191,7 @@ def on_back(x: float, z: float) -> np.ndarray:
 def on_screen(h: Any, where: np.ndarray) -> tuple[float, float]:
     module = hands.module("authoring.paths.skin_picking")
     anchors = module.Anchors.of(where[None])
-    world = anchors.on(point().hfx.body, bpy.context.evaluated_depsgraph_get())[0][0]
+    world = anchors.posed_on(point().hfx.body, bpy.context.evaluated_depsgraph_get())[0][0]
     return h.xy_of(Vector(world.tolist()))  # type: ignore[no-any-return]
 
 
@@ -216,7 +216,7 @@ def ring_pixels(h: Any) -> float:
 def on_world(radius: float) -> list[float]:
     module = hands.module("authoring.paths.skin_picking")
     anchors = module.Anchors.of(place()[None])
-    world = anchors.on(point().hfx.body, bpy.context.evaluated_depsgraph_get())[0][0]
+    world = anchors.posed_on(point().hfx.body, bpy.context.evaluated_depsgraph_get())[0][0]
     return [float(world[0]) + radius, float(world[1]), float(world[2])]
 
 

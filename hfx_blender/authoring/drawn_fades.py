@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fades drawn as a curve that moves with its clip.
+"""Drawn fades: influence curves that follow their clips.
 
-The curve is that of the strip's influence, which Blender leaves where it is in time when the strip
-is dragged, trimmed or scaled. So each effect remembers for which span a curve was drawn.
+Blender does not move the F-curve of a strip's influence when the strip is moved, trimmed or scaled.
+So each effect stores the span for which a curve was drawn.
 """
 
 from __future__ import annotations
@@ -12,20 +12,19 @@ from math import ceil, floor
 
 import bpy
 
-from ...blender import compat
+from ..blender import compat
 
 _SPANS = "hfx_drawn_fades"
-"""ID property of an effect: first and last frame, by the name of a clip with drawn fades."""
+"""ID property of an effect: first and last frame of its clips with drawn fades, by name."""
 
 _HANDLES = ("handle_left", "co", "handle_right")
 _HANDLE_TYPES = ("handle_left_type", "handle_right_type")
 
 
 def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """Give a clip's strength a curve of its own, to be drawn in the Graph or NLA editor.
+    """Convert a clip's fades into a curve for the Graph Editor; return the curve.
 
-    It starts as the fades that the clip has, which it takes the place of. One that was drawn
-    already is kept.
+    An existing curve is unchanged.
     """
     if not strip.use_animated_influence:
         start, end = strip.frame_start, strip.frame_end
@@ -37,7 +36,7 @@ def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurv
         keys += [(end, 0.0 if fall else 1.0)]
         compat.set_keys(curve_of(strip), keys, "BEZIER")
         strip.blend_in = strip.blend_out = 0.0
-    _remember(effect)
+    _store_spans(effect)
     return curve_of(strip)
 
 
@@ -47,31 +46,31 @@ def curve_of(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
 
 
 def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> None:
-    """Give a clip of an effect the drawn fades of another, if it has any."""
+    """Copy drawn fades, if any, from one clip to another clip of an effect."""
     if not source.use_animated_influence:
         return
     strip.use_animated_influence = True
     old, new = curve_of(source), curve_of(strip)
     compat.set_keys(new, [(point.co[0], point.co[1]) for point in old.keyframe_points])
-    for there, here in zip(old.keyframe_points, new.keyframe_points, strict=True):
+    for source_key, key in zip(old.keyframe_points, new.keyframe_points, strict=True):
         for name in ("interpolation", "easing", *_HANDLE_TYPES, "handle_left", "handle_right"):
-            setattr(here, name, getattr(there, name))
+            setattr(key, name, getattr(source_key, name))
     span = source.frame_start, source.frame_end
     _fit(new, span, (strip.frame_start, strip.frame_end))
-    _remember(effect)
+    _store_spans(effect)
 
 
 def set_keys(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, keys: Sequence[tuple[float, float]]
 ) -> None:
-    """Set a clip's fades from (frame, strength) keys, linear between them."""
+    """Set a clip's drawn fades from (frame, strength) keyframes, linearly interpolated."""
     strip.use_animated_influence = True
     compat.set_keys(curve_of(strip), keys)
-    _remember(effect)
+    _store_spans(effect)
 
 
 def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
-    """The drawn fades of a clip as (frame, strength in 0..1) at each frame; none: empty."""
+    """Drawn fades of a clip as (frame, strength 0 to 1) at each frame; empty without any."""
     if not strip.use_animated_influence:
         return []
     start, end = strip.frame_start, strip.frame_end
@@ -80,31 +79,29 @@ def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
     return [(frame, min(max(curve.evaluate(frame), 0.0), 1.0)) for frame in frames]
 
 
-def is_remembered(effect: bpy.types.Object) -> bool:
-    """Test an effect for clips whose drawn fades have to follow them."""
+def has_drawn_fades(effect: bpy.types.Object) -> bool:
+    """Test for an effect with a stored span of drawn fades."""
     return _SPANS in effect
 
 
-def follow(effect: bpy.types.Object) -> bool:
-    """Move the drawn fades of an effect along with clips that were changed; returns True if any
-    was.
-    """
-    if not is_remembered(effect) or effect.library is not None:
+def follow_clips(effect: bpy.types.Object) -> bool:
+    """Move the drawn fades of an effect to the present spans of its clips; True if any moved."""
+    if not has_drawn_fades(effect) or effect.library is not None:
         return False
-    known = effect[_SPANS].to_dict()
-    changed = False
-    for strip in _drawn(effect):
+    stored_spans = effect[_SPANS].to_dict()
+    is_changed = False
+    for strip in _drawn_strips(effect):
         span = strip.frame_start, strip.frame_end
-        old = known.get(strip.name)
-        if old is None or tuple(old) == span or _is_cut(effect, strip):
+        old = stored_spans.get(strip.name)
+        if old is None or tuple(old) == span or _is_half(effect, strip):
             continue
         _fit(curve_of(strip), old, span)
-        changed = True
-    _remember(effect)
-    return changed
+        is_changed = True
+    _store_spans(effect)
+    return is_changed
 
 
-def _drawn(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
+def _drawn_strips(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
     data = effect.animation_data
     is_override = effect.override_library is not None
     return [
@@ -116,25 +113,23 @@ def _drawn(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
     ]
 
 
-def _remember(effect: bpy.types.Object) -> None:
-    spans = {strip.name: [strip.frame_start, strip.frame_end] for strip in _drawn(effect)}
-    if is_remembered(effect) and effect[_SPANS].to_dict() == spans:
+def _store_spans(effect: bpy.types.Object) -> None:
+    spans = {strip.name: [strip.frame_start, strip.frame_end] for strip in _drawn_strips(effect)}
+    if has_drawn_fades(effect) and effect[_SPANS].to_dict() == spans:
         return
     if spans:
         effect[_SPANS] = spans
-    elif is_remembered(effect):
+    elif has_drawn_fades(effect):
         del effect[_SPANS]
 
 
-def _is_cut(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
-    """Test a clip for having been cut in two: each part then keeps its part of the curve,
-    in place.
-    """
+def _is_half(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
+    """Test for a clip that was split: each half keeps its part of the curve in place."""
     return any(
-        other != strip
-        and other.action == strip.action
-        and (other.frame_start == strip.frame_end or other.frame_end == strip.frame_start)
-        for other in _drawn(effect)
+        half != strip
+        and half.action == strip.action
+        and (half.frame_start == strip.frame_end or half.frame_end == strip.frame_start)
+        for half in _drawn_strips(effect)
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips: NLA strips that animate an effect's ``activation`` over a stretch of the timeline."""
+"""Clips: NLA strips that animate an effect's ``activation`` over a span of the timeline."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from math import ceil, floor
 
 import bpy
 
-from ...blender import compat
-from ...blender.scene_info import fps_of
-from ...errors import InputError
+from ..blender import compat
+from ..blender.scene_info import fps_of
+from ..errors import InputError
 from . import drawn_fades
 
 DATA_PATH = "hfx.activation"
 
-_ROUNDING = 1e-4  # frames: strips are single precision
+_ROUNDING = 1e-4  # frames, as strips have single precision
 
 _REPEATS = (0.1, 1000.0)
-"""Blender's own limits of a strip's repetitions; it would clamp others silently."""
+"""Blender's limits of a strip's repetitions, which it applies without a message."""
 
 Key = tuple[float, float]
 
@@ -35,25 +35,25 @@ def add_clip(
     repeat: float = 1.0,
     curves: Mapping[str, Sequence[Key]] | None = None,
 ) -> bpy.types.NlaStrip:
-    """Put a clip on the timeline of an effect.
+    """Add a clip to the timeline of an effect.
 
     Parameters
     ----------
     frame_start, frame_end : float
-        Where it starts and ends, frames.
+        Span of the clip, frames.
     fade_in, fade_out : float
-        Length of the fades, frames; they shape the whole clip, repeats included.
+        Lengths of the fades, frames; they apply to the whole clip including repetitions.
     profile : sequence of (frame, activation)
         Activation over one repetition, from frame 0; empty: always 1.
     repeat : float
-        How often the profile is played within the clip.
+        Number of repetitions within the clip.
     curves : mapping of str to sequence of (frame, value), optional
-        Keys of other properties of the effect, by data path; they are moved with the clip.
+        Keyframes of further properties by data path, which move with the clip.
 
     Raises
     ------
     InputError
-        The clip has no length, its fades are longer than it, or it repeats too often.
+        The clip has no length, is shorter than its fades, or has too many repetitions.
     """
     length = frame_end - frame_start
     if length <= 0:
@@ -66,20 +66,22 @@ def add_clip(
             f"{_REPEATS[0]:g} to {_REPEATS[1]:g}. Divide it into several clips."
         )
     data = effect.animation_data or effect.animation_data_create()
-    busy = data.action
+    active_action = data.action
     action = bpy.data.actions.new(f"{effect.name} {name}")
-    data.action = action  # a slot belongs to the one datablock that it is assigned to
+    data.action = action  # assigned first: new F-curves need the datablock's slot
     keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
     for path, values in {**(curves or {}), DATA_PATH: keys}.items():
         compat.set_keys(compat.new_fcurve(effect, action, path), values)
     track = _free_track(effect, floor(frame_start), frame_end)
-    strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
-    data.action = busy
-    strip.name = name  # Blender before 4.4 calls it as its action
+    strip = track.strips.new(
+        name, floor(frame_start), action
+    )  # the function accepts whole frames only
+    data.action = active_action
+    strip.name = name  # Blender before 4.4 uses the action's name
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
     strip.repeat = repeat
     strip.frame_start, strip.frame_end = frame_start, frame_end
-    strip.extrapolation = "NOTHING"  # HOLD, the default, would leave the effect on for ever
+    strip.extrapolation = "NOTHING"  # the default, HOLD, leaves the effect on
     strip.use_auto_blend = False
     strip.blend_in, strip.blend_out = fade_in, fade_out
     return strip
@@ -94,9 +96,9 @@ def add_heartbeat(
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat.
+    """Add a clip of a heartbeat: a strong and a weak pulse per beat.
 
-    It has whole beats, at least one, and ends with the last of them near ``frame_end``.
+    The clip has at least one beat, and only whole beats: it ends near ``frame_end``.
     """
     scene = bpy.context.scene
     fps = fps_of(scene)
@@ -116,38 +118,38 @@ def add_heartbeat(
 
 
 def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
-    """Activation over a clip: its curve with repeats, fades and drawn influence.
+    """Activation over a clip, with repetitions, fades and drawn fades.
 
     Returns
     -------
     list of (frame, value)
-        ``count`` of them, evenly from the clip's start to its end, and the curve's keys.
+        ``count`` evenly spaced frames from start to end of the clip, and its keyframes.
     """
     curve = curve_in(strip, DATA_PATH)
-    drawn = strip.fcurves.find("influence") if strip.use_animated_influence else None
+    influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
     start, length = strip.frame_start, strip.frame_end - strip.frame_start
     times = {length * step / max(count - 1, 1) for step in range(count)}
     times |= {frame - start for frame, _ in keys_in(strip, DATA_PATH)}
-    found = []
-    for past in sorted(times):
-        value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, past))
-        if drawn is not None:
-            value *= drawn.evaluate(start + past)
+    values = []
+    for offset in sorted(times):
+        value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, offset))
+        if influence is not None:
+            value *= influence.evaluate(start + offset)
         else:
-            value *= _fade(past, strip.blend_in) * _fade(length - past, strip.blend_out)
-        found.append((start + past, min(max(value, 0.0), 1.0)))
-    return found
+            value *= _fade(offset, strip.blend_in) * _fade(length - offset, strip.blend_out)
+        values.append((start + offset, min(max(value, 0.0), 1.0)))
+    return values
 
 
 def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | None:
-    """The curve of a property in a clip, if it has one."""
+    """F-curve of a property in a clip; None without one."""
     return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)
 
 
 def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
-    """Keys (frame, value) of an F-curve that has some, to be joined by straight lines.
+    """Keyframes (frame, value) for linear interpolation of an F-curve with at least one keyframe.
 
-    Its own where all are linear; else also its values at each frame between the first and last.
+    Linear F-curves give their keyframes, others also each whole frame between the first and last.
     """
     frames = [key.co[0] for key in curve.keyframe_points]
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
@@ -156,43 +158,49 @@ def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
 
 
 def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
-    """Keys (frame of the scene, value) of a property in a clip, in all of its repeats."""
+    """Keyframes (scene frame, value) of a property in all repetitions of a clip.
+
+    Empty for a property without an F-curve, and for a reversed clip.
+    """
     curve = curve_in(strip, data_path)
     if curve is None or strip.use_reverse:
         return []
     length = strip.action_frame_end - strip.action_frame_start
-    found = [
-        (key.co[0] - strip.action_frame_start + whole * length, key.co[1])
-        for whole in range(ceil(strip.repeat - 1e-6))
+    offsets = [
+        (key.co[0] - strip.action_frame_start + repetition * length, key.co[1])
+        for repetition in range(ceil(strip.repeat - 1e-6))
         for key in curve.keyframe_points
         if strip.action_frame_start <= key.co[0] <= strip.action_frame_end
     ]
-    timed = [(strip.frame_start + strip.scale * past, value) for past, value in found]
+    timed = [(strip.frame_start + strip.scale * offset, value) for offset, value in offsets]
     return [key for key in timed if key[0] <= strip.frame_end]
 
 
-def _action_frame(strip: bpy.types.NlaStrip, past: float) -> float:
-    """Frame of a strip's action, some frames after the strip's start."""
+def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
+    """Frame in a strip's action, ``past`` frames after the strip's start."""
     length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
-    played = past / max(strip.scale, 1e-6)
-    whole = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
-    into = min(played - whole * length, length)
+    played = offset / max(strip.scale, 1e-6)
+    repetition = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
+    offset_in_action = min(played - repetition * length, length)
     if strip.use_reverse:
-        return strip.action_frame_end - into
-    return strip.action_frame_start + into
+        return strip.action_frame_end - offset_in_action
+    return strip.action_frame_start + offset_in_action
 
 
-def _fade(past: float, fade: float) -> float:
-    """Share of full strength within a fade, some frames after its start."""
-    return min(past / fade, 1.0) if fade > 0.0 else 1.0
+def _fade(offset: float, fade: float) -> float:
+    """Factor of a linear fade, some frames after its start; 1 without a fade."""
+    return min(offset / fade, 1.0) if fade > 0.0 else 1.0
 
 
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
-    """Copy the clips of an effect to another, at the same times; returns their number."""
+    """Copy the clips of an effect to another effect at the same times; return their number.
+
+    Raises InputError for a meta strip, before any clip is copied.
+    """
     copied = strips_of(source)
-    profiles = [profile_of(source, strip) for _, strip in copied]  # nothing is copied of a group
+    profiles = [profile_of(source, strip) for _, strip in copied]  # raises before the first copy
     for (_, strip), keys in zip(copied, profiles, strict=True):
-        made = add_clip(
+        clip = add_clip(
             target,
             strip.frame_start,
             strip.frame_end,
@@ -202,18 +210,18 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
             profile=keys,
             repeat=strip.repeat,
         )
-        made.mute = strip.mute
-        drawn_fades.copy(strip, target, made)
+        clip.mute = strip.mute
+        drawn_fades.copy(strip, target, clip)
     return len(copied)
 
 
 def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
-    """Keys (frame of its action, activation) of a clip's curve.
+    """Keyframes (frame of its action, activation) of a clip.
 
     Raises
     ------
     InputError
-        The clip is a group of clips.
+        The clip is a meta strip.
     """
     if strip.action is None:
         raise InputError(
@@ -225,19 +233,21 @@ def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]
 
 
 def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:
-    """Played frames, which time remapping makes others than those of strips."""
+    """Convert a span of strip frames to played frames, by the scene's time remapping."""
     length = scene.render.frame_map_new / scene.render.frame_map_old
     return start * length, end * length
 
 
-def outside(start: float, end: float, first: float, stop: float, slack: float = 0.0) -> str | None:
-    """Part of a span of frames that lies outside of the frames from ``first`` to before ``stop``.
+def outside(
+    start: float, end: float, first: float, stop: float, tolerance: float = 0.0
+) -> str | None:
+    """Part of a span of frames outside of the frames from ``first`` up to, not including, ``stop``.
 
     Returns
     -------
     str or None
-        All of it: "before" or "after"; its beginning or end: "early" or "beyond", if it goes on
-        for longer than ``slack``.
+        "before" or "after" for the whole span, "early" for its beginning; "beyond" for an end that
+        exceeds ``stop`` by more than ``tolerance``; None for no part.
     """
     if end <= first - _ROUNDING:
         return "before"
@@ -245,31 +255,28 @@ def outside(start: float, end: float, first: float, stop: float, slack: float = 
         return "after"
     if start < first - _ROUNDING:
         return "early"
-    return "beyond" if end > stop + slack + _ROUNDING else None
+    return "beyond" if end > stop + tolerance + _ROUNDING else None
 
 
 def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
-    """Part of a clip that lies outside of a scene's frames; see :func:`outside`.
+    """Part of a clip outside of a scene's frames; see :func:`outside`.
 
-    None for a muted one, and for one that goes on beyond its ends.
+    None also for a muted clip, and for one with extrapolation.
     """
     if strip.mute or strip.extrapolation != "NOTHING":
         return None
     start, end = played_span(scene, strip.frame_start, strip.frame_end)
-    a_sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
-    # The last frame lasts a whole frame.
-    return outside(start, end, scene.frame_start, scene.frame_end + 1, a_sample)
+    sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
+    # The scene ends one frame after the start of its last frame.
+    return outside(start, end, scene.frame_start, scene.frame_end + 1, sample)
 
 
-def extend(scene: bpy.types.Scene, found: Iterable[bpy.types.Object]) -> bool:
-    """Move a scene's first and last frame so that the clips of effects lie between them.
+def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) -> bool:
+    """Extend a scene's frame range to include the clips of effects.
 
-    Returns
-    -------
-    bool
-        Whether all of them do now: no scene of Blender's begins before frame 0.
+    Returns False if a clip is still outside, as no scene starts before frame 0.
     """
-    strips = [strip for effect in found for _, strip in strips_of(effect)]
+    strips = [strip for effect in effects for _, strip in strips_of(effect)]
     for strip in strips:
         if outside_scene(scene, strip) is not None:
             start, end = played_span(scene, strip.frame_start, strip.frame_end)
@@ -278,25 +285,27 @@ def extend(scene: bpy.types.Scene, found: Iterable[bpy.types.Object]) -> bool:
     return all(outside_scene(scene, strip) is None for strip in strips)
 
 
-def shift(found: Iterable[bpy.types.Object], frames: float) -> None:
-    """Move all clips and keyframes of effects in time; clips of a linked file stay."""
-    for effect in found:
+def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
+    """Move all clips and keyframes of effects in time, except clips of a linked file."""
+    for effect in effects:
         pairs = strips_of(effect)
-        for track, strip in pairs[::-1] if frames > 0.0 else pairs:  # none meets its neighbour
+        for track, strip in (
+            pairs[::-1] if frames > 0.0 else pairs
+        ):  # in this order no clip collides with its neighbour
             if not _is_of_library(effect, track):
                 strip.frame_start_ui += frames
         for curve in compat.fcurves(effect):
             for key in curve.keyframe_points:
-                key.co_ui.x += frames  # with its handles
+                key.co_ui.x += frames  # moves the handles too
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:
-    """Remove a clip from the timeline, and its track if that has no other clips.
+    """Remove a clip, and its track if it is empty then.
 
     Raises
     ------
     InputError
-        The effect has no clip of that name, or it belongs to a linked file.
+        The effect has no clip of that name, or the clip belongs to a linked file.
     """
     for track, strip in strips_of(effect):
         if strip.name == name:
@@ -313,11 +322,11 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 
 
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
-    """A track with room between two frames; strips of one track cannot overlap."""
+    """Track without a strip between two frames, as strips cannot overlap; created if missing."""
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):
-            continue  # Blender does not save additions to it
+            continue  # Blender saves no additions to a linked track
         if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
             return track
     track = data.nla_tracks.new()
@@ -330,7 +339,7 @@ def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:
 
 
 def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
-    """The clips of an effect: strips that animate its activation, meta strips as a whole."""
+    """Clips of an effect with their tracks: strips of its activation, and meta strips of these."""
     data = effect.animation_data
     if data is None:
         return []
