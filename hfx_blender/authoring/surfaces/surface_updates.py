@@ -9,10 +9,8 @@ edits.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import time
-from collections.abc import Iterator
 
 import bpy
 
@@ -26,13 +24,9 @@ QUICK_S = 1.5
 
 _SHOWN_S = 2.0
 _PAINTED = "painted"  # no hash of a material
-_DEPTH = 5
-_IRRELEVANT = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}
-_MATERIAL_PROPERTIES = ("diffuse_color", "roughness", "metallic")
 
 _log = logging.getLogger(__name__)
 _waiting: set[str] = set()  # names of objects
-bake_s: dict[str, float] = {}  # duration of an object's last bake
 shown_s: dict[str, float] = {}  # time of an object's last display
 painted_images: set[str] = set()  # images with possibly changed pixels
 last_edit_s: list[float] = [0.0]
@@ -58,8 +52,10 @@ def on_shown(obj: bpy.types.Object) -> None:
 
 def may_bake(obj: bpy.types.Object) -> bool:
     """Test for displayed maps with a quick last bake, for an automatic bake."""
+    from . import surfaces
+
     is_shown = time.monotonic() - shown_s.get(obj.name, -_SHOWN_S) < _SHOWN_S
-    return is_shown and bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
+    return is_shown and surfaces.bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
 
 
 @bpy.app.handlers.persistent
@@ -89,7 +85,7 @@ def note_painted(graph: bpy.types.Depsgraph) -> None:
 
 def check() -> list[bpy.types.Object]:
     """Mark and return the surfaces with an edited material or image."""
-    from . import surfaces
+    from . import material_hash, surfaces
 
     painted = {image for image in bpy.data.images if image.name_full in painted_images}
     painted_images.clear()
@@ -102,7 +98,7 @@ def check() -> list[bpy.types.Object]:
             outdated_surfaces.append(obj)
         if settings.source != "MATERIAL":
             continue
-        if painted and painted & images_of(obj):
+        if painted and painted & material_hash.images_of(obj):
             settings.material_state = _PAINTED
         is_outdated = surfaces.has_edited_material(obj)
         if is_outdated != settings.is_outdated:
@@ -161,96 +157,8 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove the handler and all scheduled updates."""
+    from . import surfaces
+
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
-    for state in (_waiting, bake_s, shown_s, painted_images):
+    for state in (_waiting, surfaces.bake_s, shown_s, painted_images):
         state.clear()
-
-
-def material_hash(obj: bpy.types.Object) -> str:
-    """Hash of an object's materials, with all nodes, values, links and images.
-
-    Node positions and pixels of images (see :func:`images_of`) do not count.
-    """
-    digest = hashlib.sha1(usedforsecurity=False)
-    for slot in obj.material_slots:
-        digest.update(repr(_material(slot.material)).encode())
-    return digest.hexdigest()
-
-
-def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
-    """Images used by the nodes of an object's materials."""
-    materials = [slot.material for slot in obj.material_slots if slot.material is not None]
-    trees = [material.node_tree for material in materials if material.node_tree]
-    nodes = (node for tree in _all_trees(trees) for node in tree.nodes)
-    return {node.image for node in nodes if getattr(node, "image", None) is not None}
-
-
-def _all_trees(trees: list[bpy.types.NodeTree]) -> Iterator[bpy.types.NodeTree]:
-    visited: set[bpy.types.NodeTree] = set()
-    while trees:
-        tree = trees.pop()
-        if tree in visited:
-            continue
-        visited.add(tree)
-        yield tree
-        groups = (getattr(node, "node_tree", None) for node in tree.nodes)
-        trees += [group for group in groups if group is not None]
-
-
-def _material(material: bpy.types.Material | None) -> object:
-    if material is None:
-        return None
-    plain = [_plain(getattr(material, name), 0) for name in _MATERIAL_PROPERTIES]
-    tree = material.node_tree
-    return [plain, [] if tree is None else [_tree(part) for part in _all_trees([tree])]]
-
-
-def _tree(tree: bpy.types.NodeTree) -> object:
-    numbers = {node.name: k for k, node in enumerate(tree.nodes)}
-    links = sorted(
-        (
-            numbers[link.from_node.name],
-            link.from_socket.identifier,
-            numbers[link.to_node.name],
-            link.to_socket.identifier,
-            link.is_muted,
-        )
-        for link in tree.links
-    )
-    return [[_node(node) for node in tree.nodes], links]
-
-
-def _node(node: bpy.types.Node) -> object:
-    values = [
-        (socket.identifier, _plain(getattr(socket, "default_value", None), 0))
-        for socket in (*node.inputs, *node.outputs)
-    ]
-    return [node.bl_idname, node.mute, values, _struct(node, _DEPTH, _IRRELEVANT)]
-
-
-def _struct(struct: bpy.types.bpy_struct, depth: int, without: frozenset[str]) -> object:
-    return [
-        (prop.identifier, _plain(getattr(struct, prop.identifier), depth - 1))
-        for prop in struct.bl_rna.properties
-        if prop.identifier != "rna_type" and prop.identifier not in without
-    ]
-
-
-def _plain(value: object, depth: int) -> object:
-    """A property's value as numbers, strings and nested lists; None below ``depth`` levels."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, bpy.types.Image):
-        return [value.name_full, value.filepath, value.colorspace_settings.name, *value.size]
-    if isinstance(value, bpy.types.ID):
-        return value.name_full
-    if isinstance(value, bpy.types.bpy_struct):
-        return _struct(value, depth, frozenset()) if depth > 0 else None
-    if isinstance(value, set):
-        return sorted(value)
-    if isinstance(value, bpy.types.bpy_prop_collection) and depth <= 0:
-        return None
-    try:
-        return [_plain(item, depth) for item in value]  # type: ignore[attr-defined]
-    except TypeError:
-        return None

@@ -42,6 +42,9 @@ _FIXED: Final = ("MAP", "GENERATED")
 _ROUNDING: Final = 1e-3
 """Rounding of values of imported maps beyond 0 to 1, from image conversion."""
 
+bake_s: dict[str, float] = {}
+"""Duration of the last bake of an object's materials, seconds, by its name."""
+
 _LAYER_SETTINGS = ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps")
 
 
@@ -108,10 +111,10 @@ def has_outdated_settings(obj: bpy.types.Object) -> bool:
 
 def has_edited_material(obj: bpy.types.Object) -> bool:
     """Test for a material edited after it was baked; False without a stored state."""
-    from . import surface_updates
+    from . import material_hash
 
     baked_state = obj.hfx.surface.material_state
-    return baked_state != "" and baked_state != surface_updates.material_hash(obj)
+    return baked_state != "" and baked_state != material_hash.hash_of(obj)
 
 
 def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
@@ -127,7 +130,7 @@ def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
     InputError
         The maps cannot be made. Stored maps are unchanged, and the error is shown in the panel.
     """
-    from . import surface_sources, surface_updates
+    from . import material_hash, surface_sources
 
     settings = obj.hfx.surface
     if obj.mode == "EDIT":  # the mesh is outdated in Edit Mode
@@ -139,8 +142,8 @@ def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
             settings.is_outdated = False
             settings.material_state = ""
             if settings.source == "MATERIAL":
-                settings.material_state = surface_updates.material_hash(obj)
-                surface_updates.bake_s[obj.name] = time.monotonic() - start_s
+                settings.material_state = material_hash.hash_of(obj)
+                bake_s[obj.name] = time.monotonic() - start_s
         _update_layers(obj)
     except HfxError as error:
         settings.note, settings.is_faulty = str(error), True

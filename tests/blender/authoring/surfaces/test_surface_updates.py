@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.surfaces import surface_updates, surfaces
+from hfx_blender.authoring.surfaces import material_hash, surface_updates, surfaces
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterat
     bpy.ops.hfx.add_surface(source="MATERIAL")
     assert not obj.hfx.surface.is_faulty, obj.hfx.surface.note
     yield obj
-    for known in (surface_updates.shown_s, surface_updates.bake_s, surface_updates.painted_images):
+    for known in (surface_updates.shown_s, surfaces.bake_s, surface_updates.painted_images):
         known.clear()
     for work in (surface_updates.make_waiting, surface_updates.bake_outdated):
         if bpy.app.timers.is_registered(work):
@@ -116,7 +116,7 @@ def test_where_nodes_are_drawn_and_undone_edits_are_of_no_matter(plane: Any) -> 
 
 def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: Any) -> None:
     before = surfaces.field_of(plane).heights_m
-    surface_updates.bake_s[plane.name] = 0.2
+    surfaces.bake_s[plane.name] = 0.2
     _another_value(plane)
     surface_updates.bake_outdated()
     assert plane.hfx.surface.is_outdated  # nobody looks
@@ -127,7 +127,7 @@ def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: 
 
 
 def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> None:
-    surface_updates.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
+    surfaces.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
     _another_value(plane)
     surface_updates.on_shown(plane)
     surface_updates.bake_outdated()
@@ -135,7 +135,7 @@ def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> N
 
 
 def test_nothing_is_baked_while_it_is_edited(plane: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface_updates.bake_s[plane.name] = 0.2
+    surfaces.bake_s[plane.name] = 0.2
     surface_updates.on_shown(plane)
     _another_value(plane)
     monkeypatch.setattr(surface_updates, "last_edit_s", [time.monotonic()])
@@ -149,7 +149,7 @@ def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
     texture = _nodes(plane).new("ShaderNodeTexImage")
     texture.image = image
     surfaces.make_maps(plane)
-    assert surface_updates.images_of(plane) == {image}
+    assert material_hash.images_of(plane) == {image}
     surface_updates.painted_images.add(image.name_full)
     assert surface_updates.check() == [plane]
     assert surface_updates.check() == [plane]  # until it is baked again
