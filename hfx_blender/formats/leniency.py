@@ -18,10 +18,7 @@ _HUGE: Final = 1e15
 
 
 def refuse_but(
-    findings: list[Finding],
-    name: str,
-    tolerated: Callable[[Finding], bool],
-    document: Any = None,
+    findings: list[Finding], name: str, tolerated: Callable[[Finding], bool], document: Any = None
 ) -> ToleratedFaults:
     """Raise InputError for the first fault that is not tolerated; describe the others.
 

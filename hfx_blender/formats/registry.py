@@ -168,11 +168,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             "jsonl",
             "JSON Lines of samples",
             ".samples.jsonl",
-            dialog=(
-                "JSON Lines",
-                "Everything that is felt, sample by sample, for game engines",
-                2,
-            ),
+            dialog=("JSON Lines", "Everything that is felt, sample by sample, for game engines", 2),
             read_suffix=".jsonl",
             write_track="jsonl.jsonl_samples:export",
             check="jsonl.jsonl_samples:validate",

@@ -29,11 +29,7 @@ _LASTS: Final = "its envelopes last"
 
 
 def write(
-    id: str,
-    raster: Raster,
-    device: DeviceConfig,
-    stem: Path,
-    tolerance: float = DEFAULT_TOLERANCE,
+    id: str, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
     """Write the output of a device in one format, and report the losses.
 

@@ -68,10 +68,7 @@ _WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
 
 _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "TIME": {"start_s": (-1e300, 1e300)},
-    "ACTR": {
-        "slew_per_s": (0.0, np.inf),
-        "maximum_on_s": (0.0, np.inf),
-    },
+    "ACTR": {"slew_per_s": (0.0, np.inf), "maximum_on_s": (0.0, np.inf)},
     "EFCT": {"half_segment": (0.0, _HUGE), "share": (0.0, 1.0), "level": (0.0, 1.0)},
     "PNTD": {"weight": (0.0, 1.0)},
     "REAC": {"frequency_hz": (0.0, _HUGE)},

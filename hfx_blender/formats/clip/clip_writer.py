@@ -18,10 +18,7 @@ from .spatial_recorder import SpatialRecorder
 
 
 def write(
-    header: TrackHeader,
-    played: baked.Played,
-    stem: Path,
-    scene: SpatialRecorder | None = None,
+    header: TrackHeader, played: baked.Played, stem: Path, scene: SpatialRecorder | None = None
 ) -> Written:
     """Write ``stem.hfxclip``: device output of a track, and effects of a scene for avatars.
 

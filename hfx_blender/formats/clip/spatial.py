@@ -358,10 +358,7 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
                     )
                     reached.append(reached_records)
         first += len(device.actuators)
-    return {
-        "REAC": records("REAC", rows),
-        "RCHV": np.concatenate([records("RCHV", []), *reached]),
-    }
+    return {"REAC": records("REAC", rows), "RCHV": np.concatenate([records("RCHV", []), *reached])}
 
 
 def _has_fixed_place(actuator: Actuator) -> bool:

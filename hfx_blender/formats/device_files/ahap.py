@@ -206,10 +206,7 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
                 "ParameterID": name,
                 "Time": start,
                 "ParameterCurveControlPoints": [
-                    {
-                        "Time": _rounded(max(time - start, 0.0)),
-                        "ParameterValue": round(value, 6),
-                    }
+                    {"Time": _rounded(max(time - start, 0.0)), "ParameterValue": round(value, 6)}
                     for time, value in chunk
                 ],
             }

@@ -71,8 +71,7 @@ _MEMBERS: Final[dict[str, Shape]] = {
     for key, member in {**shape.required, **shape.optional}.items()
 }
 DOCUMENT = Record(
-    {"Pattern": Items(Record({}, _ENTRIES))},
-    {"Version": Number(0.0, 1e3), "Metadata": Anything()},
+    {"Pattern": Items(Record({}, _ENTRIES))}, {"Version": Number(0.0, 1e3), "Metadata": Anything()}
 )
 _VERSION: Final = 1.0
 _RANGES: Final = {

@@ -294,10 +294,7 @@ def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[
 
 
 def _path_pieces(
-    effect: dict[str, Any],
-    mode: dict[str, Any],
-    dots: list[dict[str, Any]],
-    lost: Counter[str],
+    effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]
 ) -> Iterator[tuple[int, Piece]]:
     """Yield motor number and piece of the dots nearest to a path.
 

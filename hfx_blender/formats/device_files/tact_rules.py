@@ -35,11 +35,8 @@ _DOT_MODE: Shape = loose(
                     "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
                     "pointList": Items(
                         loose(
-                            {
-                                "index": Number(0, MAX_DOTS - 1, is_whole=True),
-                                "intensity": _SHARE,
-                            }
-                        ),
+                            {"index": Number(0, MAX_DOTS - 1, is_whole=True), "intensity": _SHARE}
+                        )
                     ),
                 }
             )
@@ -63,11 +60,7 @@ _PATH_MODE: Shape = loose(
     }
 )
 _MODE = loose(
-    {
-        "mode": Text(("DOT_MODE", "PATH_MODE")),
-        "dotMode": _DOT_MODE,
-        "pathMode": _PATH_MODE,
-    }
+    {"mode": Text(("DOT_MODE", "PATH_MODE")), "dotMode": _DOT_MODE, "pathMode": _PATH_MODE}
 )
 _EFFECT = loose({"startTime": _MILLIS, "offsetTime": _MILLIS, "modes": Table(_MODE)})
 _LAYOUT = loose(

@@ -62,11 +62,7 @@ class Document:
         shape = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[
             1 if data.ndim == 1 else data.shape[1]
         ]
-        view = {
-            "buffer": 0,
-            "byteOffset": len(self._bytes),
-            "byteLength": data.nbytes,
-        }
+        view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": data.nbytes}
         if is_index or is_vertex:
             view["target"] = _ELEMENT_BUFFER if is_index else _ARRAY_BUFFER
         self._bytes += data.tobytes()

@@ -145,11 +145,7 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
 
 
 def _wave_keyframes(
-    times: F64,
-    levels: F64,
-    hertz: F64,
-    timescale: int,
-    tolerance: float,
+    times: F64, levels: F64, hertz: F64, timescale: int, tolerance: float
 ) -> tuple[Keyframe, ...]:
     """Simplify amplitude and frequency separately, then sample both at all keyframes."""
     strength, tone = Curve(times, levels), Curve(times, hertz)

@@ -39,10 +39,7 @@ _SAMPLING_HZ: Final = 8000  # unit of the stored duration
 
 
 def write(
-    raster: Raster,
-    device: DeviceConfig,
-    stem: Path,
-    tolerance: float = DEFAULT_TOLERANCE,
+    raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
     """Write ``stem.hjif``; OutputError for an unwritable file, of which no part remains."""
     document, weak = _compose(raster, device, stem.name, tolerance)

@@ -29,14 +29,7 @@ from ..signals.signals import DEFAULT_TOLERANCE, MAX_HZ
 from ..written import Written, write_json
 from .body_parts import described, vertex_masks
 from .envelopes import PITCH_HZ, Dense, timescale_of
-from .perceptions import (
-    SUFFIX,
-    TOO_WEAK,
-    Place,
-    document_of,
-    perception_of,
-    too_weak_places,
-)
+from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
 
 _WEIGHT_CLASSES: Final = 8
 

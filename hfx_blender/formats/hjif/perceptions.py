@@ -15,15 +15,7 @@ from ...files.strict_json import clean
 from ..registry import FORMATS
 from ..signals.signals import MAX_HZ, Transient
 from .body_parts import place_mask
-from .envelopes import (
-    Dense,
-    Keyframe,
-    band,
-    curve_effects,
-    keyframes_of,
-    shared_waves,
-    wave_bursts,
-)
+from .envelopes import Dense, Keyframe, band, curve_effects, keyframes_of, shared_waves, wave_bursts
 from .semantics import MAX_CHANNELS
 
 SUFFIX: Final = FORMATS["hjif"].suffix

@@ -222,11 +222,7 @@ class Unfolding:
         self._count = 0
 
     def effects(
-        self,
-        effects: Iterable[dict[str, Any]],
-        lost: Counter[str],
-        start: int = 0,
-        depth: int = 0,
+        self, effects: Iterable[dict[str, Any]], lost: Counter[str], start: int = 0, depth: int = 0
     ) -> Iterator[bands.Placed]:
         """Yield (position in ticks, basis effect); missing references are counted in ``lost``.
 

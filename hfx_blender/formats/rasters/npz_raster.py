@@ -92,12 +92,7 @@ def write(raster: Raster, path: Path) -> None:
         ],
         "shortfalls": [vars(shortfall) for shortfall in raster.shortfalls],
         "felt": [
-            [
-                felt.stream.effect_id,
-                felt.stream.body_id,
-                felt.stream.modality,
-                felt.stream.model_id,
-            ]
+            [felt.stream.effect_id, felt.stream.body_id, felt.stream.modality, felt.stream.model_id]
             for felt in raster.felt
         ],
     }

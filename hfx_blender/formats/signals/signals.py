@@ -206,10 +206,7 @@ def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
 
 
 def simplified_signals(
-    signals: Iterable[Signal],
-    tolerance: float = DEFAULT_TOLERANCE,
-    *,
-    frequency_hz: float = 1.0,
+    signals: Iterable[Signal], tolerance: float = DEFAULT_TOLERANCE, *, frequency_hz: float = 1.0
 ) -> tuple[Signal, ...]:
     """Reduce signals to the fewest keyframes within a tolerance; silence stays exactly 0.
 

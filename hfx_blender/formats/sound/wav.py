@@ -167,10 +167,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
 
 
 def _driven(
-    pairs: F64,
-    curves: Sequence[Sequence[DriveCurve]],
-    full_scale: float,
-    totals: F64 | None = None,
+    pairs: F64, curves: Sequence[Sequence[DriveCurve]], full_scale: float, totals: F64 | None = None
 ) -> F64:
     """Convert amplitudes (T, C, 2) to drive levels that linearize the actuators' output."""
     if not any(curves):
