@@ -127,10 +127,9 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
         if reads and info.decode and not any(finding.severity == "error" for finding in findings):
             decoded(info, content, str(path))  # raises for a file beyond the reader's limits
         return info, findings
-    except limits.TooLargeError as error:
-        return info, [_finding(info, "LARGE", error, path)]
     except InputError as error:
-        return info, [_finding(info, "UNREADABLE", error, path)]
+        is_large = isinstance(error, limits.TooLargeError)
+        return info, [_finding(info, "LARGE" if is_large else "UNREADABLE", error, path)]
 
 
 def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Finding:

@@ -21,8 +21,8 @@ from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
 from ..signals.curves import Curve
 from ..signals.signals import Credits, FrequencyRange, Signal, Transient, joined_times, text_of
-from ..signals.simplified_writer import simplified_writer
-from ..written import Written, beside, silent_note, write_json
+from ..signals.simplified_writer import simplified_writer, write_audible
+from ..written import Written
 
 SUFFIX: Final = FORMATS["haptic"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
@@ -60,11 +60,7 @@ _DOCUMENT = Record(
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
     """Write one file per audible signal: ``stem.<name>.haptic``."""
-    files = []
-    for signal in signals:
-        if not signal.is_silent:
-            files.append(beside(stem, signal.name, SUFFIX))
-            write_json(document(signal, frequencies), files[-1])
+    written = write_audible(signals, stem, SUFFIX, lambda signal: document(signal, frequencies))
     left_out: list[str] = []
     for signal in signals:
         lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
@@ -80,11 +76,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
                 f"'{signal.name}': {raised} ticks weaker than the vibration at their time are "
                 "as strong as it"
             )
-    return Written(
-        tuple(files),
-        tuple(left_out),
-        silent_note([signal.name for signal in signals if signal.is_silent]),
-    )
+    return written + Written(left_out=tuple(left_out))
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:

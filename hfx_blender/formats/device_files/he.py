@@ -34,8 +34,8 @@ from ..signals.signals import (
     simplified_signals,
     text_of,
 )
-from ..signals.simplified_writer import WHOLE_MS, simplified_writer
-from ..written import Written, beside, silent_note, write_json
+from ..signals.simplified_writer import WHOLE_MS, simplified_writer, write_audible
+from ..written import Written
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
     MAX_PATTERN_EVENTS,
@@ -159,18 +159,12 @@ def _write(
     signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
 ) -> Written:
     """Write one document per audible signal, with notes on silent signals and weak ticks."""
-    files = []
-    for signal in signals:
-        if not signal.is_silent:
-            files.append(beside(stem, signal.name, suffix))
-            write_json(build(signal), files[-1])
     notes = []
     for signal in signals:
         weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in signal.transients)
         if weak:
             notes.append(f"'{signal.name}': {weak} ticks too weak for steps of 1 % are silent")
-    silent = silent_note([signal.name for signal in signals if signal.is_silent])
-    return Written(tuple(files), notes=(*silent, *notes))
+    return write_audible(signals, stem, suffix, build) + Written(notes=tuple(notes))
 
 
 def _write_fitting(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final
@@ -107,7 +108,7 @@ def findings(document: Any) -> list[Finding]:
     elif shape is _V1:
         if document["Metadata"]["Version"] != 1:
             report.error("VERSION", (None, "Metadata"), "a file with 'Pattern' is version 1")
-        _check_pattern(document["Pattern"], (None, "Pattern"), report, is_first=True)
+        _check_events(document["Pattern"], (None, "Pattern"), report, is_first=True)
     else:
         _check_pattern_list(document, report)
     return report.findings
@@ -136,7 +137,7 @@ def _check_pattern_list(document: dict[str, Any], report: Report) -> None:
                 f"that is before {pause.library_ms} ms: a tick lasts {TRANSIENT_MS} ms for them"
             )
             report.warn("TICK-TIME", location, message)
-        _check_pattern(entry["Pattern"], (location, "Pattern"), report)
+        _check_events(entry["Pattern"], (location, "Pattern"), report)
         events = [item["Event"] for item in entry["Pattern"]]
         pause.follow(
             start,
@@ -201,23 +202,24 @@ def _check_openharmony(document: dict[str, Any], report: Report) -> None:
         report.error("BYTES", None, f"{size} bytes, the most is {OPENHARMONY_MAX_BYTES}")
     for k, channel in enumerate(document["Channels"]):
         location = (((None, "Channels"), k), "Pattern")
-        _check_events(channel["Pattern"], location, report, "StartTime")
-
-
-def _check_pattern(
-    pattern: list[Any], place: Place, report: Report, *, is_first: bool = False
-) -> None:
-    """Check the number and the events of a pattern; ``is_first``: of version 1."""
-    if len(pattern) > MAX_PATTERN_EVENTS:
-        message = f"{len(pattern)} events, the most is {MAX_PATTERN_EVENTS}"
-        report.error("EVENTS", place, message)
-    _check_events(pattern, place, report, "RelativeTime", is_first=is_first)
+        _check_events(channel["Pattern"], location, report, "StartTime", most=math.inf)
 
 
 def _check_events(
-    pattern: list[Any], place: Place, report: Report, time: str, *, is_first: bool = False
+    pattern: list[Any],
+    place: Place,
+    report: Report,
+    time: str = "RelativeTime",
+    *,
+    most: float = MAX_PATTERN_EVENTS,
+    is_first: bool = False,
 ) -> None:
-    """Check order, durations and curves of events whose time is the member ``time``."""
+    """Check number, order, durations and curves of events; ``time`` is the member of their times.
+
+    ``is_first``: of version 1.
+    """
+    if len(pattern) > most:
+        report.error("EVENTS", place, f"{len(pattern)} events, the most is {most}")
     last = 0
     for k, entry in enumerate(pattern):
         event, here = entry["Event"], ((place, k), "Event")

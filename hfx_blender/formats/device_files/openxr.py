@@ -33,14 +33,13 @@ MIN_HZ, MAX_HZ = 1.0, 1000.0  # XR_HAPTIC_PARAMETRIC_FREQUENCY_MIN_HZ_EXT, _MAX_
 _NS: Final = 1e9
 _MOST_NS = 2**62
 _SHARE = Number(0.0, 1.0)
-_POINT = Record({"time": Number(0, _MOST_NS, is_whole=True), "value": _SHARE})
-_TICK = Record(
-    {"time": Number(0, _MOST_NS, is_whole=True), "amplitude": _SHARE, "frequency": _SHARE}
-)
+_TIME = Number(0, _MOST_NS, is_whole=True)
+_POINT = Record({"time": _TIME, "value": _SHARE})
+_TICK = Record({"time": _TIME, "amplitude": _SHARE, "frequency": _SHARE})
 _FRAME_TYPES = ("NONE", "FIRST_FRAME", "INTERMEDIATE_FRAME", "LAST_FRAME")
 _FRAME = Record(
     {
-        "start": Number(0, _MOST_NS, is_whole=True),
+        "start": _TIME,
         "streamFrameType": Text(_FRAME_TYPES),
         "amplitudePoints": Items(_POINT, most=MAX_POINTS),
     },

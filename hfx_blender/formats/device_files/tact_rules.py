@@ -25,40 +25,25 @@ INTERVAL_MS: Final = 20
 _MAX_MS: Final = 3_600_000 * 24
 _MILLIS = Number(0, _MAX_MS)
 _SHARE = Number(0.0, 1.0, may_be_text=True)
-_DOT_MODE: Shape = loose(
+_DOT = Number(0, MAX_DOTS - 1, is_whole=True)
+_PLAYBACK = Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT"))
+_DOT_FEEDBACK = loose(
     {
-        "feedback": Items(
-            loose(
-                {
-                    "startTime": _MILLIS,
-                    "endTime": _MILLIS,
-                    "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
-                    "pointList": Items(
-                        loose(
-                            {"index": Number(0, MAX_DOTS - 1, is_whole=True), "intensity": _SHARE}
-                        )
-                    ),
-                }
-            )
-        )
-    },
-    {"dotConnected": Flag()},
-)
-_PATH_MODE: Shape = loose(
-    {
-        "feedback": Items(
-            loose(
-                {
-                    "playbackType": Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT")),
-                    "movingPattern": Text(("CONST_SPEED", "CONST_TDM")),
-                    "pointList": Items(
-                        loose({"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS})
-                    ),
-                }
-            )
-        )
+        "startTime": _MILLIS,
+        "endTime": _MILLIS,
+        "playbackType": _PLAYBACK,
+        "pointList": Items(loose({"index": _DOT, "intensity": _SHARE})),
     }
 )
+_PATH_FEEDBACK = loose(
+    {
+        "playbackType": _PLAYBACK,
+        "movingPattern": Text(("CONST_SPEED", "CONST_TDM")),
+        "pointList": Items(loose({"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS})),
+    }
+)
+_DOT_MODE: Shape = loose({"feedback": Items(_DOT_FEEDBACK)}, {"dotConnected": Flag()})
+_PATH_MODE: Shape = loose({"feedback": Items(_PATH_FEEDBACK)})
 _MODE = loose(
     {"mode": Text(("DOT_MODE", "PATH_MODE")), "dotMode": _DOT_MODE, "pathMode": _PATH_MODE}
 )
@@ -67,12 +52,7 @@ _LAYOUT = loose(
     {
         "type": Text(),
         "name": Text(),
-        "layouts": Table(
-            Items(
-                loose({"index": Number(0, MAX_DOTS - 1, is_whole=True), "x": _SHARE, "y": _SHARE}),
-                most=MAX_DOTS,
-            )
-        ),
+        "layouts": Table(Items(loose({"index": _DOT, "x": _SHARE, "y": _SHARE}), most=MAX_DOTS)),
     }
 )
 DOCUMENT = Record(

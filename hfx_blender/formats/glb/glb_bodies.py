@@ -34,6 +34,7 @@ from .glb import TO_GLTF, Document, add_model, move, turned
 
 _SET: Final = 4  # influences per vertex attribute of glTF
 _STILL: Final = "rest"
+_RECORDED: Final = ("indices", "to_world", "bones")
 
 
 @dataclass(eq=False)
@@ -78,9 +79,8 @@ class BodyRecorder:
         arrays: dict[str, npt.NDArray[Any]] = {}
         for k, motion in enumerate(self._motions):
             if motion.indices:
-                arrays[f"body.{k}.indices"] = np.concatenate(motion.indices)
-                arrays[f"body.{k}.to_world"] = np.concatenate(motion.to_world)
-                arrays[f"body.{k}.bones"] = np.concatenate(motion.bones)
+                for name in _RECORDED:
+                    arrays[f"body.{k}.{name}"] = np.concatenate(getattr(motion, name))
                 arrays[f"body.{k}.errors_m"] = motion.errors_m
         return arrays
 
@@ -88,9 +88,8 @@ class BodyRecorder:
         """Replace the recording by :meth:`arrays` of several recorders in time order."""
         for k, motion in enumerate(self._motions):
             mine = [part for part in parts if f"body.{k}.indices" in part]
-            motion.indices = [part[f"body.{k}.indices"] for part in mine]
-            motion.to_world = [part[f"body.{k}.to_world"] for part in mine]
-            motion.bones = [part[f"body.{k}.bones"] for part in mine]
+            for name in _RECORDED:
+                setattr(motion, name, [part[f"body.{k}.{name}"] for part in mine])
             errors = [part[f"body.{k}.errors_m"] for part in mine]
             motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
 

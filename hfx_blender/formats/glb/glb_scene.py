@@ -47,6 +47,7 @@ _PRIMITIVES: Final[dict[type, tuple[int, dict[str, float]]]] = {
 _SHAPES: Final = {Cuboid: "cuboid", Sphere: "sphere", Cylinder: "cylinder", Capsule: "capsule"}
 _ACTIVATE_ON, _PARALLEL, _PLAY = 2, 1, 0
 _ALL_OF_THE_BODY: Final = 2**32 - 1
+_RECORDED: Final = ("indices", "matrices", "values")
 
 
 @dataclass(eq=False)
@@ -102,9 +103,8 @@ class VolumeRecorder:
         arrays = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:
-                arrays[f"{k}.indices"] = np.concatenate(volume.indices)
-                arrays[f"{k}.matrices"] = np.concatenate(volume.matrices)
-                arrays[f"{k}.values"] = np.concatenate(volume.values)
+                for name in _RECORDED:
+                    arrays[f"{k}.{name}"] = np.concatenate(getattr(volume, name))
                 arrays[f"{k}.changes"] = np.array(volume.changes_shape)
                 arrays[f"{k}.shape"] = np.array(type(volume.shape).__name__)
         return arrays
@@ -122,9 +122,8 @@ class VolumeRecorder:
         self._bodies.replace(parts)
         for k, volume in self._volumes.items():
             volume_parts = [part for part in parts if f"{k}.indices" in part]
-            volume.indices = [part[f"{k}.indices"] for part in volume_parts]
-            volume.matrices = [part[f"{k}.matrices"] for part in volume_parts]
-            volume.values = [part[f"{k}.values"] for part in volume_parts]
+            for name in _RECORDED:
+                setattr(volume, name, [part[f"{k}.{name}"] for part in volume_parts])
             shapes = {str(part[f"{k}.shape"]) for part in volume_parts}
             volume.changes_shape = len(shapes) > 1 or any(
                 part[f"{k}.changes"] for part in volume_parts

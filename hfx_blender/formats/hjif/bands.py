@@ -15,7 +15,7 @@ import numpy as np
 
 from ...engine.arrays import F64
 from ...files import limits
-from ..signals.curves import Curve, clipped, with_zeros
+from ..signals.curves import Curve, clipped, with_crossings
 from ..signals.signals import Piece, Transient
 from ..sound.waveforms import BYTES, Waveform
 
@@ -41,7 +41,7 @@ def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> P
     pitch = _curve_of(hertz, (begin, (low + high) / 2.0 or DEFAULT_HZ))
     if low < high:
         pitch = clipped(pitch, low, high)
-    amplitude = with_zeros(_curve_of(levels, (begin, 1.0)))
+    amplitude = with_crossings(_curve_of(levels, (begin, 1.0)), 0.0)
     amplitude = Curve(amplitude.times_s, gain * np.abs(amplitude.values))
     end = max(float(amplitude.times_s[-1]), float(pitch.times_s[-1]))
     return Piece(begin, end, amplitude, pitch)

@@ -181,20 +181,13 @@ class _Collected:
     def __len__(self) -> int:
         return sum(len(rows) for rows in self._rows)
 
-    @property
-    def rows(self) -> I64:
-        """Sample indices, (n,) int64 ascending."""
-        return np.concatenate(self._rows)
-
-    @property
-    def levels(self) -> F64:
-        """Effect levels, (n,)."""
-        return np.concatenate(self._levels)
-
-    @property
-    def parameters(self) -> F64:
-        """Parameters of the modality, (n, P)."""
-        return np.concatenate(self._parameters)
+    def columns(self) -> tuple[I64, F64, F64]:
+        """Ascending sample indices (n,), effect levels (n,) and parameters (n, P)."""
+        return (
+            np.concatenate(self._rows),
+            np.concatenate(self._levels),
+            np.concatenate(self._parameters),
+        )
 
     def touched(self) -> list[tuple[int, F64, I64]]:
         """Touched body parts: mask, strongest weight per sample (n,), ascending vertex ids."""
@@ -230,7 +223,7 @@ def _loss(
         header.effect(stream).name
         for streams in _groups(header, collected).values()
         for stream in streams
-        if stream.modality == "vibration" and (collected[stream].parameters[:, 1] > MAX_HZ).any()
+        if stream.modality == "vibration" and (collected[stream].columns()[2][:, 1] > MAX_HZ).any()
     ]
     changing = [
         header.effect(stream).name for stream in header.streams if collected[stream].changes
@@ -261,9 +254,9 @@ def _places(
     count = track.header.time.sample_count
     period_s = 1.0 / float(track.header.time.rate_hz)
     times = np.arange(count + 1) * period_s
-    rows, parameters = collected.rows, collected.parameters
+    rows, levels, parameters = collected.columns()
     neutral = neutral_temperature_c(effect.is_contact) if stream.modality == "temperature" else 0.0
-    strengths = collected.levels * (parameters[:, 0] - neutral)
+    strengths = levels * (parameters[:, 0] - neutral)
     pitch = None
     if stream.modality == "vibration":
         hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)

@@ -194,16 +194,12 @@ def _devices(
             pitch = next(
                 (control for control in kind.controls if control.name == "frequency_hz"), None
             )
-            limits = (
-                {"maximum_frequency": pitch.highest, "minimum_frequency": pitch.lowest}
-                if pitch
-                else {}
-            )
             yield {
                 "id": number,
                 "name": clean(f"{device.name}: {kind.name}"),
                 "body_part_mask": mask,
-                **limits,
+                **({"maximum_frequency": pitch.highest} if pitch else {}),
+                **({"minimum_frequency": pitch.lowest} if pitch else {}),
                 "maximum_amplitude": max(kind.strength.highest, 0.0),
                 "type": "Unknown",
             }

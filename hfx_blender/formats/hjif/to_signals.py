@@ -21,6 +21,7 @@ from .perceptions import DATE
 VIBRATIONS: Final = ("Vibrotactile", "Other")
 """HJIF modalities taken as vibration; the reference encoder writes Other for any sound or AHAP."""
 
+_PLACES: Final = ("body_part_mask", "vertices", "body_part_target", "actuator_target", "direction")
 _LARGEST_GAIN: Final = 1e6
 _DEEPEST: Final = 8  # levels of nested references and compositions
 
@@ -78,8 +79,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         ):
             notes += ("modality Other is taken as vibration",)
         channels = [one for perception in document["perceptions"] for one in perception["channels"]]
-        if any(map(_is_placed, channels)):
-            notes += ("where on the body its channels are is not kept",)
+        if any(channel.get(key) for channel in channels for key in _PLACES):
+            notes += ("places of its channels on the body are not kept",)
         if any(abs(channel["mixing_coefficient"] - 1.0) > 1e-3 for channel in channels):
             notes += ("mixing coefficients of its channels are not kept",)
         first = signals[0]
@@ -93,12 +94,6 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return signals, FrequencyRange(
         min(hertz, default=0.0), max(hertz, default=1.0), is_stated=False
     )
-
-
-def _is_placed(channel: dict[str, Any]) -> bool:
-    """Test for a channel with a place on the body or a direction."""
-    places = ("body_part_mask", "vertices", "body_part_target", "actuator_target", "direction")
-    return any(map(channel.get, places))
 
 
 def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope]:

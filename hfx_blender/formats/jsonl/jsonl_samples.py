@@ -208,10 +208,10 @@ def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
-        ids = _joined(_texts_of_ids(1 << highest.bit_length()), vertices)
+        ids = _joined(_texts(1 << highest.bit_length()), vertices)
     else:
         ids = ",".join(map(str, vertices.tolist())).encode()
-    shares = _joined(_texts_of_weights(), steps)
+    shares = _joined(_texts(_WEIGHT_STEPS + 1, is_weight=True), steps)
     head = f'{{"type":"set","set":{number},"vertices":['.encode()
     return head + ids + b'],"weights":[' + shares + b"]}\n"
 
@@ -221,21 +221,14 @@ def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
     return texts[chosen].tobytes().translate(None, b"\0")[:-1]
 
 
-@lru_cache(maxsize=4)
-def _texts_of_ids(count: int) -> npt.NDArray[np.uint64]:
-    """Texts ``"<number>,"`` below ``count``, see :func:`_table`."""
-    return _table([f"{number}," for number in range(count)])
+@lru_cache(maxsize=5)
+def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
+    """Texts ``"<number>,"`` below ``count``, or of weights in steps, zero-padded to 8 bytes.
 
-
-@lru_cache(maxsize=1)
-def _texts_of_weights() -> npt.NDArray[np.uint64]:
-    """Texts of all weights, see :func:`_table`."""
-    return _table([f"{step / _WEIGHT_STEPS!r}," for step in range(_WEIGHT_STEPS + 1)])
-
-
-def _table(texts: list[str]) -> npt.NDArray[np.uint64]:
-    """Table of texts of at most 8 bytes, zero-padded, as integers for fast indexing."""
-    return np.array(texts, "S8").view(np.uint64)
+    The bytes are returned as integers, which numpy indexes faster.
+    """
+    numbers = (step / _WEIGHT_STEPS if is_weight else step for step in range(count))
+    return np.array([f"{number!r}," for number in numbers], "S8").view(np.uint64)
 
 
 def validate(content: bytes, name: str) -> list[Finding]:

@@ -44,7 +44,9 @@ _MAP: Final = strict(
         **dict.fromkeys(("name", "bits", "about"), Anything()),
     },
 )
-_STEPS: Final = strict({"amplitude_g": Number(0.0, 1e3), "frequency_hz": Number(0.0, 1e5, "Hz")})
+_STEPS: Final = strict(
+    {"amplitude_g": Number(0.0, 1e3), "frequency_hz": Number(0.0, 1e5, "Hz")}, into=NoticeableSteps
+)
 
 
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
@@ -106,16 +108,17 @@ def read(path: Path) -> HapticMap:
     """
     document = read_json(path)
     refuse_another(document.value, document.file, _FORMAT)
-    members = document.hold(_MAP)
-    intensity, sharpness = (_layer(path, members["layers"][name]) for name in _LAYERS)
-    width, height = members.numbers("size_mm")
+    members = document.read(_MAP)
+    intensity, sharpness = (_layer(path, document["layers"][name]) for name in _LAYERS)
+    width, height = members["size_mm"]
     rows, columns = intensity.shape
+    has_steps = members.get("steps") is not None
     try:
         device = DeviceRange(
-            _pair(members, "amplitude_g"),
-            _pair(members, "frequency_hz"),
-            members.number("carrier_hz", 160.0),
-            1e-3 * members.number("update_ms", 50.0),
+            members["amplitude_g"],
+            members["frequency_hz"],
+            members.get("carrier_hz", 160.0),
+            1e-3 * members.get("update_ms", 50.0),
         )
         return HapticMap(
             intensity,
@@ -123,7 +126,7 @@ def read(path: Path) -> HapticMap:
             (1e-3 * width / columns, 1e-3 * height / rows),
             members.get("tiles", True),
             device,
-            _steps(members["steps"]) if members.get("steps") is not None else None,
+            document["steps"].read(_STEPS) if has_steps else None,
         )
     except InputError as error:
         if str(path) in str(error):
@@ -146,15 +149,3 @@ def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
     codes, _ = png.read(path.parent / name)
     full = np.iinfo(codes.dtype).max
     return (codes[::-1].astype(np.float64) / full).astype(np.float32)
-
-
-def _pair(node: Node, key: str) -> tuple[float, float]:
-    """Pair of numbers of a member."""
-    first, second = node.numbers(key)
-    return first, second
-
-
-def _steps(node: Node) -> NoticeableSteps:
-    """Just noticeable steps of a map."""
-    node.hold(_STEPS)
-    return NoticeableSteps(node.number("amplitude_g"), node.number("frequency_hz"))

@@ -129,20 +129,15 @@ def simplified(
     return Curve(found_times, values_within)
 
 
-def with_zeros(curve: Curve) -> Curve:
-    """Insert keyframes at sign changes."""
-    return _with_crossings(curve, 0.0)
-
-
 def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
     """Clip a curve to a range at every time, with keyframes where it crosses the limits."""
     if curve.values.min() >= lowest and curve.values.max() <= highest:
         return curve
-    crossed = _with_crossings(_with_crossings(curve, lowest), highest)
+    crossed = with_crossings(with_crossings(curve, lowest), highest)
     return Curve(crossed.times_s, np.clip(crossed.values, lowest, highest))
 
 
-def _with_crossings(curve: Curve, level: float) -> Curve:
+def with_crossings(curve: Curve, level: float) -> Curve:
     """Insert keyframes where a curve passes a level between two keyframes."""
     times, values = curve.times_s, curve.values - level
     signs = np.sign(values)

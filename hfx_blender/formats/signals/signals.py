@@ -307,7 +307,9 @@ def mixed(
     if sums.max(initial=0.0) > 1.0 + 1e-9:
         left_out = (f"'{name}': what sounds together adds up to more than full scale: cut to it",)
     amplitude = clipped(_stepped(times, sums), 0.0, 1.0)
-    pitch = _carried(pitch)
+    # In time order, gaps between pieces (0 Hz) take the frequency of the last piece.
+    flat = pitch.T.ravel()
+    pitch = frequencies_through_silence(flat, flat).reshape(-1, 2).T
     return Signal(name, amplitude, _stepped(times, pitch), tuple(transients), left_out)
 
 
@@ -324,12 +326,6 @@ def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
         ended = np.searchsorted(np.sort([piece.end_s for piece in users]), times, side="right")
         inside.append(times[begun > ended])
     return inside
-
-
-def _carried(pitch: F64) -> F64:
-    """Fill frequencies of 0, (2, n), from the last positive value before, or else after."""
-    flat = pitch.T.ravel()
-    return frequencies_through_silence(flat, flat).reshape(-1, 2).T
 
 
 def _stepped(times: F64, sides: F64) -> Curve:

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ...errors import InputError
 from ...files.strict_json import clean, read_bytes
-from ..written import Written, beside
+from ..written import Written, beside, silent_note, write_json
 from . import losses
 from .signals import FrequencyRange, Signal, simplified_signals
 
@@ -83,6 +83,21 @@ def _read_back(
             yield signal, decode(read_bytes(path), path.name)[0][0]
         elif clean(signal.name) in decoded:
             yield signal, decoded[clean(signal.name)]
+
+
+def write_audible(
+    signals: Iterable[Signal], stem: Path, suffix: str, document: Callable[[Signal], Any]
+) -> Written:
+    """Write one JSON file per audible signal, ``stem.<name><suffix>``; silent ones are noted."""
+    files: list[Path] = []
+    silent: list[str] = []
+    for signal in signals:
+        if signal.is_silent:
+            silent.append(signal.name)
+        else:
+            files.append(beside(stem, signal.name, suffix))
+            write_json(document(signal), files[-1])
+    return Written(tuple(files), notes=silent_note(silent))
 
 
 def pitch_tolerance(frequencies: FrequencyRange) -> float:
