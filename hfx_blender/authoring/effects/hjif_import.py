@@ -22,7 +22,7 @@ from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
-from ...formats.signals.curves import Curve, with_zeros
+from ...formats.signals.curves import Curve, with_crossings
 from ...formats.signals.signals import Piece, mixed, simplified_signals
 from . import effects
 
@@ -157,7 +157,7 @@ def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[
 
 def _positive_part(curve: Curve, sign: float) -> Curve:
     """Positive part of a curve times ``sign``, with keyframes added at zero crossings."""
-    crossed = with_zeros(curve)
+    crossed = with_crossings(curve, 0.0)
     return Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
 
 
