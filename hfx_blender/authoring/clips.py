@@ -50,10 +50,8 @@ def add_clip(
     curves : mapping of str to sequence of (frame, value), optional
         Keyframes of further properties by data path, which move with the clip.
 
-    Raises
-    ------
-    InputError
-        The clip has no length, is shorter than its fades, or has too many repetitions.
+    Raises InputError: the clip has no length, is shorter than its fades, or has too many
+    repetitions.
     """
     length = frame_end - frame_start
     if length <= 0:
@@ -118,12 +116,9 @@ def add_heartbeat(
 
 
 def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
-    """Activation over a clip, with repetitions, fades and drawn fades.
+    """Activation over a clip as (frame, value), with repetitions, fades and drawn fades.
 
-    Returns
-    -------
-    list of (frame, value)
-        ``count`` evenly spaced frames from start to end of the clip, and its keyframes.
+    There are ``count`` evenly spaced frames from start to end of the clip, and its keyframes.
     """
     curve = curve_in(strip, DATA_PATH)
     influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
@@ -218,10 +213,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
 def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
     """Keyframes (frame of its action, activation) of a clip.
 
-    Raises
-    ------
-    InputError
-        The clip is a meta strip.
+    Raises InputError: the clip is a meta strip.
     """
     if strip.action is None:
         raise InputError(
@@ -243,11 +235,8 @@ def outside(
 ) -> str | None:
     """Part of a span of frames outside of the frames from ``first`` up to, not including, ``stop``.
 
-    Returns
-    -------
-    str or None
-        "before" or "after" for the whole span, "early" for its beginning; "beyond" for an end that
-        exceeds ``stop`` by more than ``tolerance``; None for no part.
+    "before" or "after" for the whole span; "early" for its beginning; "beyond" for an end that
+    exceeds ``stop`` by more than ``tolerance``; None for no part.
     """
     if end <= first - _ROUNDING:
         return "before"
@@ -302,10 +291,7 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
 def remove_clip(effect: bpy.types.Object, name: str) -> None:
     """Remove a clip, and its track if it is empty then.
 
-    Raises
-    ------
-    InputError
-        The effect has no clip of that name, or the clip belongs to a linked file.
+    Raises InputError: the effect has no clip of that name, or the clip belongs to a linked file.
     """
     for track, strip in strips_of(effect):
         if strip.name == name:

@@ -25,10 +25,7 @@ _SCREEN_BEHIND = 1.5
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
     """Add a sound to the scene's sequencer, and synchronise playback to sound.
 
-    Raises
-    ------
-    InputError
-        The file is missing or has no sound.
+    Raises InputError: the file is missing or has no sound.
     """
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
@@ -49,10 +46,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
     """Add a screen with a video or picture behind the first body, or behind the 3D cursor.
 
-    Raises
-    ------
-    InputError
-        The file is missing, or is neither a picture nor a video.
+    Raises InputError: the file is missing, or is neither a picture nor a video.
     """
     image = _image(path)
     screen = bpy.data.objects.new(path.stem, None)
@@ -79,10 +73,7 @@ def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.type
 
     The world before is unlinked; it gets a fake user unless it was added here.
 
-    Raises
-    ------
-    InputError
-        The file is missing, or is neither a picture nor a video.
+    Raises InputError: the file is missing, or is neither a picture nor a video.
     """
     image = _image(path)
     world = bpy.data.worlds.new(path.stem)

@@ -107,12 +107,9 @@ def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
 
 
 def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> None:
-    """Update the data paths of F-curves and drivers, which contain the index of the filter.
+    """Update the data paths of F-curves and drivers to new indices of the filters.
 
-    Parameters
-    ----------
-    new_indices : sequence of int or None
-        New index for each old one; None removes the animation of a removed filter.
+    ``new_indices`` has one item per old index; None removes the animation of that filter.
     """
     data = effect.animation_data
     if data is None:

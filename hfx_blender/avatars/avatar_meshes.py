@@ -136,9 +136,7 @@ def layer_of(armature: bpy.types.Object) -> Layer:
 
 
 def _without_accessories(
-    armature: bpy.types.Object,
-    targets: dict[bpy.types.Object, TargetAvatar],
-    mapping: BoneMapping,
+    armature: bpy.types.Object, targets: dict[bpy.types.Object, TargetAvatar], mapping: BoneMapping
 ) -> dict[bpy.types.Object, TargetAvatar]:
     """Leave out rigid accessories (swords, hats); of a robot, keep rigid pieces on mapped bones."""
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
@@ -166,11 +164,8 @@ def reading_meshes(
 ) -> Generator[float, None, list[TargetAvatar]]:
     """Read all meshes of an avatar in the rest space of its armature, in steps.
 
-    Raises
-    ------
-    InputError
-        Armature or mesh is in Edit Mode, or its scale is zero or negative; one of several meshes
-        has no faces or follows no bone.
+    Raises InputError: armature or mesh is in Edit Mode, or its scale is zero or negative; one of
+    several meshes has no faces or follows no bone.
     """
     targets = []
     for number, mesh in enumerate(meshes):

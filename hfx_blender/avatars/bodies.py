@@ -37,18 +37,10 @@ overlapping boxes."""
 def add_avatar(
     context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
 ) -> tuple[bpy.types.Object, bpy.types.Object]:
-    """Add the built-in avatar as a haptic body; return its armature and its mesh.
+    """Add the built-in avatar, or an installed variant, as a haptic body; return armature and mesh.
 
-    Parameters
-    ----------
-    avatar_id : str
-        An installed variant gives another person. Effects and devices refer to the canonical models
-        in any case, which are fitted to the variant's skin.
-
-    Raises
-    ------
-    InputError
-        The avatar or a model of the variant is missing.
+    Effects and devices of a variant refer to the canonical models, which are fitted to its skin.
+    Raises InputError: the avatar or a model of the variant is missing.
     """
     avatar = load_avatar(avatar_id)
     fitted_models = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
@@ -69,27 +61,17 @@ def adding_body(
 ) -> Generator[float, None, list[str]]:
     """Make an avatar a haptic body by fitting the perceptual models to it, in steps.
 
-    The canonical armature needs no fit. Nothing is changed if an error is raised. A refitted body
-    keeps its id, and painted areas keep their vertex ids.
+    Returns notes and warnings for the user. The canonical armature needs no fit. Nothing is changed
+    if an error is raised. A refitted body keeps its id, and painted areas keep their vertex ids.
 
     Parameters
     ----------
-    avatar : Object or None
-        The main mesh of the avatar.
-    parts : sequence of Object
-        Further meshes of the avatar.
+    avatar, parts : Object or None, sequence of Object
+        Main mesh, and further meshes of the avatar.
     mapping_of : callable
         Returns the bone mapping of an armature; a cached one after :func:`choosing_meshes`.
 
-    Returns
-    -------
-    list of str
-        Notes and warnings for the user.
-
-    Raises
-    ------
-    InputError
-        The avatar cannot become a haptic body.
+    Raises InputError: the avatar cannot become a haptic body.
     """
     check_armature(armature)
     meshes = [mesh for mesh in dict.fromkeys((avatar, *parts)) if mesh is not None]
@@ -146,10 +128,7 @@ def choosing_skin_meshes(
     Stored meshes are not returned if the layer was changed after the fit. Clothes and uncovered
     skin are chosen, or skin alone by the armature's layer; hair is not.
 
-    Raises
-    ------
-    InputError
-        There are several meshes, and no recognisable human bones.
+    Raises InputError: there are several meshes, and no recognisable human bones.
     """
     stored = avatar_meshes.meshes_of(armature)
     if stored and armature.hfx.role == "BODY" and not stored_fits.is_of_other_layer(armature):
@@ -306,20 +285,11 @@ def add_walk(
     frame_start: int,
     frame_end: int,
 ) -> None:
-    """Animate a body to walk from place to place at constant speed.
+    """Animate a body to walk at constant speed through two or more positions, world space.
 
     The path is keyframed on the object. The walk cycle is one NLA strip, repeated once per stride
-    length; both can be edited.
-
-    Parameters
-    ----------
-    places : sequence of (x, y, z)
-        At least two, world space. The body faces its direction of motion.
-
-    Raises
-    ------
-    InputError
-        Less than two places, no frames, or no distance between the places.
+    length; both can be edited. The body faces its direction of motion. Raises InputError: less than
+    two places, no frames, or no distance between the places.
     """
     if len(places) < 2 or frame_end <= frame_start:
         raise InputError(f"Body '{armature.name}': a walk needs two places and some frames.")

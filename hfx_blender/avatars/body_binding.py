@@ -33,10 +33,8 @@ a convex ridge then reproduce the rest pose exactly."""
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
     """Binding of a body, with the fits or anchors of the given models.
 
-    Raises
-    ------
-    InputError
-        The armature is neither the canonical one nor fitted, or the avatar cannot be followed.
+    Raises InputError: the armature is neither the canonical one nor fitted, or the avatar cannot be
+    followed.
     """
     fitted: dict[str, FittedModel] = {}
     if stored_fits.is_fitted(body):
@@ -75,10 +73,7 @@ def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
 def surface_reason(body: bpy.types.Object) -> str | None:
     """Reason for following the avatar's evaluated surface; None if the body follows its bones.
 
-    Raises
-    ------
-    InputError
-        *Surface* was chosen for a body without a mesh.
+    Raises InputError: *Surface* was chosen for a body without a mesh.
     """
     if stored_fits.is_by_bones(body):
         return None
@@ -265,8 +260,7 @@ def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.n
 
 
 def read_surfaces(
-    body: bpy.types.Object,
-    evaluated: Callable[[bpy.types.Object], bpy.types.Object],
+    body: bpy.types.Object, evaluated: Callable[[bpy.types.Object], bpy.types.Object]
 ) -> np.ndarray:
     """Evaluated vertices of all meshes of an avatar, (A, 3) float32.
 
@@ -287,10 +281,7 @@ def read_surface(
     Vertices added by modifiers are left out. Hidden or merged vertices follow the nearest visible
     triangle.
 
-    Raises
-    ------
-    InputError
-        The number of evaluated vertices changes with time or pose.
+    Raises InputError: the number of evaluated vertices changes with time or pose.
     """
     points = mesh_arrays.positions(evaluated.data)
     surface, count = evaluated_skin.last_surface_map(body, mesh), len(mesh.data.vertices)

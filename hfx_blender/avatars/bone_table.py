@@ -14,13 +14,7 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.body.rigs.mapping import (
-    BoneMapping,
-    from_json,
-    map_bones,
-    to_json,
-    with_corrections,
-)
+from ..engine.body.rigs.mapping import BoneMapping, from_json, map_bones, to_json, with_corrections
 from ..engine.body.rigs.rig import canonical_parents
 from ..errors import InputError, refuse_no_file
 from ..files.atomic import atomic_file
@@ -43,10 +37,7 @@ def is_corrected(armature: bpy.types.Object) -> bool:
 def detected_mapping(armature: bpy.types.Object) -> BoneMapping:
     """Mapping detected from an armature's bones, their skin and VRM labels.
 
-    Raises
-    ------
-    InputError
-        No human bones were recognised.
+    Raises InputError: no human bones were recognised.
     """
     try:
         labels = human_bones_of(armature)
@@ -58,10 +49,7 @@ def detected_mapping(armature: bpy.types.Object) -> BoneMapping:
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
     """Mapping for the next fit: the corrected table, or the detected mapping without corrections.
 
-    Raises
-    ------
-    InputError
-        The mapping is empty, names a missing bone, or assigns a bone to two joints.
+    Raises InputError: the mapping is empty, names a missing bone, or assigns a bone to two joints.
     """
     if not is_corrected(armature):
         return detected_mapping(armature)
@@ -73,10 +61,8 @@ def mapping_of(armature: bpy.types.Object) -> BoneMapping:
 def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
     """Fill the table with the detected mapping; with ``keep_corrections``, corrected rows stay.
 
-    Raises
-    ------
-    InputError
-        No human bones were recognised. The table is filled with the corrections alone.
+    Raises InputError: no human bones were recognised. The table is filled with the corrections
+    alone.
     """
     corrections = {
         row.name: row.bone
@@ -127,11 +113,8 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
     """Load a saved mapping into the table; return notes for the user, one if bones are missing.
 
-    Raises
-    ------
-    InputError
-        The file is unreadable, is no bone mapping, or maps none of this armature's bones. The table
-        is unchanged.
+    Raises InputError: the file is unreadable, is no bone mapping, or maps none of this armature's
+    bones. The table is unchanged.
     """
     refuse_no_file(path)
     try:

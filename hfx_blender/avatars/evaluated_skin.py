@@ -119,13 +119,8 @@ def cached_measurement(
 ) -> SkinMeasurement:
     """Measure a mesh, or return the last measurement if neither mesh nor body was edited.
 
-    Parameters
-    ----------
-    suspects : mapping of str
-        Possible reasons against following bones alone, by the name of a modifier, or
-        ``"armature"``, ``"bones"``, ``"keys"``.
-    shape : mapping of str
-        Values of the shape keys at fitting.
+    ``suspects`` are possible reasons against posing by bones alone, by the name of a modifier, or
+    ``"armature"``, ``"bones"``, ``"keys"``; ``shape`` the values of the shape keys at fitting.
     """
     measurement = valid_measurement(body, mesh, suspects)
     if measurement is None:

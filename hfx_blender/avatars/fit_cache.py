@@ -34,14 +34,7 @@ _MOST: Final = 32
 def key_of(
     subject: str, targets: Sequence[TargetAvatar], mapping: BoneMapping, *more: object
 ) -> str:
-    """SHA-256 of the inputs of a result, as hexadecimal digits.
-
-    Parameters
-    ----------
-    subject : str
-        Kind of the result.
-    more : values with a complete ``repr``
-    """
+    """Hexadecimal SHA-256 of the inputs of a kind of result; ``more`` by its ``repr``."""
     digest = hashlib.sha256(_code_hash())
     rigs = [sorted(joints.items()) for joints in (mapping.bones, mapping.fallbacks)]
     digest.update(repr((subject, rigs, more)).encode())

@@ -33,22 +33,10 @@ _ONLY_BONES = (
 def fitting(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, Fit]:
-    """Fit all perceptual models to an avatar, in steps; the scene is not changed.
+    """Fit all perceptual models to an avatar; yields the progress from 0 to 1, returns the fit.
 
-    Parameters
-    ----------
-    meshes : sequence of Object
-        The avatar's skin, in the order of their vertex numbering.
-
-    Yields
-    ------
-    float
-        Progress, 0 to 1.
-
-    Raises
-    ------
-    InputError
-        The avatar cannot be fitted to.
+    ``meshes`` is the avatar's skin, in the order of vertex numbering. The scene is not changed.
+    Raises InputError: the avatar cannot be fitted to.
     """
     targets = yield from within(avatar_meshes.reading_meshes(armature, meshes), 0.0, 0.1)
     targets, normal_notes = _face_outwards(meshes, targets)

@@ -89,12 +89,8 @@ def original_vertices(mesh: bpy.types.Mesh) -> I64:
 def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bpy.types.Mesh]:
     """Yield an object's mesh before its Armature modifier, with earlier Mirror modifiers applied.
 
-    The mesh may be a temporary one, removed at the end.
-
-    Parameters
-    ----------
-    shape : mapping of str
-        Values of shape keys; keys that are not given are 0.
+    ``shape`` holds values of shape keys; keys that are not given are 0. The mesh may be a temporary
+    one, removed at the end.
     """
     if not shape and not mirrors_of(mesh):
         yield mesh.data
@@ -184,14 +180,9 @@ def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
 def hidden_vertices(mesh: bpy.types.Object, triangles: I64, points: F64) -> npt.NDArray[np.bool_]:
     """Vertices (A,) bool of connected pieces that modifiers hide in viewports and renders.
 
-    Hidden vertices of a partly visible piece are the body under clothes, and are not marked. None
-    are marked if no evaluated vertex is an original one (Remesh).
-
-    Parameters
-    ----------
-    triangles : (F, 3) int64
-    points : (A, 3) float64
-        Of the mesh before its Armature modifier.
+    ``triangles`` (F, 3) and ``points`` (A, 3) are those before the Armature modifier. Hidden
+    vertices of a partly visible piece are the body under clothes, and are not marked. None are
+    marked if no evaluated vertex is an original one (Remesh).
     """
     from ..engine.retargeting.target import connected_pieces, weld
 

@@ -21,13 +21,7 @@ import numpy as np
 from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel, SkinWeights, load_model
 from ..engine.modality import MODALITIES
-from ..engine.retargeting.quality import (
-    AREA_RATIOS,
-    FARTHEST_MM,
-    IN_PLACE,
-    FitQuality,
-    PartQuality,
-)
+from ..engine.retargeting.quality import AREA_RATIOS, FARTHEST_MM, IN_PLACE, FitQuality, PartQuality
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
 from . import avatar_meshes, mesh_copies
@@ -233,11 +227,8 @@ def _stored_fit(armature: bpy.types.Object) -> Any:
 def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
     """Stored fit of a model; None for a body of the canonical armature.
 
-    Raises
-    ------
-    InputError
-        The armature's rest pose, or the number of meshes or their vertices, changed after the fit,
-        or the fit is of another edition of the model.
+    Raises InputError: the armature's rest pose, or the number of meshes or their vertices, changed
+    after the fit, or the fit is of another edition of the model.
     """
     fit, again = _stored_fit(armature), "; fit the body again."
     if fit is None:

@@ -38,12 +38,8 @@ def call_soon(
 ) -> None:
     """Call a function once by a timer, unless a timer for it is pending.
 
-    Parameters
-    ----------
-    function : callable
-        May return seconds to be called again, as Blender's timers; equal methods count as one.
-    outlives_load : bool
-        Keep the timer when a file is loaded.
+    The function may return seconds until its next call, as Blender's timers; equal methods count as
+    one function. With ``outlives_load`` the timer stays when a file is loaded.
     """
     if is_waiting(function):
         return

@@ -17,11 +17,8 @@ Registration = tuple[Callable[[], None], Callable[[], None]]
 def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
     """Functions ``register`` and ``unregister`` for modules that define both.
 
-    Parameters
-    ----------
-    modules : callable
-        Imports and returns the modules in order. It is called by ``register``, not before:
-        importing the package must not import ``bpy``.
+    ``modules`` imports and returns them in order. It is called by ``register``, not before:
+    importing the package must not import ``bpy``.
     """
 
     def register() -> None:
@@ -38,13 +35,9 @@ def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
 def of_package(name: str, path: Iterable[str]) -> Registration:
     """Functions ``register`` and ``unregister`` for all modules of a package, sorted by name.
 
-    The classes defined in a module are registered in order: property groups, and classes named
-    ``HFX_...``. Then the module's own ``register`` is called, if it has one.
-
-    Parameters
-    ----------
-    name, path
-        ``__name__`` and ``__path__`` of the package; subpackages are included.
+    ``name`` and ``path`` are those of the package; subpackages are included. The classes defined in
+    a module are registered in order: property groups, and classes named ``HFX_...``. Then the
+    module's own ``register`` is called, if it has one.
     """
 
     def modules() -> list[ModuleType]:

@@ -35,10 +35,7 @@ _MOST_BYTES = 64 << 20
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
     """Add a canvas for an effect: its perceptual model as a mesh, ready for Weight Paint.
 
-    Raises
-    ------
-    InputError
-        The effect has a canvas already, or no body in the scene.
+    Raises InputError: the effect has a canvas already, or no body in the scene.
     """
     from ...avatars import model_mesh, stored_fits
 
@@ -62,12 +59,9 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 
 def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
-    """Distance between the vertices of a canvas, Blender units.
+    """Distance between the vertices of a canvas, Blender units: at a vertex, or the median.
 
-    Parameters
-    ----------
-    vertex : int, optional
-        Vertex to measure at; by default the median. Fingertips are ten times denser than the back.
+    Fingertips are ten times denser than the back.
     """
     import numpy as np
 
@@ -99,10 +93,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
     An area on another model or edition of it counts as empty.
 
-    Raises
-    ------
-    InputError
-        The canvas was edited, or the stored area is invalid.
+    Raises InputError: the canvas was edited, or the stored area is invalid.
     """
     import numpy as np
 
@@ -129,10 +120,7 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 def transfer_area(effect: bpy.types.Object) -> int:
     """Transfer an area to the model of the effect's present modality; return its vertex count.
 
-    Raises
-    ------
-    InputError
-        The area was painted on another edition of its model, or is invalid.
+    Raises InputError: the area was painted on another edition of its model, or is invalid.
     """
     import numpy as np
 
@@ -202,11 +190,7 @@ def end(effect: bpy.types.Object) -> int:
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
     """Add whole body parts to an effect's area at full weight; return its number of vertices.
 
-    Parameters
-    ----------
-    parts : iterable of str
-        Ids of ``engine.body.regions.REGIONS``; empty: the whole body.
-    side : "left", "right" or "both"
+    ``parts`` are ids of ``engine.body.regions.REGIONS``; empty: the whole body.
     """
     import numpy as np
 
@@ -264,12 +248,8 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 
     Saving an empty area deletes the saved one.
 
-    Raises
-    ------
-    InputError
-        The name is empty or too long.
-    OutputError
-        The file cannot be written.
+    Raises InputError: the name is empty or too long. Raises OutputError: the file cannot be
+    written.
     """
     import numpy as np
 
@@ -294,10 +274,7 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 def add_saved(effect: bpy.types.Object, name: str) -> int:
     """Add a saved area to an effect's area; return the number of vertices of both.
 
-    Raises
-    ------
-    InputError
-        There is no readable area of that name.
+    Raises InputError: there is no readable area of that name.
     """
     import numpy as np
 

@@ -22,17 +22,9 @@ def weights_of_image(
 ) -> F64:
     """Weights (V,) of an effect's vertices from an image on the avatar's UV map.
 
-    Parameters
-    ----------
-    channel : "brightness", "darkness" or "alpha"
-        Brightness is the luma of the stored values (Rec. 709).
-    uv_map : str
-        Empty: the map active for rendering.
-
-    Raises
-    ------
-    InputError
-        There is no avatar or no such map, or the image has no pixels.
+    ``channel`` is "brightness" (luma of the stored values, Rec. 709), "darkness" or "alpha". An
+    empty ``uv_map`` is the map active for rendering. Raises InputError: there is no avatar or no
+    such map, or the image has no pixels.
     """
     body, anchors = _anchors(effect)
     pixels = _pixels(image, channel)

@@ -45,10 +45,7 @@ def replace_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[b
 
     The empty is removed in any case.
 
-    Raises
-    ------
-    InputError
-        There is no such sensation, or no body for it; no effect is added.
+    Raises InputError: there is no such sensation, or no body for it; no effect is added.
     """
     from . import effect_exchange  # not needed at Blender's start
 

@@ -69,10 +69,7 @@ def place_sensation(
     origin : (3,)
         World position of the origin of its volumes, Blender units.
 
-    Raises
-    ------
-    InputError
-        A body is missing, or an area was painted on another model.
+    Raises InputError: a body is missing, or an area was painted on another model.
     """
     for effect in sensation.effects:
         _check_recipe(effect, body)
@@ -215,16 +212,9 @@ def sensation_of(
 ) -> Sensation:
     """Create a sensation from effects of a scene, with time 0 at their first clip or keyframe.
 
-    Parameters
-    ----------
-    origin : (3,)
-        World position that its volumes are relative to, Blender units.
-
-    Raises
-    ------
-    InputError
-        There are no effects, an effect has the shape of a mesh or is a surface, or a clip is
-        grouped.
+    ``origin`` (3,) is the world position that volumes are relative to, Blender units. Raises
+    InputError: there are no effects, an effect has the shape of a mesh or is a surface, or a clip
+    is a meta strip.
     """
     if not chosen:
         raise InputError("Select the effects to save first.")

@@ -283,9 +283,7 @@ _FILE: Final = strict(
         "version": Number(VERSION, VERSION, is_whole=True),
         "name": PRINTABLE,
         "effects": Items(
-            tagged("modality", {name: _effect_shape(m) for name, m in MODALITIES.items()}),
-            1,
-            256,
+            tagged("modality", {name: _effect_shape(m) for name, m in MODALITIES.items()}), 1, 256
         ),
     },
     {"description": PRINTABLE},
@@ -296,10 +294,7 @@ _FILE: Final = strict(
 def load(path: Path) -> Sensation:
     """Read an effect file and check every field.
 
-    Raises
-    ------
-    InputError
-        For the first fault: file, field, found and allowed value.
+    Raises InputError for the first fault, with file, field, found and allowed value.
     """
     return _read(read(path, _MOST_BYTES))
 
@@ -339,10 +334,7 @@ def _check_consistency(effect: Node) -> None:
 def save(sensation: Sensation, path: Path) -> None:
     """Write an effect file; an existing file is replaced only after a complete write.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError: the file cannot be written.
     """
     with atomic_file(path) as file:
         file.write(text_of(sensation).encode())

@@ -86,10 +86,8 @@ class ShapeCache:
     ) -> Shape:
         """Shape of an evaluated effect; ``part`` numbers the meshes of an effect with instances.
 
-        Raises
-        ------
-        InputError
-            A mesh is required, and the object has no surface, or a surface without an inside.
+        Raises InputError: a mesh is required, and the object has no surface, or a surface without
+        an inside.
         """
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)

@@ -270,10 +270,8 @@ def _hidden(parent: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]
 def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
     """Store a painted area: vertex ids of the effect's perceptual model, and their weights.
 
-    Raises
-    ------
-    InputError
-        An id is not in the model, or a weight is not 0 to 1; the old area is unchanged.
+    Raises InputError: an id is not in the model, or a weight is not 0 to 1; the old area is
+    unchanged.
     """
     model = model_of(effect)
     ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
@@ -287,10 +285,7 @@ def store_weights(effect: bpy.types.Object, weights: F64) -> int:
     """Store weights (V,) of all vertices as an effect's area; return the number of non-zero
     weights.
 
-    Raises
-    ------
-    InputError
-        A weight is not 0 to 1; the old area is unchanged.
+    Raises InputError: a weight is not 0 to 1; the old area is unchanged.
     """
     vertices = weights.nonzero()[0]
     set_area(effect, vertices.tolist(), weights[vertices].tolist())
@@ -326,11 +321,8 @@ def checked_area(
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
     """Check an area; return its ids (ascending, int32) and weights without zeros.
 
-    Raises
-    ------
-    InputError
-        Numbers of ids and weights differ, an id is not in the model or is repeated, or a weight is
-        not 0 to 1.
+    Raises InputError: numbers of ids and weights differ, an id is not in the model or is repeated,
+    or a weight is not 0 to 1.
     """
     import numpy as np
 

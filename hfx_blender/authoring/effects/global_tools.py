@@ -61,10 +61,7 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
     The modulation is an F-curve modifier on ``intensity``, visible in the Graph Editor. Peaks have
     the present intensity, troughs ``depth`` of it less. Depth 0 removes the modulation.
 
-    Raises
-    ------
-    InputError
-        The rate exceeds half of the frame rate.
+    Raises InputError: the rate exceeds half of the frame rate.
     """
     if depth > 0.0 and not 0.0 < rate_hz <= fps / 2:
         raise InputError(

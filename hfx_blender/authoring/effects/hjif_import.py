@@ -42,18 +42,8 @@ def import_hjif(
     channel's body part mask. Without a full scale in the file, the strength of a new effect is full
     scale.
 
-    Returns
-    -------
-    created : list of Object
-    left_out : list of str
-        Channels and parts of channels without an effect, with reasons.
-    notes : list of str
-        Assumptions of the reader.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read; the scene is unchanged.
+    Returns the effects, the channels and parts of channels without an effect, with reasons, and the
+    reader's assumptions. Raises InputError: the file cannot be read; the scene is unchanged.
     """
     document, tolerated = hjif_reader.decode(read_bytes(path), str(path))
     # All is read before the first effect is added, as an error must leave the scene unchanged.

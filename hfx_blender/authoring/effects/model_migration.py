@@ -68,10 +68,7 @@ def transferred_area(
 ) -> F64 | None:
     """Weights (V,) of an earlier edition's area on the present model; None for an unknown edition.
 
-    Raises
-    ------
-    InputError
-        The area does not fit that edition.
+    Raises InputError: the area does not fit that edition.
     """
     import numpy as np
 

@@ -50,10 +50,7 @@ def add_rain(
 
     An earlier rain of the same name on the same body is removed.
 
-    Raises
-    ------
-    InputError
-        The number of drops is not 1 to 5000, or no body part for rain faces upwards.
+    Raises InputError: the number of drops is not 1 to 5000, or no body part for rain faces upwards.
     """
     count = round(drops_per_second * duration_s)
     if not 1 <= count <= 5000:

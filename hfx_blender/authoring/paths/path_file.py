@@ -65,10 +65,7 @@ _PATH: Final = strict(
 def load(path: Path) -> PathRecipe:
     """Read a path file and check every field.
 
-    Raises
-    ------
-    InputError
-        For the first fault: file, field, found and allowed value.
+    Raises InputError for the first fault, with file, field, found and allowed value.
     """
     return recipe_of(read(path))
 
@@ -83,10 +80,7 @@ def recipe_of(document: Node) -> PathRecipe:
 def save(recipe: PathRecipe, path: Path) -> None:
     """Write a path file; an existing file is replaced only after a complete write.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError: the file cannot be written.
     """
     document: dict[str, Any] = {
         "schema": SCHEMA,

@@ -83,10 +83,7 @@ def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> No
 def path_of(effect: bpy.types.Object) -> F64:
     """Stored path of an effect, (n, 3) metres; (0, 3) without a path.
 
-    Raises
-    ------
-    InputError
-        The stored values are not a path.
+    Raises InputError: the stored values are not a path.
     """
     return _points(effect, PATH)
 
@@ -132,10 +129,8 @@ def check_editable(effect: bpy.types.Object) -> None:
 def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
     """Store a path (n, 3), n > 0, on the skin, with its control points (default: all its points).
 
-    Raises
-    ------
-    InputError
-        The effect is no point on the skin or belongs to another file, or a point is not finite.
+    Raises InputError: the effect is no point on the skin or belongs to another file, or a point is
+    not finite.
     """
     import numpy as np
 
@@ -166,10 +161,7 @@ def draw(
     closed : bool
         Return to the first point.
 
-    Raises
-    ------
-    InputError
-        A point is not on the body.
+    Raises InputError: a point is not on the body.
     """
     knots, path = through(places, kind, closed)
     set_path(effect, path, knots)
@@ -209,17 +201,8 @@ def record(
 ) -> None:
     """Convert a recorded motion into a path and keyframes of the position.
 
-    Parameters
-    ----------
-    places : (n, 3) float64
-        Points on the skin.
-    times_s : (n,)
-        Ascending times; the first is at ``frame``.
-
-    Raises
-    ------
-    InputError
-        A point is not on the body, or the times do not ascend.
+    The points ``places`` (n, 3) are on the skin, ``times_s`` (n,) ascend and start at ``frame``.
+    Raises InputError: a point is not on the body, or the times do not ascend.
     """
     import numpy as np
 
@@ -264,10 +247,7 @@ def mirror(effect: bpy.types.Object) -> None:
 def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> PathRecipe:
     """Path and motion of an effect, for a path file.
 
-    Raises
-    ------
-    InputError
-        The effect has no path.
+    Raises InputError: the effect has no path.
     """
     import numpy as np
 

@@ -67,10 +67,7 @@ def posed_vertices(
     World space, Blender units. Normals are not normalised. Preserve Volume and further modifiers
     are ignored.
 
-    Raises
-    ------
-    InputError
-        The stored fit is outdated.
+    Raises InputError: the stored fit is outdated.
     """
     import numpy as np
 
@@ -109,10 +106,7 @@ def posed_vertices(
 class Picker:
     """Ray picking on the skin in one pose of a body.
 
-    Raises
-    ------
-    InputError
-        The stored fit is outdated.
+    Raises InputError: the stored fit is outdated.
     """
 
     def __init__(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:

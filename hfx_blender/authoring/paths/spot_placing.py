@@ -82,21 +82,11 @@ def key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
 
 
 def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_keyed: bool) -> None:
-    """Move a point to a position on the skin at the current frame.
+    """Move a point to a position (3,) on the skin at the current frame; rest space, metres.
 
-    Parameters
-    ----------
-    place : (3,) float64
-        Rest space of the canonical body, metres.
-    is_keyed : bool
-        Insert a keyframe. The path to the neighbouring keyframes is the shortest one on the skin;
-        other parts of the path are unchanged.
-
-    Raises
-    ------
-    InputError
-        The position is not on the body, the effect belongs to another file, or its position is
-        driven or animated by an NLA strip.
+    A keyed point gets the shortest paths to its neighbouring keyframes; other parts of the path are
+    unchanged. Raises InputError: the position is not on the body, the effect belongs to another
+    file, or its position is driven or animated by an NLA strip.
     """
     paths.check_editable(effect)
     check_keyable(effect, paths.POSITION, "position")
@@ -119,10 +109,7 @@ def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_ke
 def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
     """Move a point to a share of its own path at the current frame; the path is unchanged.
 
-    Raises
-    ------
-    InputError
-        Its position is driven or animated by an NLA strip.
+    Raises InputError: its position is driven or animated by an NLA strip.
     """
     check_keyable(effect, paths.POSITION, "position")
     remove_extension(effect)
@@ -135,10 +122,7 @@ def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
 def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
     """Insert a keyframe at the current position of a point.
 
-    Raises
-    ------
-    InputError
-        The point has no position, or it is driven or animated by an NLA strip.
+    Raises InputError: the point has no position, or it is driven or animated by an NLA strip.
     """
     place = place_of(effect)
     if place is None:

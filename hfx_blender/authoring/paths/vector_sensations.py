@@ -30,17 +30,9 @@ def add(
 ) -> bpy.types.Object:
     """Add a vector sensation for a device, all actuators at 0.
 
-    Its full strength is the highest of the actuators' strengths, reached at value 1.
-
-    Parameters
-    ----------
-    modality : str, optional
-        Modality of the actuators; by default that of the device's first.
-
-    Raises
-    ------
-    InputError
-        The device has no actuator of the modality, or the object is no body.
+    Its full strength is the highest of the actuators' strengths, reached at value 1. The default
+    modality is that of the device's first actuator. Raises InputError: the device has no actuator
+    of the modality, or the object is no body.
     """
     modality = modality or device.modalities[0]
     actuators = [actuator for actuator in device.actuators if actuator.type.modality == modality]
@@ -112,10 +104,7 @@ def curves_of(
 def set_curve(effect: bpy.types.Object, actuator: str, keys: list[tuple[float, float]]) -> None:
     """Replace the keyframes of an actuator by (frame, value 0 to 1) pairs.
 
-    Raises
-    ------
-    InputError
-        The effect has no such actuator.
+    Raises InputError: the effect has no such actuator.
     """
     index = effect.hfx.drive.find(actuator)
     if index < 0:

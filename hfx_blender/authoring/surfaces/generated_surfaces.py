@@ -24,10 +24,8 @@ def apply_generated(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
 
     An existing surface, and the material of the active slot, are replaced.
 
-    Raises
-    ------
-    InputError
-        The object is no mesh of this file, or a file of the record is missing or damaged.
+    Raises InputError: the object is no mesh of this file, or a file of the record is missing or
+    damaged.
     """
     files = generated.read(record)
     if not surfaces.is_surface(obj):
@@ -112,12 +110,8 @@ def write_blend(record: Path) -> Path:
 
     The open file is replaced by a new one.
 
-    Raises
-    ------
-    InputError
-        A file of the record is missing or damaged.
-    OutputError
-        The .blend cannot be written.
+    Raises InputError: a file of the record is missing or damaged. Raises OutputError: the .blend
+    cannot be written.
     """
     bpy.ops.wm.read_homefile(use_empty=True)
     mesh = bpy.data.meshes.new("Swatch")

@@ -27,10 +27,7 @@ def data_of(image: bpy.types.Image) -> F64:
 
     8-bit and 16-bit values are 0 to 1, float values are unchanged.
 
-    Raises
-    ------
-    InputError
-        The image has no pixels, or too many.
+    Raises InputError: the image has no pixels, or too many.
     """
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
@@ -51,10 +48,7 @@ def data_of(image: bpy.types.Image) -> F64:
 def brightness_of(image: bpy.types.Image) -> F64:
     """Luminance (H, W) of an image in linear light, bottom row first.
 
-    Raises
-    ------
-    InputError
-        The image has no pixels, or too many.
+    Raises InputError: the image has no pixels, or too many.
     """
     pixels = pixels_of(image)
     if pixels.shape[2] < 3:
@@ -66,10 +60,7 @@ def brightness_of(image: bpy.types.Image) -> F64:
 def colours_of(image: bpy.types.Image) -> F64:
     """Colours (H, W, 3) of an image as sRGB values 0 to 1, bottom row first.
 
-    Raises
-    ------
-    InputError
-        The image has no pixels, too many, or NaN.
+    Raises InputError: the image has no pixels, too many, or NaN.
     """
     pixels = pixels_of(image)
     pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
@@ -82,10 +73,7 @@ def colours_of(image: bpy.types.Image) -> F64:
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
     """Fill non-finite values of a height map (H, W); return it with notes.
 
-    Raises
-    ------
-    InputError
-        More than half of the values are missing.
+    Raises InputError: more than half of the values are missing.
     """
     missing = float(np.mean(~np.isfinite(grey)))
     if missing > MOST_MISSING:
@@ -101,10 +89,8 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
 def pixels_of(image: bpy.types.Image) -> F32:
     """All channels of an image as stored by Blender, (H, W, C), bottom row first.
 
-    Raises
-    ------
-    InputError
-        The image has no pixels or too many, or its file is a pipe or on another machine.
+    Raises InputError: the image has no pixels or too many, or its file is a pipe or on another
+    machine.
     """
     if not image.has_data and image.source != "GENERATED" and not image.packed_files:
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
@@ -127,10 +113,7 @@ def pixels_of(image: bpy.types.Image) -> F32:
 def load(path: str) -> bpy.types.Image:
     """Load an image file.
 
-    Raises
-    ------
-    InputError
-        The file is missing, truncated, or no image for Blender.
+    Raises InputError: the file is missing, truncated, or no image for Blender.
     """
     refuse_no_file(Path(path))
     try:

@@ -50,10 +50,7 @@ class ReliefNodes:
 def prepare(material: bpy.types.Material, name: str) -> None:
     """Give a material nodes if it has none; ``name`` is the name for messages.
 
-    Raises
-    ------
-    InputError
-        The material has no output for Cycles.
+    Raises InputError: the material has no output for Cycles.
     """
     if material.node_tree is None:  # before 5.0 a material can be without nodes
         colour, roughness = tuple(material.diffuse_color), material.roughness

@@ -31,20 +31,9 @@ def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
 class ReliefEstimation:
     """Estimation in a helper process, started at once.
 
-    Parameters
-    ----------
-    picture : Image
-    size_mm : (float, float)
-        Width and height of the pictured material.
-    tiles : bool
-        Opposite edges of the picture match.
-
-    Raises
-    ------
-    InputError
-        The picture cannot be read.
-    OutputError
-        The temporary folder is not writable.
+    ``size_mm`` is width and height of the pictured material; ``tiles`` if opposite edges match.
+    Raises InputError: the picture cannot be read. Raises OutputError: the temporary folder is not
+    writable.
     """
 
     def __init__(self, picture: bpy.types.Image, size_mm: tuple[float, float], tiles: bool) -> None:
@@ -68,10 +57,7 @@ class ReliefEstimation:
     def result(self) -> EstimatedRelief:
         """Estimated relief; waits for the process.
 
-        Raises
-        ------
-        InputError
-            The estimation failed.
+        Raises InputError: the estimation failed.
         """
         try:
             refusal = self._worker.receive()
@@ -101,10 +87,7 @@ class ReliefEstimation:
 def apply_estimate(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
     """Store an estimate as an object's surface, and make its maps; return notes.
 
-    Raises
-    ------
-    InputError
-        The estimation failed, or the object cannot have a surface.
+    Raises InputError: the estimation failed, or the object cannot have a surface.
     """
     estimate = estimation.result()
     if not surfaces.is_surface(obj):

@@ -63,10 +63,8 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
     If the UV map leaves the unit square or overlaps, one tile of the material is baked instead,
     provided that it depends on the UV map alone.
 
-    Raises
-    ------
-    InputError
-        The object has no mesh, size, UV map or material, its UVs overlap, or Cycles cannot bake it.
+    Raises InputError: the object has no mesh, size, UV map or material, its UVs overlap, or Cycles
+    cannot bake it.
     """
     if not (2 <= width <= FINEST and 2 <= height <= FINEST):
         raise InputError(

@@ -39,10 +39,7 @@ class SurfaceRelief:
 def relief_of(obj: bpy.types.Object) -> SurfaceRelief:
     """Make the relief of an object's surface from its source.
 
-    Raises
-    ------
-    InputError
-        The source is missing or unusable.
+    Raises InputError: the source is missing or unusable.
     """
     source = obj.hfx.surface.source
     if source == "MATERIAL":
@@ -141,12 +138,7 @@ def _scan_relief(obj: bpy.types.Object) -> SurfaceRelief:
 
 
 def read_scan(
-    path: Path,
-    *,
-    unit_mm: float,
-    size_mm: tuple[float, float],
-    height_mm: float,
-    resolution: int,
+    path: Path, *, unit_mm: float, size_mm: tuple[float, float], height_mm: float, resolution: int
 ) -> SurfaceRelief:
     """Relief of a scan: a point cloud or a height map.
 
@@ -159,10 +151,8 @@ def read_scan(
     resolution : int
         Largest number of texels along the longer edge of a point cloud.
 
-    Raises
-    ------
-    InputError
-        The file is missing or unreadable, or more than half of the heights are missing.
+    Raises InputError: the file is missing or unreadable, or more than half of the heights are
+    missing.
     """
     if path.suffix.lower() in PICTURES:
         image = image_values.load(str(path))

@@ -46,19 +46,10 @@ class Charts:
 
 
 def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
-    """Charts of a mesh; ``owner`` is the object's name for messages.
+    """Charts of a mesh with a matrix (4, 4) to world; ``owner`` is the object's name for messages.
 
-    Parameters
-    ----------
-    uv_map : str
-        Empty: the map active for rendering.
-    world : array_like
-        (4, 4) local to world.
-
-    Raises
-    ------
-    InputError
-        The object has no size, there is no such UV map, or the map has no area.
+    An empty ``uv_map`` is the map active for rendering. Raises InputError: the object has no size,
+    there is no such UV map, or the map has no area.
     """
     points, areas = _triangles(mesh, owner, world)
     layer = _layer(mesh, uv_map, owner)
@@ -91,10 +82,7 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
 
     Adjacent faces with equal main axes continue without a seam.
 
-    Raises
-    ------
-    InputError
-        The object has no size.
+    Raises InputError: the object has no size.
     """
     points, _ = _triangles(mesh, owner, world)
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -161,10 +149,7 @@ def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
 def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
     """Width and height of a UV unit on an object, millimetres.
 
-    Raises
-    ------
-    InputError
-        The object is no mesh, or has no size, no UV map or no UV area.
+    Raises InputError: the object is no mesh, or has no size, no UV map or no UV area.
     """
     if obj.type != "MESH":
         raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")

@@ -62,10 +62,7 @@ def is_surface(obj: bpy.types.Object | None) -> bool:
 def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
     """Add a haptic surface to an object, without baking it.
 
-    Raises
-    ------
-    InputError
-        The object is no mesh, is linked, or has a haptic role.
+    Raises InputError: the object is no mesh, is linked, or has a haptic role.
     """
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
@@ -120,15 +117,9 @@ def has_edited_material(obj: bpy.types.Object) -> bool:
 def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
     """Make an object's maps and store them in the .blend; return notes.
 
-    Parameters
-    ----------
-    anew : bool
-        Make the relief even if its settings are unchanged, as its material may be edited.
-
-    Raises
-    ------
-    InputError
-        The maps cannot be made. Stored maps are unchanged, and the error is shown in the panel.
+    With ``anew`` the relief is made even if its settings are unchanged, as its material may be
+    edited. Raises InputError: the maps cannot be made. Stored maps are unchanged, and the error is
+    shown in the panel.
     """
     from . import material_hash, surface_sources
 
@@ -219,10 +210,7 @@ def ensure_maps(obj: bpy.types.Object) -> None:
 def field_of(obj: bpy.types.Object) -> HeightField | None:
     """Stored relief of an object; None for an imported map.
 
-    Raises
-    ------
-    InputError
-        No relief is stored.
+    Raises InputError: no relief is stored.
     """
     import numpy as np
 
@@ -266,10 +254,7 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
     """Layer of an imported map, (rows, columns), clipped to 0 to 1.
 
-    Raises
-    ------
-    InputError
-        Values are outside of 0 to 1, or NaN.
+    Raises InputError: values are outside of 0 to 1, or NaN.
     """
     import numpy as np
 
@@ -309,10 +294,7 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
     pixels = image_values.pixels_of(settings.relief_image)
     slope = np.ascontiguousarray(pixels[..., 2]) if settings.made_slope else None
     map_settings = MapSettings(
-        blur_m=settings.blur_mm / 1000.0,
-        full_slope=settings.full_slope,
-        device=device,
-        steps=steps,
+        blur_m=settings.blur_mm / 1000.0, full_slope=settings.full_slope, device=device, steps=steps
     )
     try:
         return make_map(field, pixels[..., 1], map_settings, slope)
@@ -326,10 +308,7 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
 def map_of(obj: bpy.types.Object) -> HapticMap:
     """Up-to-date haptic map of an object.
 
-    Raises
-    ------
-    InputError
-        The map cannot be made.
+    Raises InputError: the map cannot be made.
     """
     ensure_maps(obj)
     return _map_of(obj, field_of(obj))
@@ -338,10 +317,7 @@ def map_of(obj: bpy.types.Object) -> HapticMap:
 def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
     """Up-to-date haptic material of an object.
 
-    Raises
-    ------
-    InputError
-        The maps cannot be made.
+    Raises InputError: the maps cannot be made.
     """
     from ...devices.configurations import surface_calibration
     from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
@@ -385,10 +361,7 @@ def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> N
 def store_generated(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     """Store a generated relief as the object's surface, and make its map.
 
-    Raises
-    ------
-    InputError
-        The map cannot be made.
+    Raises InputError: the map cannot be made.
     """
     settings = obj.hfx.surface
     settings.source = "GENERATED"
