@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -13,8 +13,7 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import I32, NPZ_DAMAGE
 from . import model_library
-from .mesh_edges import expand
-from .model import PerceptualModel, SkinWeights
+from .model import PerceptualModel
 
 LEVELS_FILE: Final = "{modality}-levels.npz"
 
@@ -28,58 +27,10 @@ class Level:
     coarse_of: I32  # (V,) index into vertices of the representative of each model vertex
 
 
-def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """Coarser copy of a model, and the mapping from its vertices to the copy's vertices.
-
-    Ids of a level are temporary: effects, tracks and devices store ids of the full model.
-
-    Parameters
-    ----------
-    level : int
-        0 returns the model itself; see :func:`level_count`.
-
-    Returns
-    -------
-    model : PerceptualModel
-        Id ``<id>/level-<level>``; areas are sums over the represented vertices.
-    coarse_of : (V,) int32
-        Vertex of the copy for each vertex of the model.
-
-    Raises
-    ------
-    InputError
-        The model has no such level.
-    """
-    chosen_level = level_of(model, level)
-    ids = chosen_level.vertices
-    if level == 0:
-        return model, ids
-    areas = np.bincount(chosen_level.coarse_of, model.areas_m2, minlength=len(ids))
-    coarse = replace(
-        model,
-        id=f"{model.id}/level-{level}",
-        vertices=model.vertices[ids],
-        triangles=chosen_level.triangles,
-        normals=model.normals[ids],
-        areas_m2=areas.astype(np.float32),
-        part=model.part[ids],
-        side=model.side[ids],
-        mirror=np.searchsorted(ids, model.mirror[ids]).astype(np.int32),
-        weights=_rows(model.weights, ids),
-        avatar_vertices=model.avatar_vertices[ids],
-        avatar_weights=model.avatar_weights[ids],
-        avatar_offset_m=model.avatar_offset_m[ids],
-    )
-    return coarse, chosen_level.coarse_of
-
-
 def level_of(model: PerceptualModel, level: int) -> Level:
     """Level of detail of a model; level 0 has all vertices.
 
-    Raises
-    ------
-    InputError
-        The model has no such level.
+    Raises InputError: the model has no such level.
     """
     if level == 0:
         all_ids = np.arange(len(model), dtype=np.int32)
@@ -95,21 +46,10 @@ def level_count(model: PerceptualModel) -> int:
     return len(_levels_of(model))
 
 
-def _rows(weights: SkinWeights, rows: I32) -> SkinWeights:
-    """Skin weights of some rows, in the given order."""
-    entries, owner = expand(weights.offsets.astype(np.int64), rows.astype(np.int64))
-    count = np.bincount(owner, minlength=len(rows))
-    offsets = np.concatenate(([0], np.cumsum(count))).astype(np.int32)
-    return SkinWeights(offsets, weights.bones[entries], weights.values[entries])
-
-
 def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
     """Coarser levels of a model; empty without a levels file.
 
-    Raises
-    ------
-    InputError
-        The levels were made for another edition of the model.
+    Raises InputError: the levels were made for another edition of the model.
     """
     origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / LEVELS_FILE.format(modality=model.modality)
@@ -128,10 +68,7 @@ def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
 def read_levels(path: Path) -> tuple[tuple[str, str], tuple[Level, ...]]:
     """Read a levels file: (model id, content hash) and levels, finest first; cached.
 
-    Raises
-    ------
-    InputError
-        The file is unreadable.
+    Raises InputError: the file is unreadable.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

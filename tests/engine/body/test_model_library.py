@@ -12,8 +12,8 @@ from pathlib import Path
 import body_sets
 import numpy as np
 import pytest
+from coarse_models import at_level
 
-from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model, model_library, temperature_cells
 from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
@@ -88,8 +88,8 @@ def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> N
 
 def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    made, coarse_of = level_files.at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
-    shipped, same = level_files.at_level(model.load_model("hfx-pressure-1"), 1)
+    made, coarse_of = at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
+    shipped, same = at_level(model.load_model("hfx-pressure-1"), 1)
     assert np.array_equal(coarse_of, same)
     assert made.vertices == pytest.approx(1.1 * shipped.vertices)
     fine, owner = temperature_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))

@@ -18,12 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
+from coarse_models import at_level
 from core_library import Body, Clip
 from walkers import RATE_HZ, Walk, walk
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.body.levels import at_level, level_count
+from hfx_blender.engine.body.levels import level_count
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device_config import DeviceConfig

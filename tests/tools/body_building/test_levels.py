@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coarse_models import at_level
 
 from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model
@@ -31,7 +32,7 @@ def pair(
 ) -> tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]:
     identity, level = request.param
     fine = model.load_model(identity)
-    return fine, *level_files.at_level(fine, level), level
+    return fine, *at_level(fine, level), level
 
 
 Pair = tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]
@@ -102,30 +103,30 @@ def test_a_level_says_that_its_ids_are_its_own(pair: Pair) -> None:
 
 
 def test_level_0_is_the_model_and_temperature_has_no_other() -> None:
-    same, coarse_of = level_files.at_level(model.load_model("hfx-temperature-1"), 0)
+    same, coarse_of = at_level(model.load_model("hfx-temperature-1"), 0)
     assert same is model.load_model("hfx-temperature-1")
     assert np.array_equal(coarse_of, np.arange(len(same)))
     assert level_files.level_count(same) == 0
     assert level_files.level_count(model.load_model("hfx-pressure-1")) == 2
     for identity, level, there in (("hfx-temperature-1", 1, 0), ("hfx-pressure-1", 3, 2)):
         with pytest.raises(InputError, match=f"has levels 0 to {there}, not {level}"):
-            level_files.at_level(model.load_model(identity), level)
+            at_level(model.load_model(identity), level)
 
 
 def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
     fine = model.load_model("hfx-pressure-1")
     tall = replace(fine, vertices=2.0 * fine.vertices)
-    coarse, _ = level_files.at_level(tall, 2)
-    assert np.array_equal(coarse.vertices, 2.0 * level_files.at_level(fine, 2)[0].vertices)
+    coarse, _ = at_level(tall, 2)
+    assert np.array_equal(coarse.vertices, 2.0 * at_level(fine, 2)[0].vertices)
 
 
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.engine.body.levels import at_level\n"
+        "from hfx_blender.engine.body.levels import level_of\n"
         "from hfx_blender.engine.body.temperature_cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
-        "print(len(at_level(load_model('hfx-pressure-1'), 1)[0]))\n"
+        "print(len(level_of(load_model('hfx-pressure-1'), 1).vertices))\n"
         "print(len(cell_of_skin(load_model('hfx-temperature-1'))[1]))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -173,4 +174,4 @@ def test_missing_or_broken_levels_are_told(
     change(tmp_path / "pressure-levels.npz")
     monkeypatch.setattr("hfx_blender.files.resources.body_models", lambda: tmp_path)
     with pytest.raises(InputError, match=message):
-        level_files.at_level(fine, 1)
+        at_level(fine, 1)
