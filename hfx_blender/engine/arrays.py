@@ -71,10 +71,7 @@ def write_npz(
 ) -> None:
     """Write arrays as ``numpy.savez``, closing the archive if a write fails.
 
-    Raises
-    ------
-    OSError
-        The file cannot be written.
+    Raises OSError: the file cannot be written.
     """
     method = zipfile.ZIP_DEFLATED if is_compressed else zipfile.ZIP_STORED
     with zipfile.ZipFile(file, "w", method) as archive:

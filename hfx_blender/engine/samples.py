@@ -118,8 +118,7 @@ class SampleRun:
     @property
     def sizes(self) -> I64:
         """Number of vertices (n,) of each sample."""
-        sizes: I64 = np.diff(self.offsets)[self.set_of]
-        return sizes
+        return np.asarray(np.diff(self.offsets)[self.set_of])
 
     @property
     def contact_count(self) -> int:

@@ -58,10 +58,7 @@ _ALLOWED = f"{', '.join(PRESETS)}, or values such as 5mm,10ms,5%"
 def parse(text: str) -> Tolerance:
     """Parse a preset name, or values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
 
-    Raises
-    ------
-    UsageError
-        The text is neither.
+    Raises UsageError: the text is neither.
     """
     name = text.strip().lower()
     if name in PRESETS:

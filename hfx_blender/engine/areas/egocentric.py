@@ -37,10 +37,7 @@ class EgocentricAreas:
     ) -> SampleRun | None:
         """Run of a painted area; None without a row of known pose.
 
-        Raises
-        ------
-        ValueError
-            Motion is recorded, but the reader did not read poses.
+        Raises ValueError: motion is recorded, but the reader did not read poses.
         """
         if self._builder.wants_motion:
             k = self._builder.body_index[area.body_id]

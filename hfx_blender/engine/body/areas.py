@@ -57,8 +57,7 @@ def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
     """Swap the left and right sides of an area."""
-    swapped: F64 = weights[model.mirror]
-    return swapped
+    return np.asarray(weights[model.mirror])
 
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
@@ -76,10 +75,7 @@ def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
 def blended(weights: F64, other: F64, blend: Blend) -> F64:
     """Combine an area with another area by a blend mode; result clipped to 0..1.
 
-    Raises
-    ------
-    ValueError
-        Unknown blend mode.
+    Raises ValueError: unknown blend mode.
     """
     if blend == "replace":
         return other

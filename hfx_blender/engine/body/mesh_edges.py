@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import I64
+from ..arrays import I32, I64
 
 
 def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
@@ -26,7 +26,7 @@ def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
     return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(points),) * 2))
 
 
-def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:
+def expand(offsets: I64, rows: I64 | I32) -> tuple[I64, I64]:
     """Indices of all entries of sparse rows, and the position in ``rows`` of each entry.
 
     Row ``r`` holds the entries ``offsets[r]`` to ``offsets[r + 1]``.

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ...files import limits, resources
-from ..arrays import F32, I32, NPZ_DAMAGE, U8
+from ..arrays import F32, F64, I32, I64, NPZ_DAMAGE, U8
 from . import model_library
 from .model_library import manifest as manifest
 
@@ -82,6 +82,12 @@ class Skeleton:
     rest: F32  # (B, 4, 4) bone to rest space, as Blender's ``bone.matrix_local``
     lengths_m: F32  # (B,)
 
+    @cached_property
+    def heads(self) -> dict[str, F64]:
+        """Head (3,) of each bone, rest space."""
+        heads = self.rest[:, :3, 3].astype(np.float64)
+        return dict(zip(self.bone_names, heads, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Avatar:
@@ -96,6 +102,12 @@ class Avatar:
     skeleton: Skeleton
     weights: SkinWeights
     provenance: dict[str, Any]
+
+    @cached_property
+    def triangles(self) -> I64:
+        """Halves (2 F, 3) of the quads: all first halves, then all second halves."""
+        faces = self.faces.astype(np.int64)
+        return np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
 
     @cached_property
     def content_hash(self) -> str:
@@ -148,10 +160,7 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
 def load(kind: type[_Stored], path: Path) -> _Stored:
     """Read a perceptual model, avatar or walk cycle from an .npz file.
 
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, of another kind or of a newer version.
+    Raises InputError: the file is missing, damaged, of another kind or of a newer version.
     """
     meta, arrays = _read(kind, path)
     if kind is PerceptualModel:
@@ -191,10 +200,7 @@ _FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": d
 def _check_model(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
     """Check member names, dtypes, dimensions and sizes of a perceptual model's content.
 
-    Raises
-    ------
-    InputError
-        At the first invalid member; the message names the member.
+    Raises InputError: at the first invalid member; the message names the member.
     """
     if set(meta) != set(_FACTS) or set(arrays) != set(ARRAYS):
         raise InputError(f"{path}: not a readable body model (missing or unknown members).")
@@ -219,10 +225,7 @@ def _check_model(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> No
 def _check_vertex_counts(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
     """Check that arrays have one row per vertex and that vertex ids are in range.
 
-    Raises
-    ------
-    InputError
-        At the first invalid array.
+    Raises InputError: at the first invalid array.
     """
     count = len(arrays["vertices"])
     for name in _OF_VERTICES:
@@ -262,10 +265,7 @@ def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
     """Read metadata and arrays of a file; with ``part``, only arrays with this name prefix.
 
-    Raises
-    ------
-    InputError
-        See :func:`load`.
+    Errors are those of :func:`load`.
     """
     try:
         arrays = _stored_arrays(path, part)
@@ -287,12 +287,8 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
 def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
     """Decompress the arrays with the name prefix ``part``, and the metadata.
 
-    Raises
-    ------
-    ValueError
-        The file holds a single array.
-    InputError
-        The unpacked size exceeds the limits of :mod:`hfx_blender.files.limits`.
+    Raises ValueError: the file holds a single array. Raises InputError: the unpacked size exceeds
+    the limits of :mod:`hfx_blender.files.limits`.
     """
     with np.load(path, allow_pickle=False) as stored:
         if not isinstance(stored, np.lib.npyio.NpzFile):
@@ -306,10 +302,7 @@ def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
 def load_model(model_id: str) -> PerceptualModel:
     """Perceptual model by id (``"hfx-pressure-1"``), shipped or installed by the user; cached.
 
-    Raises
-    ------
-    InputError
-        Unknown id, unreadable file, or content hash different from the manifest.
+    Raises InputError: unknown id, unreadable file, or content hash different from the manifest.
     """
     return _loaded(PerceptualModel, model_library.find(model_id))
 
@@ -318,10 +311,7 @@ def load_model(model_id: str) -> PerceptualModel:
 def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
     """Shipped avatar or avatar of an installed variant, by id; cached.
 
-    Raises
-    ------
-    InputError
-        Unknown id, unreadable file, or content hash different from the manifest.
+    Raises InputError: unknown id, unreadable file, or content hash different from the manifest.
     """
     return _loaded(Avatar, model_library.find(avatar_id, "avatar"))
 

@@ -51,10 +51,7 @@ def manifest() -> dict[str, Any]:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the manifest of a set.
 
-    Raises
-    ------
-    InputError
-        The manifest is missing, unreadable, or names files outside its folder.
+    Raises InputError: the manifest is missing, unreadable, or names files outside its folder.
     """
     path = folder / MANIFEST_FILE
     try:
@@ -70,10 +67,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def _entries(folder: Path, index: Mapping[str, Any], is_shipped: bool) -> list[Entry]:
     """Entries of a manifest, the avatar first.
 
-    Raises
-    ------
-    ValueError
-        A file lies outside the folder, or a hash is empty.
+    Raises ValueError: a file lies outside the folder, or a hash is empty.
     """
     entries = [
         Entry(id, "model", folder, facts, is_shipped) for id, facts in index["models"].items()
@@ -138,10 +132,7 @@ def _duplicate_message(first: Entry, second: Entry) -> str:
 def find(identity: str, kind: str = "model") -> Entry:
     """Find a model or avatar by id; ``kind`` is "model" or "avatar".
 
-    Raises
-    ------
-    InputError
-        The id is unknown, or the user's sets have two different models of this id.
+    Raises InputError: the id is unknown, or the user's sets have two different models of this id.
     """
     for entry in shipped():
         if (entry.id, entry.kind) == (identity, kind):

@@ -121,8 +121,7 @@ def strongest_bones(model: PerceptualModel) -> I64:
     # Sorted by row, then weight: the last entry of a row is the largest.
     order = np.lexsort((weights.values, row))
     last = np.flatnonzero(np.diff(row[order], append=-1))
-    bones: I64 = weights.bones[order][last].astype(np.int64)
-    return bones
+    return np.asarray(weights.bones[order][last].astype(np.int64))
 
 
 @lru_cache(maxsize=8)

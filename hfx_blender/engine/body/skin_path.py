@@ -45,10 +45,8 @@ class SkinPaths:
     def on_skin(self, places: npt.ArrayLike) -> F64:
         """Nearest places on the skin, (n, 3).
 
-        Raises
-        ------
-        InputError
-            No place is given, or a place is not finite or farther than 5 cm from the skin.
+        Raises InputError: no place is given, or a place is not finite or farther than 5 cm from the
+        skin.
         """
         points = np.asarray(places, np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
@@ -68,10 +66,7 @@ class SkinPaths:
     def straight(self, knots: F64, closed: bool = False) -> F64:
         """Shortest path along the skin through knots in order.
 
-        Raises
-        ------
-        InputError
-            Two knots are on unconnected parts of the skin.
+        Raises InputError: two knots are on unconnected parts of the skin.
         """
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
         return _joined(parts, knots)
@@ -79,10 +74,7 @@ class SkinPaths:
     def curve(self, knots: F64, closed: bool = False) -> F64:
         """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin.
 
-        Raises
-        ------
-        InputError
-            Two knots are on unconnected parts of the skin.
+        Raises InputError: two knots are on unconnected parts of the skin.
         """
         knots = _distinct(knots)
         if len(knots) < 2:
@@ -125,8 +117,7 @@ class SkinPaths:
 
     def _half_way(self, a: F64, b: F64) -> F64:
         """Middle (3,) of the shortest path between two points."""
-        middle: F64 = _evenly(self._shortest(a, b), 2)[1]
-        return middle
+        return np.asarray(_evenly(self._shortest(a, b), 2)[1])
 
     def _projected(self, places: F64) -> F64:
         return self._skin.nearest(places).place
@@ -138,8 +129,7 @@ class SkinPaths:
         is_near = np.zeros(len(self._points), np.bool_)
         for ids in self._tree.query_ball_point(places, 2.0 * radius + 0.03):
             is_near[ids] = True
-        triangles: I64 = self._triangles[is_near[self._triangles].any(axis=1)]
-        return triangles
+        return np.asarray(self._triangles[is_near[self._triangles].any(axis=1)])
 
     def _shortest(self, a: F64, b: F64) -> F64:
         """Shortest path between two points: Dijkstra over mesh edges, then tightened."""
@@ -212,8 +202,7 @@ class SkinPaths:
 
 def _steps(path: F64) -> F64:
     """Distances (n - 1,) between successive points."""
-    lengths: F64 = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    return lengths
+    return np.asarray(np.linalg.norm(np.diff(path, axis=0), axis=1))
 
 
 def _length(path: F64) -> float:
@@ -222,8 +211,7 @@ def _length(path: F64) -> float:
 
 def _distinct(knots: F64) -> F64:
     """Remove knots equal to their predecessor."""
-    distinct: F64 = knots[np.append(True, _steps(knots) > _SAME_PLACE_M)]
-    return distinct
+    return np.asarray(knots[np.append(True, _steps(knots) > _SAME_PLACE_M)])
 
 
 def _pairs(knots: F64, closed: bool) -> list[tuple[F64, F64]]:

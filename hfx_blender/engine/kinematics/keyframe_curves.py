@@ -95,8 +95,7 @@ class KeyedCurves:
         # Frame to curve parameter first, because a Bezier segment is a curve (frame, value)(u).
         u = _parameter_at(frames[:, None] - x0, x1 - x0, x2 - x0, x3 - x0)
         v = 1.0 - u
-        value: F64 = v**3 * y0 + 3 * v**2 * u * y1 + 3 * v * u**2 * y2 + u**3 * y3
-        return value
+        return np.asarray(v**3 * y0 + 3 * v**2 * u * y1 + 3 * v * u**2 * y2 + u**3 * y3)
 
 
 def _on_lines(time: F64, length: F64, first: F64, second: F64) -> F64:

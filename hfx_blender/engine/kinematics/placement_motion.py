@@ -55,14 +55,12 @@ def largest_stretch(matrices: F64) -> F64:
     """Upper bound (n,) of the stretch of any direction by matrices (n, 3 or 4, 4)."""
     linear = matrices[:, :3, :3]
     gram = linear @ linear.transpose(0, 2, 1)
-    stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
-    return stretch
+    return np.asarray(np.sqrt(np.abs(gram).sum(axis=2).max(axis=1)))
 
 
 def longest_axis(linear: F64) -> F64:
     """Length (...,) of the longest axis under matrices (..., 3, 3): lower bound of the stretch."""
-    longest: F64 = np.sqrt(np.square(linear).sum(axis=-2).max(axis=-1))
-    return longest
+    return np.asarray(np.sqrt(np.square(linear).sum(axis=-2).max(axis=-1)))
 
 
 def turned_by(before: F64, after: F64) -> F64:
@@ -113,5 +111,4 @@ def _rotations(axes: F64, angles: F64) -> F64:
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
     sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    rotations: F64 = np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
-    return rotations
+    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))

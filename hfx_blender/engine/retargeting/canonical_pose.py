@@ -298,16 +298,13 @@ class _Segments:
 
     def _rigid(self, parent: str, joint: str) -> tuple[F64, F64]:
         """Parent's rotation, joint to joint, without scale."""
-        turn = self._turns.get(parent)
-        turn = self._turn(parent) if turn is None else turn
+        turn = self._turn(parent)
         return affine(turn, turn, self._c[joint], self._t[joint])
 
     def _between(self, parent: str, start: str, end: str, girth: float) -> tuple[F64, F64]:
         """Transform between two joints of canonical and target skeleton."""
-        turn = self._turns[parent] if parent in self._turns else self._turn(parent)
-        return self._stretched(
-            turn, self._c[start], self._c[end], self._t[start], self._t[end], girth
-        )
+        ends = self._c[start], self._c[end], self._t[start], self._t[end]
+        return self._stretched(self._turn(parent), *ends, girth)
 
     def _stretched(
         self, turn: F64, start: F64, end: F64, new_start: F64, new_end: F64, girth: float
@@ -325,7 +322,7 @@ class _Segments:
 
     def _by_extent(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
         """Transform of the last bone of a limb, up to the tip of the skin."""
-        turn = self._turns[parent]
+        turn = self._turn(parent)
         own, target = self._skins(region)
         start, new_start = self._c[joint], self._t[joint]
         if len(target) <= 3:

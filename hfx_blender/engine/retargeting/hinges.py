@@ -62,8 +62,7 @@ class _Limb:
     @property
     def lengths(self) -> F64:
         """Lengths (2,) of upper and lower bone, metres."""
-        lengths: F64 = np.linalg.norm(self.ways, axis=1)
-        return lengths
+        return np.asarray(np.linalg.norm(self.ways, axis=1))
 
     def crossing_m(self, points: F64, upper: F64, lower: F64) -> float | None:
         """Position along the limb of the transition from upper to lower weights; 0 at the hinge.
@@ -94,8 +93,7 @@ class _Limb:
     def moved(self, along_m: float) -> F64:
         """Hinge (3,) moved along the lower bone, or (negative) back along the upper bone."""
         way, length = self.ways[int(along_m > 0.0)], self.lengths[int(along_m > 0.0)]
-        point: F64 = self.hinge + along_m * way / length
-        return point
+        return np.asarray(self.hinge + along_m * way / length)
 
 
 def placed(

@@ -60,10 +60,8 @@ class Skeletons:
 def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Skeletons:
     """Joints and regions of both bodies, and the similarity transform between them.
 
-    Raises
-    ------
-    InputError
-        Required joints are missing, proportions or posture are not human, or there is no torso.
+    Raises InputError: required joints are missing, proportions or posture are not human, or there
+    is no torso.
     """
     mapped = _without_mittens(_known_bones(target, mapping))
     canonical, in_target = _joints(avatar, target, mapped)
@@ -101,10 +99,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
 def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]:
     """Mapped bones: canonical bone to target bone.
 
-    Raises
-    ------
-    InputError
-        The armature lacks a mapped bone.
+    Raises InputError: the armature lacks a mapped bone.
     """
     known = {bone.name for bone in target.bones}
     unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
@@ -116,10 +111,7 @@ def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]
 def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F64:
     """Similarity transform (4, 4) from canonical joints to a target's, with bent legs straightened.
 
-    Raises
-    ------
-    InputError
-        Hips or shoulders are missing, or all joints coincide.
+    Raises InputError: hips or shoulders are missing, or all joints coincide.
     """
     missing = [joint for joint in _NEEDED if joint not in joints]
     if missing:
@@ -144,10 +136,7 @@ def _check_proportions(
 ) -> None:
     """Reject joints too far from canonical proportions after alignment.
 
-    Raises
-    ------
-    InputError
-        RMS distance above 12 % of the height.
+    Raises InputError: RMS distance above 12 % of the height.
     """
     own, aligned_target = _frame_joints(canonical, joints)
     misfit = apply(np.linalg.inv(similarity(own, aligned_target)), aligned_target) - own
@@ -189,14 +178,12 @@ def _absent_regions(
     target_areas = _region_areas(points, triangles, target_shares)
     halves = avatar.faces[:, :3].astype(np.int64)  # of quads
     canonical_areas = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
-    is_absent: Bool = target_areas < _LEAST_SKIN * canonical_areas
-    return is_absent
+    return np.asarray(target_areas < _LEAST_SKIN * canonical_areas)
 
 
 def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
     """Area (R,) of each region of a surface."""
-    areas: F64 = areas_of(points, triangles) @ shares[triangles].mean(axis=1)
-    return areas
+    return np.asarray(areas_of(points, triangles) @ shares[triangles].mean(axis=1))
 
 
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
@@ -232,10 +219,8 @@ def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> di
 def _check_posture(joints: Mapping[str, F64]) -> None:
     """Reject joints impossible for an upright human.
 
-    Raises
-    ------
-    InputError
-        Names all faults: legs across the trunk, low head, narrow or wide hips or shoulders.
+    Raises InputError: names all faults: legs across the trunk, low head, narrow or wide hips or
+    shoulders.
     """
     hips, chest = (
         (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder")
@@ -308,9 +293,7 @@ def _joints(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str]
 ) -> tuple[dict[str, F64], dict[str, F64]]:
     """Points (3,) of the joints on the canonical body and the target, rest and target space."""
-    heads = dict(
-        zip(avatar.skeleton.bone_names, avatar.skeleton.rest[:, :3, 3].astype(float), strict=True)
-    )
+    heads = avatar.skeleton.heads
     rig_heads = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
     canonical = {joint: heads[bone] for bone, joint in JOINT_OF.items()}
     joints = {joint: rig_heads[mapped[bone]] for bone, joint in JOINT_OF.items() if bone in mapped}
@@ -331,5 +314,4 @@ def _joints(
 
 def dominant(shares: F64) -> I64:
     """Region (N,) of largest share per row; -1 for rows of 0."""
-    regions: I64 = np.where(shares.max(axis=1) > 0.0, shares.argmax(axis=1), -1)
-    return regions
+    return np.asarray(np.where(shares.max(axis=1) > 0.0, shares.argmax(axis=1), -1))

@@ -74,8 +74,7 @@ class Ring:
 
     def slide(self, moves: F64) -> F64:
         """Mean displacement along the limb (...,), of displacements (..., V, 3)."""
-        mean: F64 = moves[..., self.vertices, :].mean(axis=-2) @ self.axis
-        return mean
+        return np.asarray(moves[..., self.vertices, :].mean(axis=-2) @ self.axis)
 
 
 class Limbs:
@@ -235,5 +234,4 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
 
 def _unit(way: F64) -> F64:
     """Unit vector; 0 for length 0."""
-    unit: F64 = way / max(float(np.linalg.norm(way)), 1e-12)
-    return unit
+    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-12))

@@ -80,8 +80,7 @@ def warping(
         The target's joints are missing or not human.
     """
     bodies = skeletons_of(avatar, target, mapping)
-    faces = avatar.faces.astype(np.int64)
-    triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
+    triangles = avatar.triangles
     points = avatar.vertices.astype(np.float64)
     # Rigs place knees and elbows differently: their joints move to the most likely place.
     bodies, estimates = hinges.placed(bodies, points, triangles, target.triangles)
@@ -198,8 +197,7 @@ def fit_by_bones(
 
     bodies = skeletons_of(avatar, target, mapping)
     vertices = posed(avatar, matrices(avatar, bodies))
-    faces = avatar.faces.astype(np.int64)
-    normals = vertex_normals(vertices, np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]])))
+    normals = vertex_normals(vertices, avatar.triangles)
     nearest = cKDTree(bodies.points[target.triangles].mean(axis=1))
     boned = with_mapped_bones(target, mapping)
     fitted = []

@@ -119,10 +119,7 @@ def shape(
 def load_shapes() -> ShapeFields:
     """Shape fields of the shipped avatar; cached.
 
-    Raises
-    ------
-    InputError
-        The file is missing or unreadable.
+    Raises InputError: the file is missing or unreadable.
     """
     return read(resources.body_models() / SHAPES_FILE)
 
@@ -136,10 +133,7 @@ def fields_for(avatar: Avatar) -> ShapeFields | None:
 def read(path: Path) -> ShapeFields:
     """Read shape fields from a file.
 
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, or of a newer version.
+    Raises InputError: the file is missing, damaged, or of a newer version.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:

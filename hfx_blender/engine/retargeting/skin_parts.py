@@ -66,8 +66,7 @@ def _shown(
         return shown_areas
     union = joined([targets[k] for k in used])
     bodies = skeletons_of(avatar, union, mapping)
-    faces = avatar.faces.astype(np.int64)
-    triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
+    triangles = avatar.triangles
     body, shares = posed(avatar, matrices(avatar, bodies)), bodies.avatar_shares
     normals = vertex_normals(body, triangles)
     surface = TargetSurface(bodies.points, union.triangles, bodies.target_shares)

@@ -137,8 +137,7 @@ class TargetSurface:
         offset = centres - point
         along = offset @ axis
         off = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        found: F64 = centres[(np.abs(along) < half_m) & (off < radius_m)]
-        return found
+        return np.asarray(centres[(np.abs(along) < half_m) & (off < radius_m)])
 
 
 def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:

@@ -172,8 +172,7 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     is_turned = labels[0] != piece
     is_mixed = np.bincount(piece, is_turned) * np.bincount(piece, ~is_turned) > 0
     volumes = np.bincount(piece, _volumes(target, areas, piece) * np.where(is_turned, -1.0, 1.0))
-    is_inward: npt.NDArray[np.bool_] = (is_turned ^ (volumes < 0.0)[piece]) & is_mixed[piece]
-    return is_inward
+    return np.asarray((is_turned ^ (volumes < 0.0)[piece]) & is_mixed[piece])
 
 
 def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
@@ -191,8 +190,7 @@ def weld(points: F64) -> I64:
 
     size = float(np.ptp(points, axis=0).max()) or 1.0
     first, place = unique_rows(points / size, digits=6)
-    welded: I64 = first[place]
-    return welded
+    return np.asarray(first[place])
 
 
 def connected_pieces(triangles: I64) -> I64:
@@ -208,8 +206,7 @@ def areas_of(points: F64, triangles: I64) -> F64:
     """Area (F,) of each triangle."""
     from trimesh.triangles import area
 
-    areas: F64 = area(points[triangles])
-    return areas
+    return np.asarray(area(points[triangles]))
 
 
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
@@ -231,8 +228,7 @@ def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     )
     shares = flat.reshape(count, groups)
     sums = shares.sum(axis=1, keepdims=True)
-    normalised: F64 = np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0)
-    return normalised
+    return np.asarray(np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0))
 
 
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:

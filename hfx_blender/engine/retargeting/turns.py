@@ -10,8 +10,7 @@ from ..arrays import F64
 
 def apply(matrix: F64, points: F64) -> F64:
     """Points (N, 3) or (3,) transformed by a (4, 4) matrix."""
-    moved: F64 = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
 def similarity(source: F64, target: F64) -> F64:
@@ -89,5 +88,4 @@ def extent_of(points: F64) -> tuple[F64, F64]:
 def tip_of(points: F64, start: F64) -> F64:
     """Tip (3,) of a limb: mean of the points farthest from ``start``."""
     far = np.linalg.norm(points - start, axis=1)
-    tip: F64 = points[far >= 0.93 * far.max()].mean(axis=0)
-    return tip
+    return np.asarray(points[far >= 0.93 * far.max()].mean(axis=0))

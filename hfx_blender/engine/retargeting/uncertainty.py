@@ -75,7 +75,7 @@ def uncertain_m(
     }
     by_shape = np.linalg.norm(shaped - posed, axis=1)
     by_pull = np.linalg.norm(pulled - shaped, axis=1)
-    points, heads = avatar.vertices.astype(np.float64), _heads(avatar)
+    points, heads = avatar.vertices.astype(np.float64), avatar.skeleton.heads
     parts = {
         **{f"heel.{side}": _PER_SOLE * _extra_sole_m(bodies, side) for side in "LR"},
         **dict.fromkeys(_TORSO, _half_body_m(bodies)),
@@ -95,12 +95,6 @@ def uncertain_m(
             )
             uncertainties[place + side] = max(float(error_m), parts.get(place + side, 0.0))
     return uncertainties
-
-
-def _heads(avatar: Avatar) -> dict[str, F64]:
-    """Head (3,) of each canonical bone, rest space."""
-    rest = avatar.skeleton.rest[:, :3, 3].astype(np.float64)
-    return dict(zip(avatar.skeleton.bone_names, rest, strict=True))
 
 
 def _extra_sole_m(bodies: Skeletons, side: str) -> float:

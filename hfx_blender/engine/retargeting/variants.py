@@ -18,10 +18,7 @@ def people() -> list[model_library.Entry]:
 def fitted_to(avatar: Avatar) -> list[FittedModel]:
     """Every shipped model on the skin of a variant, with canonical ids.
 
-    Raises
-    ------
-    InputError
-        A model of the variant is missing or of another edition.
+    Raises InputError: a model of the variant is missing or of another edition.
     """
     suffix = avatar.id.removeprefix(AVATAR_ID)
     fitted = []

@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 import numpy as np
 
 from ..arrays import F64, I32, I64
+from ..body.mesh_edges import expand
 from ..body.model import PerceptualModel
 from ..native import skin as native
 
@@ -29,10 +30,7 @@ class BoundWeights:
     def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
         """Weights of a model on a body with these bones; cached, the model must not change.
 
-        Raises
-        ------
-        ValueError
-            A bone with weights is missing.
+        Raises ValueError: a bone with weights is missing.
         """
         cache = _KNOWN.setdefault(model, WeakValueDictionary())
         bound = cache.get(bone_names)
@@ -76,10 +74,7 @@ class BoundWeights:
 
     def entries(self, ids: I32) -> tuple[I64, I64]:
         """Indices of the entries of vertices (n,), and the position in ``ids`` of each entry."""
-        counts = self.offsets[ids + 1] - self.offsets[ids]
-        owners = np.repeat(np.arange(len(ids)), counts)
-        firsts = np.repeat(np.cumsum(counts) - counts, counts)
-        return np.repeat(self.offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
+        return expand(self.offsets, ids)
 
     def clusters(self, clusters: list[I32]) -> native.BoundClusters:
         """Clusters of vertices for the native library."""
@@ -113,14 +108,12 @@ class BoneBoxes:
     @cached_property
     def centres(self) -> F64:
         """Centres (P, 3) of the boxes."""
-        centres: F64 = (self.low + self.high) / 2
-        return centres
+        return np.asarray((self.low + self.high) / 2)
 
     @cached_property
     def halves(self) -> F64:
         """Half edge lengths (P, 3) of the boxes."""
-        halves: F64 = (self.high - self.low) / 2
-        return halves
+        return np.asarray((self.high - self.low) / 2)
 
     @cached_property
     def _used(self) -> tuple[I64, I64]:

@@ -56,8 +56,7 @@ class PointwiseModel(ABC):
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         local = self._local(vertices, pose, np.array([row]))[0]
-        moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
-        return moved
+        return np.asarray(to_target[:3, :3] @ local.T + to_target[:3, 3:])
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         """Lower and upper corners (n, 3) of the whole model, target space."""

@@ -97,10 +97,7 @@ def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping
 def _read(name: str, pair: object) -> SurfaceDrive:
     """Drive of an effect from two positive numbers.
 
-    Raises
-    ------
-    InputError
-        The value is anything else.
+    Raises InputError: the value is anything else.
     """
     if isinstance(pair, list) and len(pair) == 2:
         is_number = [isinstance(x, int | float) and not isinstance(x, bool) for x in pair]

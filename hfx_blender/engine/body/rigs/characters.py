@@ -24,12 +24,8 @@ _ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
 def check_single(rig: Rig) -> None:
     """Reject an armature with two human bodies at different places.
 
-    Control rigs or duplicate bones at the same place count as one body.
-
-    Raises
-    ------
-    InputError
-        Two separate branches of the hierarchy are human.
+    Control rigs or duplicate bones at the same place count as one body. Raises InputError: two
+    separate branches of the hierarchy are human.
     """
     bodies = list(_bodies(rig, [name for name, above in rig.parent.items() if above is None]))
     for number, (top, first) in enumerate(bodies):

@@ -166,10 +166,7 @@ def convention_of(names: Iterable[str]) -> str:
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
     """Mapping with some canonical bones reassigned to another avatar bone, or to none (None, "").
 
-    Raises
-    ------
-    InputError
-        A name is not a canonical bone, or no bone remains.
+    Raises InputError: a name is not a canonical bone, or no bone remains.
     """
     _check_canonical(corrections)
     bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
@@ -203,10 +200,8 @@ def to_json(mapping: BoneMapping) -> str:
 def from_json(text: str) -> BoneMapping:
     """Mapping from the JSON text of :func:`to_json`.
 
-    Raises
-    ------
-    InputError
-        The text is not a bone mapping, of a newer version, or has unknown canonical bones.
+    Raises InputError: the text is not a bone mapping, of a newer version, or has unknown canonical
+    bones.
     """
     try:
         stored = json.loads(text)
@@ -230,10 +225,7 @@ def from_json(text: str) -> BoneMapping:
 def _heads(rig: Rig, bone_of: Mapping[str, str]) -> dict[str, F64]:
     """Head (3,) of the avatar bone of each canonical bone.
 
-    Raises
-    ------
-    InputError
-        The armature lacks a bone.
+    Raises InputError: the armature lacks a bone.
     """
     for canonical, name in bone_of.items():
         if name not in rig.by_name:
@@ -262,11 +254,7 @@ def _mirrored(canonical: str) -> str:
 
 
 def _check_canonical(names: Mapping[str, object]) -> None:
-    """Raises
-    ------
-    InputError
-        A name is not a canonical bone.
-    """
+    """Check bone names; raises InputError at the first unknown canonical bone."""
     for name in names:
         if name not in canonical_parents():
             raise InputError(

@@ -111,9 +111,6 @@ def canonical_parents() -> dict[str, str | None]:
     }
 
 
-@lru_cache(maxsize=1)
 def canonical_heads() -> dict[str, F64]:
     """Head (3,) of each canonical bone, metres, rest space; cached."""
-    skeleton = load_skeleton()
-    heads = skeleton.rest[:, :3, 3].astype(np.float64)
-    return dict(zip(skeleton.bone_names, heads, strict=True))
+    return load_skeleton().heads
