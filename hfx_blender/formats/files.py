@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files of any registered format: detection, validation, signals and facts.
 
-A written file has to pass its own validation before it gets its name. A conversion validates
-every file. An export validates only formats whose rules limit the number of points, durations and
-frequencies (1 % of the export's time); tables, sound and samples consist of checked numbers. The
-export does not decode envelopes here: keyframe writers read them back for their error notes.
+Files are validated before they get their names. A conversion validates every file. An export
+validates only formats with rules on the number of points, durations and frequencies (1 % of the
+export's time); tables, sound and samples consist of checked numbers. The export does not decode
+envelopes here: keyframe writers read their files back for the error notes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .registry import FORMATS, FormatInfo
 from .signals.signals import FrequencyRange, Signal
 from .written import Written
 
-_HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
+_HEAD: Final = 1 << 16  # bytes searched for the marks of a .json
 
 
 def format_of(path: Path) -> FormatInfo:
@@ -58,7 +58,7 @@ def format_of(path: Path) -> FormatInfo:
 def refuse_strangers(files: Iterable[Path], target: Path) -> None:
     """Raise OutputError for an existing companion file of a target without HFX's signature.
 
-    The target itself may be replaced; files that do not exist are ignored.
+    The target itself may be replaced; missing files are ignored.
     """
     for path in files:
         if path != target and path.is_file() and not _is_ours(path):
@@ -69,7 +69,7 @@ def refuse_strangers(files: Iterable[Path], target: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Test for a file that begins as HFX writes it; False if it is unreadable or unmarked."""
+    """Test a file for the first bytes written by HFX; False if unreadable or unmarked."""
     starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
     start = next(filter(None, starts), None)
     try:
@@ -101,11 +101,11 @@ def can_validate(path: Path) -> bool:
 
 
 def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
-    """Return the format of a file and its findings in the order of the file; none: valid.
+    """Return the format and the findings of a file, in file order; none: valid.
 
-    A file that cannot be parsed has one finding, ``<FORMAT>-UNREADABLE`` (``-LARGE``: beyond a
-    limit, ``-CONTENT``: of a format with ``read``). Raises InputError if the path is missing,
-    unreadable or of an unknown format.
+    A file beyond parsing has a single finding, ``<FORMAT>-UNREADABLE`` (``-LARGE``: beyond a limit,
+    ``-CONTENT``: of a format with ``read``). Raises InputError if the path is missing, unreadable
+    or of an unknown format.
 
     Parameters
     ----------
@@ -139,20 +139,20 @@ def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Find
 
 
 def read_track(path: Path) -> None:
-    """Read a track file run by run, in bounded memory; InputError if it is damaged."""
+    """Read a track file run by run, in bounded memory; InputError if damaged."""
     with TrackReader(path) as track:
         for _ in track.runs():
             pass
 
 
 def read_blend(path: Path) -> None:
-    """Check the first bytes of a ``.blend`` file (plain or zstd); InputError if they differ."""
+    """Check the first bytes of a ``.blend`` file (plain or zstd); InputError for other bytes."""
     if not mapped(path)[:7].startswith((b"BLENDER", b"\x28\xb5\x2f\xfd")):
         raise InputError(f"{path}: is no .blend file.")
 
 
 def read_svg(path: Path) -> None:
-    """Parse an SVG file as XML; InputError if it is not well-formed or its root is not ``svg``."""
+    """Parse an SVG file; InputError for malformed XML or a root other than ``svg``."""
     root = ""
     parser = expat.ParserCreate()
 
@@ -183,10 +183,10 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
 
 
 def valid_only(written: Written) -> Written:
-    """Delete files of an export that are invalid, or larger than any that is read, and report each
-    in ``left_out``.
+    """Delete files of an export that are invalid or above the readers' size limit; report each.
 
-    Only formats with ``decode`` are validated, without decoding them; the order is kept.
+    Reports are sentences in ``left_out``. Only formats with ``decode`` are validated, without
+    decoding; the order is kept.
     """
     with_rules = tuple(info.suffix for info in FORMATS.values() if info.decode)
     unlimited = tuple(FORMATS[id].suffix for id in ("track", "wav"))
@@ -223,7 +223,7 @@ def decoded(info: FormatInfo, content: bytes, name: str) -> tuple[list[Signal], 
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the vibration signals of a file and its frequency range.
+    """Decode the vibration signals of a file and the frequency range.
 
     An AHAP pattern includes the ticks of ``<name>.transients.ahap`` in the same folder. Raises
     InputError for an unreadable file or a format without envelopes.
@@ -240,8 +240,8 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
 def facts_of(path: Path) -> dict[str, Any]:
     """Return a file's format, size, validity and content for ``hfx info``.
 
-    Errors of formats with ``decode`` are only counted, as readers tolerate some of them. Raises
-    InputError for other invalid files, and unknown or unreadable ones.
+    Errors of formats with ``decode`` are only counted, as readers tolerate some. Raises InputError
+    for invalid files of further formats, and for unknown or unreadable files.
     """
     info, findings = validate(path)
     errors = [finding for finding in findings if finding.severity == "error"]
@@ -257,7 +257,7 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def _facts_of_signals(path: Path) -> dict[str, Any]:
-    """Metadata, notes, frequency range and one row per signal of a file with envelopes."""
+    """Metadata, notes, frequency range and a row per signal of a file with envelopes."""
     signals, frequencies = read_signals(path)
     notes = [note for signal in signals for note in signal.notes]
     left_out = [note for signal in signals for note in signal.left_out]

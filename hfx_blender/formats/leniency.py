@@ -20,19 +20,19 @@ _HUGE: Final = 1e15
 def refuse_but(
     findings: list[Finding], name: str, tolerated: Callable[[Finding], bool], document: Any = None
 ) -> ToleratedFaults:
-    """Raise InputError for the first fault that is not tolerated; describe the others.
+    """Raise InputError for the first fault outside the tolerated kinds; describe the rest.
 
     Parameters
     ----------
     tolerated : callable
         Predicate of errors; warnings are always tolerated.
     document : optional
-        Parsed document whose ranges are tolerated: numbers beyond 1e15 are refused.
+        Parsed document with tolerated ranges: numbers beyond 1e15 are refused.
 
     Returns
     -------
     tuple of str
-        One sentence for each code of tolerated errors, then of warnings.
+        A sentence for each code of tolerated errors, then of warnings.
     """
     errors = [finding for finding in findings if finding.severity == "error"]
     refuse_errors([error for error in errors if not tolerated(error)], name)
@@ -43,12 +43,12 @@ def refuse_but(
 
 
 def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
-    """Fact with one line for each sentence; empty without sentences."""
+    """Fact with a line for each sentence; empty without sentences."""
     return {key: [{"": sentence} for sentence in sentences]} if sentences else {}
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
-    """One sentence for each code: its first finding and the number of further ones."""
+    """A sentence for each code: the first finding and the number of further findings."""
     counts = Counter(finding.code for finding in findings)
     firsts = {finding.code: finding for finding in reversed(findings)}
     return tuple(

@@ -56,9 +56,9 @@ class FormatInfo:
         ``(track, devices, stem, tolerance) -> Written``: the samples of a ``TrackReader``; raises
         ``NothingFeltError`` if there are none and the format requires some.
     write_played : str
-        ``(header, played, stem, scene) -> Written``: output of all devices in one file.
+        ``(header, played, stem, scene) -> Written``: output of all devices in a single file.
     write_raster : str
-        ``(raster, device, stem, tolerance) -> Written``: output of one device.
+        ``(raster, device, stem, tolerance) -> Written``: output of a single device.
     write_signals : str
         ``(signals, frequencies, stem, tolerance) -> Written``: vibration envelopes, also from
         files of other formats.
@@ -124,7 +124,7 @@ class FormatInfo:
 
     @property
     def is_of_device(self) -> bool:
-        """Test for a format whose file holds the output of one device."""
+        """Test for a format whose file holds the output of a single device."""
         return bool(self.write_raster or self.write_signals) and not self.write_track
 
     def plays_of(self, modalities: Iterable[str]) -> tuple[str, ...]:
@@ -345,7 +345,7 @@ _REMOVED: Final = {
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Raise UsageError for a name outside ``known``; for a removed format it names the replacement.
+    """Raise UsageError for a name outside ``known``; for a removed format with the replacement.
 
     ``option`` begins the message, such as ``--format``.
     """
@@ -360,7 +360,7 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
 def target_of(path: Path) -> FormatInfo:
     """Return the format named by the suffix of an output path; the longest suffix wins.
 
-    Raises UsageError for an unknown suffix, and for one of a removed format with its replacement.
+    Raises UsageError for an unknown suffix, and for a removed format with the replacement.
     """
     for removed, (instead, suffix) in _REMOVED.items():
         if path.name.endswith(suffix):
@@ -377,7 +377,7 @@ def target_of(path: Path) -> FormatInfo:
 
 
 def suffixes(ids: Sequence[str]) -> tuple[str, ...]:
-    """Suffixes of the files that export formats write, companions included, without duplicates."""
+    """Suffixes of the files written by export formats, companions included, without duplicates."""
     return tuple(
         dict.fromkeys(name for id in ids for name in (FORMATS[id].suffix, *FORMATS[id].beside))
     )

@@ -77,7 +77,7 @@ def write(
 def _write_as_signals(
     info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
-    """Convert a raster to envelopes and write these, with notes on clipped values."""
+    """Convert a raster to envelopes and write them, with notes on clipped values."""
     signals, frequencies = signals_of(raster, device)
     written = write_signals(info, signals, frequencies, stem, tolerance)
     # A format whose range ends below MAX_HZ reports its own limit (off_range), not that of skin.
@@ -93,9 +93,9 @@ def write_signals(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write signals in an envelope format, clipped to the frequencies that the format holds.
+    """Write signals in an envelope format, clipped to the format's frequencies.
 
-    Raises InputError for signals that do not fit, OutputError for an unwritable file.
+    Raises InputError for signals beyond the format's limits, OutputError for an unwritable file.
     """
     left_out: tuple[str, ...] = ()
     if info.held:
@@ -111,10 +111,10 @@ def write_signals(
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
-    """Reject formats and devices that no scene could be exported with.
+    """Reject formats and devices without any export.
 
-    Raises UsageError for an unknown format, a device format without devices or without a device
-    of its modalities, and for two different devices with one id (their files would coincide).
+    Raises UsageError for an unknown format, a device format without devices or without devices of
+    matching modalities, and for two different devices with equal ids (their files would coincide).
     """
     refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
@@ -147,21 +147,21 @@ def _played(devices: Iterable[DeviceConfig]) -> list[str]:
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Select the formats of tracks, and those that hold a modality of the devices."""
+    """Select track formats, and device formats for the modalities of the devices."""
     played = _played(devices)
     infos = [FORMATS[id] for id in formats]
     return tuple(info.id for info in infos if not info.is_of_device or info.plays_of(played))
 
 
 def _why_nothing(info: FormatInfo, device: DeviceConfig) -> str:
-    """Reason that a format holds nothing of a device; empty: it holds something."""
+    """Reason for no file of a format for a device; empty if there is a file."""
     if not info.plays_of(device.modalities):
         return f"device '{device.id}' has no {' or '.join(info.modalities or ())} actuators"
     return str(info.function("why_nothing")(device)) if info.why_nothing else ""
 
 
 def why_nothing(id: str, devices: Sequence[DeviceConfig]) -> str:
-    """Tooltip: why a format holds nothing of any device; empty if it holds something."""
+    """Tooltip: reason for no file of a format for any device; empty if there is a file."""
     info = FORMATS[id]
     if not info.is_of_device:
         return ""
@@ -184,8 +184,8 @@ def write_all(
 ) -> Written:
     """Write the files of all formats except the track and the glTF scene.
 
-    A format that holds nothing of a device, or only part of it, is left out for that device and
-    reported; so is a track format without any samples.
+    A format unable to hold the whole output of a device is left out for this device and reported;
+    so is a track format without any samples.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Result of a writer, and helpers for its files and their names."""
+"""Result of a writer, and helpers for files and file names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Written:
     """Result of a writer: files, losses and notes; ``+`` concatenates."""
 
     files: tuple[Path, ...] = ()
-    left_out: tuple[str, ...] = ()  # losses, one sentence each without a full stop
+    left_out: tuple[str, ...] = ()  # losses, a sentence each without a full stop
     notes: tuple[str, ...] = ()  # simplification errors, silent actuators without a file
 
     def __add__(self, other: Written) -> Written:
@@ -37,7 +37,7 @@ class Written:
 
 
 def write_json(document: Any, path: Path) -> None:
-    """Write a JSON document; OutputError for an unwritable file, which is then removed."""
+    """Write a JSON document; OutputError for an unwritable file, no partial file remains."""
     with atomic_file(path) as file:
         file.write(encoded(document))
 
@@ -50,7 +50,7 @@ def beside(stem: Path, part: str, suffix: str) -> Path:
 def name_part(part: str) -> str:
     """Convert any text to a safe part of a file name, 1 to 100 characters.
 
-    Unsafe characters are percent-encoded; a longer text ends with 8 digits of its SHA-256.
+    Unsafe characters are percent-encoded; a longer text ends with 8 digits of the SHA-256.
     """
     safe = quote(clean(part), safe="!,-_+()=@ ") or "_"
     if len(safe) > _LONGEST:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Game clips (``.hfxclip``): device output and avatar effects for players in games.
 
-``docs/formats/clip.md`` specifies the format; ``players/`` reads it in games.
+``docs/formats/clip.md`` specifies the format; ``players/`` has readers for games.
 """
 
 from __future__ import annotations

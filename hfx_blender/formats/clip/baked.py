@@ -64,10 +64,10 @@ def sections_of(
 
 
 def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Records:
-    """Quantize values of a column to 16 bits over its range, at most half a step off.
+    """Quantize column values to 16 bits over the range, at most half a step off.
 
-    Players read the number of the neutral value as exactly neutral, at most one step off. A range
-    of zero width gives 0.
+    Players read the number of the neutral value as exactly neutral, at most a step off. A range of
+    zero width gives 0.
     """
     scale = highest - lowest
     if not scale > 0.0:
@@ -77,7 +77,7 @@ def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Re
 
 
 def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
-    """Rows (n,) of an actuator and its values (n, columns), of a valid clip."""
+    """Rows (n,) and values (n, columns) of an actuator, of a valid clip."""
     at = sections["ACTR"][actuator]
     count, columns = int(at["rows"]), int(at["columns"])
     first_row, first_value = int(at["first_row"]), int(at["first_value"])
@@ -138,7 +138,7 @@ class _Baked:
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:
-        """Append an actuator with the rows at which any of its columns changes."""
+        """Append an actuator with the rows where at least one column changes."""
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
@@ -191,7 +191,7 @@ class _Baked:
 
 
 def _place(device: DeviceConfig, actuator: Actuator, text: Any) -> tuple[int, int, int]:
-    """Kind of an actuator's place (0 vertices, 1 body, 2 room), its side, and its body parts."""
+    """Kind of an actuator's place (0 vertices, 1 body, 2 room), side, and body parts."""
     position = actuator.place
     if isinstance(position, BodyPlace):
         side = _OTHER_SIDE[position.side] if device.is_mirrored else position.side

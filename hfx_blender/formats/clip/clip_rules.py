@@ -44,7 +44,7 @@ _RANGES: Final = (
     ("EFCT", "first_painted", "painted", "PNTD"),
     ("REAC", "first_reached", "reached", "RCHV"),
 )
-"""Ranges: section, fields of the first and of the number, the section that they are of."""
+"""Ranges of records: section, fields of first and count, target section."""
 
 _INDICES: Final = (
     ("COLM", "actuator", "ACTR"),
@@ -64,7 +64,7 @@ _WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "FLTR": {"kind": (0, 4), "operation": (0, 2), "about": (0, 2)},
     "REAC": {"modality": (0, _LAST_MODALITY), "statistic": (0, 1)},
 }  # fmt: skip
-"""Least and largest whole number of fields."""
+"""Lowest and highest value of whole-number fields; 32 bits otherwise."""
 
 _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "TIME": {"start_s": (-1e300, 1e300)},
@@ -74,28 +74,16 @@ _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "REAC": {"frequency_hz": (0.0, _HUGE)},
     "RCHV": {"factor": (0.0, 1.0)},
 }
-"""Least and largest number of fields; all others are only finite."""
+"""Lowest and highest value of floating-point fields; finite otherwise."""
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a clip.
-
-    Raises
-    ------
-    InputError
-        It is no clip at all, or damaged.
-    """
+    """Return the findings of a clip; InputError for another or a damaged file."""
     return findings_of(decoded(content, name), name)
 
 
 def read(content: bytes, name: str) -> dict[str, Records]:
-    """Sections of a clip that keeps all rules.
-
-    Raises
-    ------
-    InputError
-        It names the file and the field.
-    """
+    """Decode a valid clip; InputError with file and field for the first broken rule."""
     sections = decoded(content, name)
     for finding in findings_of(sections, name):
         raise InputError(f"{name}: '{finding.place}' {finding.message} [{finding.code}].")
@@ -103,7 +91,10 @@ def read(content: bytes, name: str) -> dict[str, Records]:
 
 
 def findings_of(sections: Sections, file_name: str) -> list[Finding]:
-    """Faults of sections. Each kind of rule needs those before it: the first that fails ends it."""
+    """Return the findings of the first failing group of rules; later groups rely on earlier groups.
+
+    Raises TooLargeError for a clip beyond the limit of duration.
+    """
     text = sections["TEXT"]
     if not len(text) or text[0] or text[-1]:
         return [_finding("TEXT", "does not begin and end with a zero byte")]
@@ -127,24 +118,24 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
 
 
 def refuse_long(sections: Sections, name: str) -> None:
-    """Refuse a clip that lasts longer than :data:`.limits.SECONDS`.
-
-    Raises
-    ------
-    TooLargeError
-    """
+    """Raise TooLargeError for a clip longer than :data:`.limits.SECONDS`."""
     at = sections["TIME"][0]
     limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
 
 
 def _finding(place: str, message: str, code: str = "RULE") -> Finding:
+    """Create an error with the code ``CLIP-<code>``."""
     return Finding(f"CLIP-{code}", place, message)
 
 
 def _first(
     section: str, field: str, values: npt.NDArray[Any], is_bad: npt.NDArray[np.bool_], allowed: str
 ) -> list[Finding]:
-    """A finding about the first record that breaks a rule, if any does."""
+    """Finding about the first record breaking a rule, as a list; empty if all keep the rule.
+
+    ``field`` is empty for sections of plain numbers. Further axes of ``is_bad`` belong to the
+    record.
+    """
     if not is_bad.any():
         return []
     k = int(np.argmax(is_bad.reshape(len(is_bad), -1).any(axis=1)))
@@ -153,6 +144,7 @@ def _first(
 
 
 def _time(sections: Sections) -> list[Finding]:
+    """Check rate and row count."""
     at = sections["TIME"][0]
     if not 0.0 < at["rate_hz"] <= _MOST_HZ:
         return [_finding("TIME.rate_hz", f"is {at['rate_hz']:g}, allowed is up to {_MOST_HZ:g}")]
@@ -162,7 +154,7 @@ def _time(sections: Sections) -> list[Finding]:
 
 
 def _references(sections: Sections) -> list[Finding]:
-    """Texts, ranges and indices lead to what is there."""
+    """Check references to texts, ranges and records."""
     found: list[Finding] = []
     size = len(sections["TEXT"])
     for section, fields in _TEXTS.items():
@@ -187,12 +179,12 @@ def _references(sections: Sections) -> list[Finding]:
 
 
 def _is_inside(text: Records, places: Records) -> npt.NDArray[np.bool_]:
-    """Test places for being within a text, not where one begins."""
+    """Mask of offsets within a text but after its first byte."""
     return np.asarray((places > 0) & (text[np.maximum(places, 1) - 1] != 0))
 
 
 def _numbers(sections: Sections) -> list[Finding]:
-    """Numbers are finite and within what is allowed for their field."""
+    """Check numbers against the range of the field."""
     found: list[Finding] = []
     for section, kind in RECORDS.items():
         for field in kind.names or ():
@@ -201,6 +193,7 @@ def _numbers(sections: Sections) -> list[Finding]:
             low, high = _WHOLE.get(section, {}).get(field, (0.0, most))
             if values.dtype.kind == "f":
                 low, high = _REAL.get(section, {}).get(field, (-np.inf, np.inf))
+                # The negated comparison includes NaN. Infinity is allowed only as an upper bound.
                 is_bad = ~((values >= low) & (values <= high))
                 is_bad |= np.isinf(values) & (high < np.inf or low == -np.inf)
             else:
@@ -211,7 +204,7 @@ def _numbers(sections: Sections) -> list[Finding]:
 
 
 def _rows(sections: Sections) -> list[Finding]:
-    """Check that the rows of each actuator ascend from 0, with one set of values each."""
+    """Check the rows of each actuator: ascending from 0, with a set of values each."""
     actuators, rows = sections["ACTR"], sections["ROWS"].astype(np.int64)
     if not len(actuators):
         return []
@@ -274,7 +267,7 @@ def _clips(sections: Sections) -> list[Finding]:
 
 
 def _bodies(sections: Sections) -> list[Finding]:
-    """Check that bones follow their parents, and that skin weights name bones and sum to 65535."""
+    """Check parents of bones, and bones and sums (65535) of skin weights."""
     bodies, models, vertices = sections["BODY"], sections["MODL"], sections["VERT"]
     own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
     parents = sections["BONE"]["parent"]
@@ -295,7 +288,7 @@ def _bodies(sections: Sections) -> list[Finding]:
 
 
 def _spatial(sections: Sections) -> list[Finding]:
-    """Check that effects refer to bodies, and actuators to vertices of their model."""
+    """Check bodies of effects, and vertices reached by actuators."""
     bodies = sections["EFCT"]["body"]
     is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
     findings = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
@@ -310,6 +303,7 @@ def _spatial(sections: Sections) -> list[Finding]:
     findings += _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
     factors = sections["RCHV"]["factor"]
     findings += _first("RCHV", "factor", factors, factors <= 0.0, "above 0, up to 1")
+    # Vertices ascend strictly within each range; at the first vertex of a range any is allowed.
     # Vertices ascend strictly within each range; at the first vertex of a range any is allowed.
     for section, values, counts in (
         ("RCHV", reached, reactions["reached"]),

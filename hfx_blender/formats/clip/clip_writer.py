@@ -22,8 +22,8 @@ def write(
 ) -> Written:
     """Write ``stem.hfxclip``: device output of a track, and effects of a scene for avatars.
 
-    Raises InputError for content beyond the format's limits, OutputError for an unwritable file, of
-    which no part remains.
+    Raises InputError for content beyond the format's limits, OutputError for an unwritable file; no
+    partial file remains.
     """
     texts = Texts()
     path = stem.with_name(stem.name + SUFFIX)
@@ -42,10 +42,7 @@ def write(
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Rows, devices, clips, bodies and effects of a clip for ``hfx info``.
-
-    Raises InputError if it is not a clip or breaks a rule.
-    """
+    """Rows, devices, clips, bodies and effects for ``hfx info``; InputError for an invalid clip."""
     sections = clip_rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]

@@ -14,7 +14,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class RigNames:
-    """Names of one joint; empty where a rig has no such joint."""
+    """Names of a joint; empty where a rig has no such joint."""
 
     human: str = ""
     mixamo: str = ""

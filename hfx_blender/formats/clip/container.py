@@ -150,10 +150,10 @@ def with_checksum(content: bytes) -> bytes:
 
 
 def decoded(content: bytes, name: str) -> dict[str, Records]:
-    """Decode the sections of a clip; missing sections are empty, unknown ones dropped.
+    """Decode the sections of a clip: missing sections are empty, unknown sections dropped.
 
-    Contents are not validated. Raises InputError for a file that is not a clip, of a newer version,
-    truncated or damaged, and for sections that do not fit.
+    Contents are not validated. Raises InputError for another file, a newer version, truncated or
+    damaged content, and misplaced sections.
     """
     if content[: len(_MAGIC)] != _MAGIC:
         raise InputError(f"{name}: is no game clip (its first 8 bytes are not 'HFXCLIP').")

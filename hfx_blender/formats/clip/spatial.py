@@ -164,9 +164,9 @@ def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
 
 
 def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Records, Records]:
-    """Vertex records, and weight records whose sums are 65535 for each vertex.
+    """Vertex records, at the rest places of ``weights``, and weight records.
 
-    Rest places are those of ``weights``; ``first`` is the number of the first weight record.
+    The weights of a vertex sum to 65535. ``first`` is the number of the first weight record.
     """
     counts = np.diff(weights.offsets)[ids]
     entries = np.repeat(weights.offsets[ids], counts) + _within(counts)
@@ -202,9 +202,9 @@ def _bones(
     bound: list[BoundWeights],
     text: Any,
 ) -> list[tuple[Any, ...]]:
-    """Records of the bones that move skin; only canonical skeletons have a rest pose and parents.
+    """Records of the bones with skin; only canonical skeletons have a rest pose and parents.
 
-    A parent without skin is replaced by its nearest ancestor with skin.
+    A parent without skin is replaced by the nearest ancestor with skin.
     """
     names = [binding.bone_names[k] for k in used]
     skeleton = load_skeleton()
@@ -325,7 +325,7 @@ def _strongest(section: str, vertices: I64, values: Any) -> Records:
 
 
 def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Records]:
-    """Records of the effects shown by each actuator, with its vertices and factors on each body."""
+    """Records of the effects shown by each actuator, with vertices and factors on each body."""
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
     first = 0
@@ -367,10 +367,7 @@ def _has_fixed_place(actuator: Actuator) -> bool:
 
 
 def _substitute(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
-    """Gain and frequency (0: the effect's own) with which a device shows one modality as another.
-
-    None if the device does not.
-    """
+    """Gain and frequency (0: the effect's) to show ``source`` as ``target``; None: not shown."""
     if source == target:
         return device.gain, 0.0
     substitution = device.substitutions.get(source)

@@ -93,7 +93,7 @@ class SpatialRecorder:
         return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
     def left_out(self) -> list[str]:
-        """Names of effects that players cannot evaluate."""
+        """Names of effects unknown to players."""
         return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
 
 

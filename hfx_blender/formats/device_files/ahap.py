@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Apple AHAP: one haptic pattern, for the actuator of a phone.
+"""Apple AHAP: a haptic pattern, for the actuator of a phone.
 
 Source: developer.apple.com, "Representing haptic patterns in AHAP files". Intensity is the share of
 full scale; sharpness 0 to 1 spans the device's frequency range.
@@ -68,7 +68,7 @@ _TRANSIENT_S: Final = 0.02  # duration of a tick, for the end of a pattern of ti
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one pattern per audible signal: ``stem.<name>.ahap``.
+    """Write a pattern per audible signal: ``stem.<name>.ahap``.
 
     Curves modulate the whole pattern, ticks included. The ticks of a signal with an envelope are
     therefore a second pattern, ``stem.<name>.transients.ahap``, to be played with the first.
@@ -145,7 +145,7 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield silent events from the last event to the signal's end, so a loop keeps its length."""
+    """Yield silent events from the last event to the signal's end, so loops keep their length."""
     last = 0.0
     for event in (entry["Event"] for entry in pattern):
         last = max(last, event["Time"] + event.get("EventDuration", 0.0))
@@ -214,9 +214,9 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signal of a pattern and its frequency range; audio events are left out.
+    """Decode the signal of a pattern and the frequency range; audio events are left out.
 
-    Raises InputError for an unreadable file or an error that Core Haptics does not tolerate.
+    Raises InputError for an unreadable file, or errors not tolerated by Core Haptics.
     """
     document = parse(content, name)
     # Apple's reader accepts these faults; the limits bind writers only.
@@ -304,7 +304,7 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:
-    """Add the ticks of the companion pattern in the same folder, if there is one.
+    """Add the ticks of the companion pattern in the same folder, if present.
 
     Raises InputError if the companion is unreadable.
     """
@@ -317,7 +317,8 @@ def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
     """Add the ticks of a companion pattern to a signal.
 
-    Raises InputError if the companion is unreadable; its envelope, if any, is reported as lost.
+    Raises InputError if the companion is unreadable; an envelope of the companion is reported as
+    lost.
     """
     (ticking,), _ = decode(content, name)
     left_out, notes = ticking.left_out, ticking.notes
@@ -334,7 +335,7 @@ def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
-    """Count the parts of an entry that :func:`decode` ignores or clips, by description."""
+    """Count the parts of an entry ignored or clipped by :func:`decode`, by description."""
     event = entry.get("Event")
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
@@ -367,7 +368,7 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
-    """Frequency range stated by HFX's metadata; the default for a missing or invalid one."""
+    """Frequency range stated by HFX's metadata; the default if missing or invalid."""
     hertz = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
     if isinstance(hertz, list) and len(hertz) == 2:
         low, high = hertz
@@ -377,7 +378,7 @@ def _range_of(metadata: Any) -> FrequencyRange:
 
 
 def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
-    """Curve of one control from all curves and single values; ``neutral`` before the first."""
+    """Curve of a control from all curves and single values; ``neutral`` before the first."""
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:

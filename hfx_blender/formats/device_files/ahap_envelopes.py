@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Attack, decay and release of AHAP's continuous events.
 
-Source: developer.apple.com, CHHapticEvent.ParameterID. A sustained event rises during its attack
-time, stays, and falls during its release time after its duration. Other events fall during their
-decay time after the attack.
+Source: developer.apple.com, CHHapticEvent.ParameterID. A sustained event rises during the attack
+time, stays, and falls during the release time after the event's duration. Without sustain, an event
+falls during the decay time after the attack.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _PARTS: Final = 4  # straight pieces for the product of two ramps
 
 
 def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> Curve | None:
-    """Shape of an event, 0 to 1, up to the end of its release; None if it is constant."""
+    """Shape of an event, 0 to 1, up to the end of the release; None for a constant event."""
     attack, decay, release = (
         min(max(float(parameters.get(name, 0.0)), 0.0), _LONGEST_S) for name in RAMPS[:3]
     )

@@ -152,7 +152,7 @@ _NEEDED: Final = {
 
 
 def completed(document: dict[str, Any]) -> dict[str, Any]:
-    """Complete a document without other schema faults, as Core Haptics reads it.
+    """Complete a document with missing members only, as Core Haptics does.
 
     Missing times are 0; entries and items without another needed member are dropped.
     """
@@ -164,7 +164,7 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
-    """Add the time of an entry or item; None if it has no effect."""
+    """Add the time of an entry or item; None for an entry without effect."""
     completed_item = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
         if listed in completed_item:

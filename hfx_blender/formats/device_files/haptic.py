@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meta .haptic: one vibration as breakpoints of amplitude and frequency, with emphasis.
+"""Meta .haptic: a vibration as breakpoints of amplitude and frequency, with emphasis.
 
 Source: meta-haptics-sdk, ``resources/haptic-file-spec.md`` 1.0. A file has no place on the body, so
 each actuator gets a file.
@@ -59,14 +59,14 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one file per audible signal: ``stem.<name>.haptic``."""
+    """Write a file per audible signal: ``stem.<name>.haptic``."""
     written = write_audible(signals, stem, SUFFIX, lambda signal: document(signal, frequencies))
     left_out: list[str] = []
     for signal in signals:
         lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
         if lost:
             left_out.append(f"'{signal.name}': {lost} ticks at the same time as a stronger one")
-        # Readers refuse an emphasis weaker than the envelope, so it is raised to it.
+        # Readers refuse an emphasis weaker than the envelope: document() raises the emphasis.
         raised = sum(
             tick.amplitude < float(signal.amplitude.at(tick.time_s)) - 1e-6
             for tick in signal.transients
@@ -144,12 +144,12 @@ def _rounded(seconds: float) -> float:
 
 
 def _parsed(content: bytes, name: str) -> Any:
-    """Parse a document without null members that Meta's reader allows to be null."""
+    """Parse a document without the null members allowed by Meta's reader."""
     return without_nulls(parse(content, name), ("emphasis", "frequency"))
 
 
 def _findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document: errors only for faults that players refuse.
+    """Return the findings of a parsed document; errors are faults refused by players.
 
     The readers of Lofelt and Meta both compare times and strengths in 32 bits.
     """
@@ -186,9 +186,9 @@ validate = json_validator(_findings, _parsed)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signal of a file and its frequency range.
+    """Decode the signal of a file and the frequency range.
 
-    Raises InputError for an unreadable file or an error that is not tolerated.
+    Raises InputError for an unreadable file, or errors not tolerated by players.
     """
     document = _parsed(content, name)
     notes = refuse_but(
@@ -196,7 +196,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         name,
         lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
     )
-    # Faults of the metadata end the check before the value rules, so it runs again without them.
+    # Faults of the metadata end the check before the value rules: repeat without the metadata.
     signals = {key: item for key, item in document.items() if key != "metadata"}
     refuse_but(_findings(signals), name, lambda each: each.code in _TOLERATED)
     envelopes = document["signals"]["continuous"]["envelopes"]

@@ -85,10 +85,10 @@ def write_v1(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write version 1: at most 16 events in 50 s, which begin and end at 0.
+    """Write version 1: at most 16 events in 50 s, beginning and ending at 0.
 
     Signals are not simplified beforehand: the tolerance grows up to a tenth of full scale until a
-    signal fits. Signals that never fit are in ``left_out``; if none fits, InputError is raised and
+    signal fits. Signals without a fit are in ``left_out``; if none fits, InputError is raised and
     no file written.
     """
 
@@ -134,7 +134,7 @@ def write_openharmony(
 
 
 def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
-    """Append silence up to the signal's end, if the format has room for it."""
+    """Append silence up to the signal's end, within the limits of the format."""
     whole = [*events, *silent_end(signal, events)]
     is_held = len(whole) <= most and all(event.start_ms <= latest_ms for event in whole)
     return whole if is_held else events
@@ -158,7 +158,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 def _write(
     signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
 ) -> Written:
-    """Write one document per audible signal, with notes on silent signals and weak ticks."""
+    """Write a document per audible signal, with notes on silent signals and weak ticks."""
     notes = []
     for signal in signals:
         weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in signal.transients)
@@ -242,10 +242,10 @@ def _openharmony(
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signals of a file of any version, and its frequency range.
+    """Decode the signals of a file of any version, and the frequency range.
 
-    One signal, or one for each actuator index (left, right). Losses and notes are on the first one.
-    Raises InputError for an unreadable file or one of another structure.
+    A signal without actuator indices, otherwise a signal per index (left, right). Losses and notes
+    are on the first signal. Raises InputError for an unreadable file or a wrong structure.
     """
     document = parse(content, name)
     # Phones play files beyond the editor's limits, so only the structure matters. Events without

@@ -37,12 +37,12 @@ class HeEvent:
 
     @property
     def end_ms(self) -> int:
-        """Time of the last point; of a transient its start."""
+        """Time of the last point, or the start of a transient."""
         return self.start_ms + (self.points[-1][0] if self.points else 0)
 
 
 def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
-    """Silent events from the last event to the signal's end, so a loop keeps its length."""
+    """Silent events from the last event to the signal's end, so loops keep their length."""
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
@@ -59,7 +59,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
     Parameters
     ----------
     signal : Signal
-        Simplified, without two keyframes at one time.
+        Simplified, without two keyframes at the same time.
     falls_to_zero : bool
         Begin and end each event silent, as version 1 requires.
     """
@@ -93,8 +93,8 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
 def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
     """Group events into patterns of version 2: absolute time in ms and events of each.
 
-    A pattern ends where players accept the next pattern without delay. If none of its 16 events
-    allows that, the next tick is delayed with its pattern.
+    A pattern ends where players accept the next pattern without delay. Without such an end among 16
+    events, the next tick is delayed together with the pattern.
     """
     patterns: list[tuple[int, list[HeEvent]]] = []
     spacing = PatternSpacing()
@@ -130,7 +130,7 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
 
 
 def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
-    """Indices of keyframes without near-duplicates in one millisecond; steps keep both."""
+    """Indices of keyframes without near-duplicates in the same millisecond; steps keep both."""
     indices = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
@@ -216,7 +216,7 @@ def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
-    """JSON entry of an event at a time relative to its pattern."""
+    """JSON entry of an event at a time relative to the pattern."""
     if event.transient is not None:
         intensity, frequency = event.transient
         return {

@@ -89,7 +89,7 @@ _OPENHARMONY = Record(
 
 
 def shape_of(document: Any) -> Shape:
-    """Shape for a parsed document of the version indicated by its members; version 2 otherwise."""
+    """Shape for a parsed document of the version indicated by the members; version 2 otherwise."""
     keys = document if isinstance(document, dict) else {}
     if "MetaData" in keys or "Channels" in keys:
         return _OPENHARMONY
@@ -156,7 +156,7 @@ class PatternSpacing:
 
     Android's HapticPlayer adds the duration of the latest continuous event (of this pattern or an
     earlier pattern) to the relative time of the last event, and compares the sum with the next
-    absolute time. In versions of RichTap's library a pattern ends with the end of all its events,
+    absolute time. In versions of RichTap's library a pattern ends with the last end of all events,
     transients lasting 48 ms. Both players refuse the whole file if a pattern begins earlier.
     """
 

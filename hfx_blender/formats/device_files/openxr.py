@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OpenXR parametric vibration (XR_EXT_haptic_parametric) as JSON.
 
-The extension defines no file format. Each frame of a file is the content of one
-``XrHapticParametricVibrationEXT``, to be passed to ``xrApplyHapticFeedback`` at its ``start``.
-Member names and units (nanoseconds from the start of the frame, values 0 to 1) are those of the
+The extension defines no file format. Each frame of a file is the content of an
+``XrHapticParametricVibrationEXT``, to be passed to ``xrApplyHapticFeedback`` at time ``start``.
+Member names and units (nanoseconds from the start of the frame, values 0 to 1) follow the
 extension.
 """
 
@@ -60,7 +60,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write all audible signals into one file: ``stem.openxr.json``."""
+    """Write all audible signals into a single file: ``stem.openxr.json``."""
     silent = [signal.name for signal in signals if signal.is_silent]
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document([signal for signal in signals if not signal.is_silent], frequencies), path)
@@ -75,7 +75,7 @@ def held(frequencies: FrequencyRange) -> FrequencyRange:
 
 
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
-    """Document of signals, one channel each."""
+    """Document of signals, a channel each."""
     hertz = held(frequencies)
     return {
         "format": FORMAT,
@@ -183,7 +183,7 @@ validate = json_validator(_findings)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signals of a file and its frequency range; InputError for any error."""
+    """Decode the signals of a file and the frequency range; InputError for any error."""
     document = parse(content, name)
     refuse_errors(_findings(document), name)
     hertz = FrequencyRange(float(document["minFrequencyHz"]), float(document["maxFrequencyHz"]))

@@ -42,7 +42,7 @@ _GAP_MS: Final = 500  # longest silence within an effect
 
 
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
-    """Write one file for each kind of suit with a motor for any of the signals.
+    """Write a file for each kind of suit with a motor for any of the signals.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 def document(
     signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
 ) -> dict[str, Any]:
-    """Document of the signals for one kind of suit; TooLargeError beyond the memory limit."""
+    """Document of the signals for a kind of suit; TooLargeError beyond the memory limit."""
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
@@ -170,7 +170,7 @@ def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
-    """Effect of one span with the dots of all positions."""
+    """Effect of a span with the dots of all positions."""
     first, stop = span
     part = levels[first:stop]
     return {
@@ -213,10 +213,10 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode one signal per used dot, named like ``VestFront 0``, and the default frequency.
+    """Decode a signal per used dot, named like ``VestFront 0``, and the default frequency.
 
     Moving points are played by the nearest dot. Losses and notes are on the first signal. Raises
-    InputError for an unreadable file or one of another structure.
+    InputError for an unreadable file or a wrong structure.
     """
     document = without_nulls(parse(content, name))
     # The player requires only the right types, and skips missing members.
@@ -258,7 +258,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """Feedback list of a mode; empty if it is missing."""
+    """Feedback list of a mode; empty if missing."""
     feedbacks: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
     return feedbacks
 
@@ -272,7 +272,7 @@ _FADES: Final = {
 
 
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
-    """Piece of one dot between two times, with a fade."""
+    """Piece of a dot between two times, with a fade."""
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
     times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
@@ -324,5 +324,5 @@ def _path_pieces(
 
 
 def _time_of(point: dict[str, Any]) -> float:
-    """Time of a path point, ms; 0 if it is missing."""
+    """Time of a path point, ms; 0 if missing."""
     return float(point.get("time", 0))

@@ -22,7 +22,7 @@ MAX_DOTS: Final = 20
 
 @dataclass(frozen=True)
 class Layout:
-    """Kind of suit, with the same dots at each of its positions."""
+    """Kind of suit, with the same dots at each position."""
 
     type: str
     name: str
@@ -127,7 +127,7 @@ def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, flo
 
 
 def why_nothing(device: DeviceConfig) -> str:
-    """Reason that no bHaptics motor corresponds to a device; empty: one does."""
+    """Reason for a device without any corresponding bHaptics motor; empty for other devices."""
     if motors_of(device):
         return ""
     return (

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """glTF 2.0 binary files (GLB), writer: container, body meshes and moving nodes.
 
-Blender's space and ours have Z up and a body facing -Y; glTF has Y up and +Z forward: (x, y, z)
-becomes (x, z, -y).
+HFX and Blender have Z up and a body facing -Y; glTF has Y up and +Z forward: (x, y, z) becomes (x,
+z, -y).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Document:
         self._bytes = bytearray()
 
     def append(self, kind: str, item: Mapping[str, Any]) -> int:
-        """Append a node, mesh, ... and return its index."""
+        """Append a node, mesh, ... and return the index."""
         items: list[Mapping[str, Any]] = self.json.setdefault(kind, [])
         items.append(item)
         return len(items) - 1
@@ -54,7 +54,7 @@ class Document:
         """Append numbers, (n,) or (n, 2 to 4 or 16), and return the accessor's index.
 
         ``is_index``: corners of triangles, 32 bits. ``is_vertex``: attribute of a mesh. Unsigned
-        16-bit numbers (joints) stay so; all others become float32.
+        16-bit numbers (joints) stay so; the rest becomes float32.
         """
         is_joint = not is_index and array.dtype == np.uint16
         kind = np.dtype("<u4" if is_index else "<u2" if is_joint else "<f4")
@@ -99,8 +99,8 @@ def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
 def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None) -> None:
     """Write a perceptual model as a mesh in rest pose, with unchanged vertex ids.
 
-    ``hjif_uri`` names the HJIF file whose channels refer to the vertices. Raises OutputError for an
-    unwritable file, of which no part remains.
+    ``hjif_uri`` names the HJIF file with channels for the vertices. Raises OutputError for an
+    unwritable file; no partial file remains.
     """
     document = Document()
     node = {"mesh": add_model(document, model), "name": clean(model.id)}
@@ -125,7 +125,7 @@ def hjif_media(uri: str) -> dict[str, Any]:
 
 
 def add_model(document: Document, model: PerceptualModel) -> int:
-    """Add a perceptual model as a mesh, and return its index."""
+    """Add a perceptual model as a mesh, and return the index."""
     attributes = {
         "POSITION": document.accessor(model.vertices @ TO_GLTF.T, is_vertex=True),
         "NORMAL": document.accessor(_unit(model.normals @ TO_GLTF.T), is_vertex=True),
@@ -168,8 +168,8 @@ def turned(matrices: F64) -> F64:
 def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) -> Bool:
     """Add a node with matrices (T, 4, 4) at times, linear between; returns shear, (T,) bool.
 
-    ``node`` gets the transform in place. Moving components become keyframes without shear. A node
-    at rest keeps its matrix exactly and is never reported as sheared.
+    ``node`` gets the transform in place. Moving components become keyframes without shear. The
+    matrix of a node at rest stays exact and is never reported as sheared.
     """
     translations, rotations, scales, is_sheared = decomposed(placed)
     columns = {"translation": translations, "rotation": rotations, "scale": scales}
@@ -186,7 +186,7 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
 
 
 def _moves(column: F64) -> bool:
-    """Test for a column that changes by more than 1e-7 of its magnitude."""
+    """Test for a column with changes above 1e-7 of the largest magnitude."""
     return bool((np.ptp(column, axis=0) > 1e-7 * max(1.0, float(np.abs(column).max()))).any())
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies of a scene as skinned, moving glTF nodes.
 
-Each body is a node with the motion of its armature, and below it one joint per bone that moves
-skin. A joint is at the middle of its skin: its inverse bind matrix moves this point to the origin.
-A body that follows its mesh has one joint per skin patch instead. Every perceptual model of the
-body is a mesh with this skin, its vertices in the body's rest pose and in the model's order.
+Each body is a node with the motion of the armature, and a child joint per bone with skin. The joint
+is at the middle of this skin: the inverse bind matrix moves this point to the origin. A body
+following a mesh has a joint per skin patch instead. Every perceptual model of the body is a mesh
+with this skin, vertices in the body's rest pose and in the model's order.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _RECORDED: Final = ("indices", "to_world", "bones")
 
 @dataclass(eq=False)
 class _Motion:
-    """Recorded poses of one body."""
+    """Recorded poses of a body."""
 
     indices: list[I64] = field(default_factory=list)
     to_world: list[F64] = field(default_factory=list)  # (T, 4, 4)
@@ -94,7 +94,7 @@ class BodyRecorder:
             motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
 
     def _patches_of(self, body: BodyDescription) -> SurfaceJoints:
-        """Skin patches of a body that follows its mesh, created at first use."""
+        """Skin patches of a body following a mesh, created at first use."""
         assert isinstance(body.binding, SurfaceBinding)
         if body.id not in self._patches:
             self._patches[body.id] = SurfaceJoints(body.binding, load_model)
@@ -120,7 +120,7 @@ class BodyRecorder:
         models: Sequence[PerceptualModel],
         notes: list[str],
     ) -> list[int]:
-        """Add a body: its own node, then one node per model."""
+        """Add a body: its own node, then a node per model."""
         binding = body.binding
         node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
         is_posed = bool(motion.indices)
@@ -181,7 +181,7 @@ class BodyRecorder:
     def _add_skin(
         self, document: Document, name: str, root: int, joints: Sequence[int], pivots: F64
     ) -> int:
-        """Add a skin and return its index; ``pivots`` (J, 3) are joint origins in rest space."""
+        """Add a skin and return the index; ``pivots`` (J, 3) are joint origins in rest space."""
         inverse = np.tile(np.eye(4), (len(joints), 1, 1))
         inverse[:, :3, 3] = -(pivots @ TO_GLTF.T)
         columns = inverse.transpose(0, 2, 1).reshape(-1, 16)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reader of glTF 2.0 binary files: container, JSON, and the members used by HFX.
 
-All further rules of glTF are those of Khronos' validator; tests run it on HFX's files.
+Khronos' validator checks all further rules of glTF; tests run this validator on HFX's files.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 """Scene as glTF: bodies, haptic volumes as moving nodes, and draft MPEG triggers.
 
 Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
-pull request 2503): a collision of the body with it plays perceptions of a companion HJIF file. The
+pull request 2503): a collision with the body plays perceptions of a companion HJIF file. The
 extensions are used, not required: any reader shows bodies and moving nodes.
 """
 
@@ -52,7 +52,7 @@ _RECORDED: Final = ("indices", "matrices", "values")
 
 @dataclass(eq=False)
 class _Volume:
-    """Recorded motion of one volume; ``shape`` is None before its first active sample."""
+    """Recorded motion of a volume; ``shape`` is None before the first active sample."""
 
     effect: EffectDescription
     shape: Shape | None = None
@@ -283,7 +283,7 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
 
 
 def _add_mesh(document: Document, shape: Any) -> int:
-    """Add a mesh shape and return its index."""
+    """Add a mesh shape and return the index."""
     attributes = {"POSITION": document.accessor(np.asarray(shape.vertices), is_vertex=True)}
     triangles = document.accessor(np.asarray(shape.triangles).ravel(), is_index=True)
     return document.append(
@@ -298,7 +298,7 @@ def _add_interactivity(
     scene: SceneDescription,
     hjif_name: str | None,
 ) -> None:
-    """Add the draft extensions: one action per trigger that plays the effect's modality."""
+    """Add the draft extensions: an action per trigger, playing the effect's modality."""
     if not triggers:
         return
     modalities = {clean(effect.id): effect.modality for effect in scene.effects}

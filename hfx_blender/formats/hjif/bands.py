@@ -30,7 +30,7 @@ _Points = list[tuple[float, float]]  # times, s, and values
 
 
 def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> Piece:
-    """Vectorial wave as a piece: amplitude times ``gain``, and frequency, to its last keyframe.
+    """Vectorial wave as a piece: amplitude times ``gain``, and frequency, to the last keyframe.
 
     Frequencies are clipped to the band; without any, the band's middle or 100 Hz is used.
     """
@@ -102,7 +102,7 @@ def _curve_of(points: _Points, otherwise: tuple[float, float] = (0.0, 0.0)) -> C
 
 
 def one_after_another(curves: list[Curve]) -> Curve:
-    """Concatenate curves in time order, with 0 in gaps; the later curve wins where they overlap."""
+    """Concatenate curves in time order, with 0 in gaps; in overlaps the later curve wins."""
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):

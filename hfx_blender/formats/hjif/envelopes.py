@@ -20,7 +20,7 @@ from .semantics import MAX_TIMESCALE
 MAX_HZ: Final = 1000
 _WHOLE_HZ: Final = 0.5  # rounding error of whole hertz
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
-_FINE_TICKS: Final = 8000  # ticks per second, unless a rate does not divide it
+_FINE_TICKS: Final = 8000  # ticks per second, or the next lower multiple of the rates
 
 _SILENT: Final = 0.01
 """Largest value, as a share of the tolerance, where the original is 0."""
@@ -270,7 +270,7 @@ def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe
 
 
 def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[str, Any]]:
-    """Effects of a pressure, temperature or wind; more than one only beyond 16-bit ticks."""
+    """Effects of a pressure, temperature or wind; several only beyond 16-bit ticks."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
     ticks, values = _on_grid(few, strength, tolerance, timescale)
@@ -291,7 +291,7 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
 
 
 def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
-    """Insert a keyframe on the line where there are fewer than three and the duration allows it."""
+    """Insert a keyframe on the line between fewer than three, if the duration allows."""
     first, stop = frames[0].ticks, frames[-1].ticks
     if len(frames) >= _SHORTEST or stop - first < 2:
         return frames

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF of one device's output: one channel per actuator, one perception per modality."""
+"""HJIF of a device's output: a channel per actuator, a perception per modality."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SAMPLING_HZ: Final = 8000  # unit of the stored duration
 def write(
     raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
-    """Write ``stem.hjif``; OutputError for an unwritable file, of which no part remains."""
+    """Write ``stem.hjif``; OutputError for an unwritable file; no partial file remains."""
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
     within = f"curves are within {tolerance:.1%} of full scale"
@@ -51,7 +51,7 @@ def write(
 def _compose(
     raster: Raster, device: DeviceConfig, name: str, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Compose the document of a raster; second, actuators that became silent.
+    """Compose the document of a raster; second, the actuators silenced by the tolerance.
 
     Strengths are relative to each actuator's neutral value.
     """
@@ -92,8 +92,8 @@ def write_signals(
 ) -> Written:
     """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale.
 
-    The file is read back to measure the error. Raises OutputError for an unwritable file, of
-    which no part remains.
+    The file is read back to measure the error. Raises OutputError for an unwritable file; no
+    partial file remains.
     """
     timescale = timescale_of(Fraction(1000))
     places = [

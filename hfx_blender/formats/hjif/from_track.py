@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """HJIF of a recorded track: painted effects exactly, contacts by body part.
 
-One perception per body, model and modality. A painted effect becomes one channel for each class
-of its weights, with the effect's own envelope. A volume becomes one channel for each touched body
+A perception per body, model and modality. A painted effect becomes a channel for each class
+of its weights, with the effect's own envelope. A volume becomes a channel for each touched body
 part, with the strongest contact at each sample and all touched vertices of the part.
 """
 
@@ -127,9 +127,9 @@ def compose(
 
 
 class _Collected:
-    """Samples of one stream, collected run by run.
+    """Samples of a stream, collected run by run.
 
-    Memory is bounded: per sample one weight for each body part is stored, not the contacts.
+    Memory is bounded: each sample stores a weight per body part, not the contacts.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualM
 def _places(
     stream: Stream, collected: _Collected, track: TrackReader, masks: U32
 ) -> Iterator[Place]:
-    """Yield the channels of one effect on one body, strengths in the modality's unit."""
+    """Yield the channels of an effect on a body, strengths in the modality's unit."""
     effect = track.header.effect(stream)
     count = track.header.time.sample_count
     period_s = 1.0 / float(track.header.time.rate_hz)
@@ -263,7 +263,7 @@ def _places(
         pitch = np.interp(np.arange(count + 1), rows, hertz)
     direction = _direction(parameters) if stream.modality == "wind" else None
 
-    # Samples without contact are absent from a track: they are 0 in the dense column.
+    # Samples without contact are absent from a track, and 0 in the dense column.
     def dense(values: F64) -> Dense:
         column = np.zeros(count + 1)
         column[rows] = values
@@ -288,7 +288,7 @@ def _places(
 def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
     """Group a painted area's vertices into at most 8 classes, heaviest first: mean weight, ids.
 
-    Weights within 1/255 of each other form one class.
+    A range of weights below 1/255 forms a single class.
     """
     steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
     if np.ptp(weights) < 1.0 / 255.0:
@@ -300,7 +300,7 @@ def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
 
 
 def _direction(parameters: F64) -> dict[str, int] | None:
-    """Mean wind direction in glTF axes times 127; None if it turns by more than about 1 degree."""
+    """Mean wind direction in glTF axes times 127; None for a turn of more than about 1 degree."""
     vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
     mean = vectors.mean(axis=0)
     length = float(np.linalg.norm(mean))

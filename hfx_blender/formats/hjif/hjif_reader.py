@@ -24,10 +24,10 @@ _FATAL = _STRUCTURAL - {"HJIF-RANGE"}  # amplitudes of early wavelets
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
-    """Parse a document, and return sentences about its tolerated faults.
+    """Parse a document, and return sentences about tolerated faults.
 
-    Files of other tools and drafts are converted to the standard's form as far as their meaning
-    is clear; unknown members are dropped. Raises InputError for other files.
+    Files of other tools and drafts are converted to the standard's form as far as clear in meaning;
+    unknown members are dropped. Raises InputError for unreadable files.
     """
     document = parse(content, name)
     faults = findings(document)
@@ -114,10 +114,10 @@ _HIGHEST_RATE: Final = 192_000  # upper limit of wavelet bands, their sampling r
 
 
 def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
-    """Convert a value to the standard's form as far as its meaning is clear.
+    """Convert a value to the standard's form as far as the meaning is clear.
 
     Old names and choices are replaced, unknown members dropped, missing members without haptic
-    effect added, and numbers clipped to their range. Other values are returned unchanged.
+    effect added, and numbers clipped to the allowed range. Everything else is returned unchanged.
     """
     if isinstance(shape, Record):
         return _record(shape, value) if isinstance(value, dict) else value
@@ -172,7 +172,7 @@ def _is_length(item: Any) -> bool:
 
 
 def _number(shape: Number, value: Any, name: str) -> Any:
-    """Clip a number to its range; wavelet scales and sampling rates have wider ranges."""
+    """Clip a number to the allowed range; wavelet scales and sampling rates have wider ranges."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one

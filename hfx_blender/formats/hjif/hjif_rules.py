@@ -181,11 +181,11 @@ _TOOLS: Final = (  # code, part of the place or message, the tool
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a file; InputError if it is not JSON.
+    """Return the findings of a file; InputError without valid JSON.
 
     Codes are ``HJIF-`` and a word: MISSING, UNKNOWN, TYPE, RANGE, CHOICE and COUNT for the schema,
-    those of :mod:`.semantics` otherwise. REFERENCE-... are warnings about content that the
-    standard's reference software cannot read.
+    otherwise words of :mod:`.semantics`. REFERENCE-... are warnings about content unreadable for
+    the standard's reference software.
     """
     return findings(parse(content, name))
 

@@ -27,7 +27,7 @@ TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: 
 
 @dataclass(eq=False)
 class Place:
-    """Content of one channel: envelope, body part mask, vertices and ticks."""
+    """Content of a channel: envelope, body part mask, vertices and ticks."""
 
     title: str
     gain: float
@@ -139,7 +139,7 @@ def _channel(
 
 
 def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list[str]:
-    """Titles of places that sound but have only zero keyframes within the tolerance."""
+    """Titles of sounding places with only zero keyframes within the tolerance."""
     library = {effect_band["id"]: effect_band for effect_band in perception["effect_library"]}
 
     def sounds(effect: dict[str, Any]) -> bool:
@@ -157,7 +157,7 @@ def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str, Any]:
-    """Transient band with one keyframe per tick."""
+    """Transient band with a keyframe per tick."""
     effects = []
     for tick in sorted(transients, key=lambda each: each.time_s):
         frame = Keyframe(0, round(tick.amplitude, 6), round(min(tick.frequency_hz, MAX_HZ)))
@@ -180,7 +180,7 @@ def _peak(place: Place) -> float:
 def _devices(
     devices: Sequence[DeviceConfig], modality: str, first: int
 ) -> Iterator[dict[str, Any]]:
-    """Yield one reference device for each actuator type of a modality; ids from ``first`` + 1."""
+    """Yield a reference device for each actuator type of a modality; ids from ``first`` + 1."""
     number = first
     for device in devices:
         for kind in device.actuator_types.values():

@@ -182,7 +182,7 @@ def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
 
 
 def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> None:
-    """Report actuators outside the resolution, and a direction whose length is not 127."""
+    """Report actuators outside the resolution, and directions of a length other than 127."""
     resolution = channel.get("actuator_resolution")
     if resolution is not None and min(resolution[axis] for axis in "XYZ") < 0:
         message = "a resolution is not negative"
@@ -232,7 +232,7 @@ def _check_band(
 
 
 def _check_content(effect: dict[str, Any], place: Place, report: Report, band: str) -> None:
-    """Report missing members of a basis effect that the standard's readers require."""
+    """Report members of a basis effect missing for the standard's readers."""
     if band == "WaveletWave" and "wavelet_stream" not in effect:
         report.error("WAVELET-STREAM", place, "'wavelet_stream' is missing")
     if band != "WaveletWave" and "keyframes" not in effect:

@@ -28,7 +28,7 @@ _DEEPEST: Final = 8  # levels of nested references and compositions
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """Envelope of one channel, multiplied by its gain."""
+    """Envelope of a channel, multiplied by its gain."""
 
     modality: str  # of the standard, such as "Vibrotactile"
     channel: str
@@ -38,14 +38,14 @@ class Envelope:
     frequency_hz: Curve | None  # None: curves have no pitch
     transients: tuple[Transient, ...]
     full_scale: float | None  # largest amplitude of its reference device; None: unknown
-    left_out: tuple[str, ...] = ()  # losses, one sentence each
+    left_out: tuple[str, ...] = ()  # losses, a sentence each
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the vibration channels of a file as signals, and the range of their frequencies.
+    """Decode the vibration channels of a file as signals, and the range of all frequencies.
 
     Losses and notes of the file are on the first signal. Raises InputError for an unreadable file,
-    and TooLargeError for references that unfold to too many effects.
+    and TooLargeError for too many effects after unfolding references.
     """
     document, notes = read(content, name)
     signals = []
@@ -167,7 +167,7 @@ def _envelope(
     full_scale: float | None,
     unfolding: Unfolding,
 ) -> Envelope:
-    """Combine the bands of one channel into an envelope."""
+    """Combine the bands of a channel into an envelope."""
     unfolding.library = {effect.get("id"): effect for effect in perception["effect_library"]}
     is_vibration = perception["perception_modality"] in VIBRATIONS
     gain = min(channel["gain"], _LARGEST_GAIN)

@@ -60,30 +60,20 @@ def _filtered(samples: F64, taps: F64) -> F64:
 def waveform(
     band: dict[str, Any], effects: Sequence[Placed], timescale: int, name: str
 ) -> tuple[Waveform | None, Counter[str]]:
-    """Waveform of a wavelet band.
+    """Waveform of a wavelet band (None without readable blocks), and counts of losses by reason.
 
-    Blocks that would overlap follow each other instead: the standard's reference software
-    writes such positions, and plays the blocks one after the other.
+    Overlapping blocks are played in sequence: the standard's reference software writes such
+    positions, and plays the blocks in sequence. Raises TooLargeError beyond the limits of samples
+    or memory.
 
     Parameters
     ----------
     band : dict
-        Its upper limit is the sampling rate.
+        Upper limit: the sampling rate.
     effects : sequence of (int, dict)
-        Positions and blocks, ticks.
+        Position in ticks and block.
     name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    waveform : Waveform or None
-        None if nothing can be decoded.
-    lost : Counter
-        Counts of effects that cannot be decoded, by reason.
-
-    Raises
-    ------
-    TooLargeError
+        File name in messages.
     """
     rate_hz = float(band["upper_frequency_limit"])
     lost: Counter[str] = Counter()
@@ -118,10 +108,10 @@ def waveform(
 
 
 def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int | None:
-    """Samples of a block; None if it is no power of two within reason.
+    """Samples of a block, a power of two from 16 to 65536; None for other lengths.
 
-    Files from before the standard hold the coefficients as keyframes, with two more for their
-    scale, and tell the length of a block in milliseconds.
+    Draft files hold the coefficients as keyframes, with two more for the scale, and the length of a
+    block in milliseconds.
     """
     frames = effect.get("keyframes", ())
     if frames and not effect.get("wavelet_stream"):
@@ -138,6 +128,7 @@ def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int 
 
 
 def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
+    """Wavelet coefficients of an effect, (count,); None if unreadable or too few."""
     stream, frames = effect.get("wavelet_stream"), effect.get("keyframes", ())
     if stream or (stream == "" and not frames):
         try:
@@ -182,7 +173,7 @@ class _Bits:
         self._zeros, self._counts = [8] * 7, [16] * 7
 
     def _digit(self) -> int:
-        """Next binary digit of the stream; 0 after its end, as trailing zeros are not stored."""
+        """Next binary digit; 0 after the end of the stream, as trailing zeros are not stored."""
         self._next += 1
         return self._bits[self._next - 1] if self._next <= len(self._bits) else 0
 
@@ -253,7 +244,7 @@ def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
         step = 1 << plane
         before = len(significant)
         # Sorting pass: single coefficients first, then trees, which split when they become
-        # significant. Last the refinement pass: one more bit of all earlier coefficients.
+        # significant. Last the refinement pass: the next bit of all earlier coefficients.
         waiting = []
         for point in points:
             if bits.take(_POINT):

@@ -2,10 +2,10 @@
 """Reader of the compact JSON Lines of samples of earlier versions.
 
 Lines state changes from earlier lines; the header has ``"encoding": "compact"``. A set with
-``from`` is that set with changed vertices: ``gaps`` are the differences of ascending vertex ids
-(the first from 0), ``weights`` their new weights in 1/255, 0 for a removed vertex. Effects and
-bodies are indices into the header's lists. A sample without ``parameters`` has those of the last
-sample of its effect and body. ``docs/formats/samples.schema.json`` is the schema.
+``from`` is another set with changed vertices: ``gaps`` are the differences of ascending vertex ids
+(the first from 0), ``weights`` the new weights in 1/255, 0 for a removed vertex. Effects and bodies
+are indices into the header's lists. Missing ``parameters`` repeat the last sample of the same
+effect and body. ``docs/formats/samples.schema.json`` is the schema.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class CompactDecoder:
         return {"type": "set", "set": value["set"], "vertices": [*steps], "weights": weights}
 
     def _sample(self, value: dict[str, Any], report: Report, place: Place) -> Any:
-        """Decode a sample with the ids of its effect and body, and named parameters."""
+        """Decode a sample with ids of effect and body, and named parameters."""
         effects, bodies = self.header.get("effects", ()), self.header.get("bodies", ())
         key = (value["effect"], value["body"])
         parameters = value.get("parameters", self._parameters.get(key))

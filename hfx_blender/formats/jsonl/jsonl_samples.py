@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Track as JSON Lines for game engines: a header, then vertex sets and samples in time order.
 
-``docs/formats/samples.schema.json`` is the schema of a line. A set precedes the first sample with
-it. The effect at a vertex is weight times level times the strength parameter (for temperature:
-times its difference from neutral).
+``docs/formats/samples.schema.json`` is the schema of a line. A set precedes the first sample using
+the set. The effect at a vertex is weight times level times the strength parameter (for temperature:
+times the difference from neutral).
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ _LINES: Final[dict[str, Shape]] = {
 def write(track: TrackReader, path: Path) -> None:
     """Write a track without positions, velocities and depths.
 
-    Raises InputError for a damaged track, OutputError for an unwritable file, of which no part
+    Raises InputError for a damaged track, OutputError for an unwritable file; no partial file
     remains.
     """
     with atomic_file(path) as file:
@@ -159,7 +159,7 @@ def _header(header: TrackHeader) -> dict[str, Any]:
 
 
 def _lines(track: TrackReader) -> Iterator[bytes]:
-    """Yield sets and samples in time order; a set precedes the first sample with it."""
+    """Yield sets and samples in time order, each set before the first sample using the set."""
     last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
     count = 0
     for block in blocks(track.header, track.runs()):
@@ -232,7 +232,7 @@ def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of all lines and references; InputError for a line that is not JSON."""
+    """Return the findings of all lines and references; InputError for a line without valid JSON."""
     return _checked(content, name)[1]
 
 
@@ -293,7 +293,7 @@ class _Rules:
         self._time_s = -np.inf
 
     def is_sound(self, value: Any, is_first: bool, place: Place) -> bool:
-        """Report the faults of the next line; False if its structure is wrong."""
+        """Report the faults of the next line; False for a wrong structure."""
         kind = value.get("type") if isinstance(value, dict) else None
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
             self._report.error("LINE", place, "expected a header first, then sets and samples")

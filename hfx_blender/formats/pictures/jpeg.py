@@ -12,9 +12,9 @@ _END: Final = b"\xff\xd9"
 
 
 def is_cut_off(path: Path) -> bool:
-    """Test for a JPEG without end marker, whose missing part readers show grey.
+    """Test for a JPEG without end marker: readers show the missing part grey.
 
-    False for other files.
+    False for files of another kind.
     """
     data = path.read_bytes()
     if not data.startswith(_START):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """PNG pictures of 8 and 16 bits, and their texts (ISO/IEC 15948), with numpy and zlib only.
 
-Blender's writer would apply colour management to 16 bits, and its image data needs Blender; the
-layers of haptic maps have to be exact in any process.
+Blender's writer would apply colour management to 16 bits, and image data needs Blender; the layers
+of haptic maps have to be exact in any process.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def write(values: Grey, path: Path) -> None:
     """Write a picture, top row first: grey (H, W) of uint8 or uint16, or RGB (H, W, 3) of uint8.
 
     Grey values are marked as linear (gAMA 1), colours as sRGB. Raises OutputError for an unwritable
-    file, of which no part remains, and ValueError for another shape or type.
+    file (no partial file remains), and ValueError for another shape or type.
     """
     deep = values.dtype == np.uint16
     coloured = values.ndim == 3 and values.shape[2] == 3 and not deep
@@ -76,7 +76,7 @@ def read(path: Path) -> tuple[Grey, bool]:
 
 
 def _content(path: Path) -> bytes:
-    """Bytes of a file; InputError if it cannot be read."""
+    """Bytes of a file; InputError if unreadable."""
     refuse_no_file(path)
     try:
         return path.read_bytes()
@@ -127,8 +127,8 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
 def texts(path: Path) -> dict[str, str]:
     """Texts of a picture by keyword (tEXt, zTXt, iTXt; PNG 11.3.4), the first for each keyword.
 
-    Damaged texts and those after the first damaged chunk are skipped; texts are cut at 4 MiB. Empty
-    for other files. Raises InputError for an unreadable file.
+    Damaged texts, and all texts after a damaged chunk, are skipped; texts are cut at 4 MiB. Empty
+    for files of another kind. Raises InputError for an unreadable file.
     """
     content = _content(path)
     texts_by_keyword: dict[str, str] = {}
@@ -144,7 +144,7 @@ def texts(path: Path) -> dict[str, str]:
 
 
 def _text(name: bytes, data: bytes) -> tuple[str, str]:
-    """Keyword and text of a chunk; ValueError, IndexError or zlib.error if it is damaged."""
+    """Keyword and text of a chunk; ValueError, IndexError or zlib.error for a damaged chunk."""
     keyword, rest = data.split(b"\0", 1)
     if name == b"tEXt":
         # The standard says Latin-1; AUTOMATIC1111 and other programs write UTF-8.
@@ -163,7 +163,7 @@ def _unpacked(data: bytes) -> bytes:
 
 
 def _utf8_or_latin(data: bytes) -> str:
-    """Decode as UTF-8, or as Latin-1 if that fails."""
+    """Decode as UTF-8, or else as Latin-1."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
@@ -212,7 +212,7 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
 
 
 def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo filters that depend on the left and upper pixel."""
+    """Undo filters depending on the left and upper pixel."""
     rows, width = lines.shape
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Point clouds of scanners: PLY (text or binary) and XYZ (one point per line)."""
+"""Point clouds of scanners: PLY (text or binary) and XYZ (a point per line)."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _lines(content: bytes, path: Path) -> F64:
 
 
 def _ply(content: bytes, path: Path) -> F64:
-    """Parse the vertices of a PLY file; they must be its first element."""
+    """Parse the vertices of a PLY file, required as the first element."""
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
         raise InputError(f"{path}: is no PLY file.")
@@ -82,7 +82,7 @@ def _ply(content: bytes, path: Path) -> F64:
 
 
 def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
-    """Parse ``count`` text lines, of which the columns ``places`` are x, y and z."""
+    """Parse x, y and z, at column numbers ``places``, of ``count`` text lines."""
     lines = body.split(b"\n", count)[:count]
     if len(lines) < count or (count and not lines[-1].strip()):
         raise InputError(f"{path}: ends early; {count} points were announced.")

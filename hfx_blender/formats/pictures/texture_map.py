@@ -2,7 +2,7 @@
 """Haptic maps as files: two grey PNG layers, and a JSON file with the meaning of their values.
 
 Both layers are linear, 0 to full code: intensity is a share of the amplitude range, sharpness of
-the frequency range. The JSON file names the layers, which are in the same folder.
+the frequency range. The JSON file names the layers in the same folder.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def write_relief(
 
 
 def read(path: Path) -> HapticMap:
-    """Read a map by its JSON file.
+    """Read a map by the path of the JSON file.
 
     Raises InputError for a missing or damaged file, layers of different sizes, or invalid values.
     """

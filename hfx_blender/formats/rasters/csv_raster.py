@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster as a CSV table: one row per time, one column per parameter of an actuator."""
+"""Raster as a CSV table: a row per time, a column per parameter of an actuator."""
 
 from __future__ import annotations
 
@@ -44,8 +44,7 @@ def write(raster: Raster, path: Path) -> None:
     """Write a raster as CSV (RFC 4180, UTF-8, no comments, decimal points).
 
     Values have nine significant digits and times twelve, finer than any device; times of a 1 kHz
-    clock are exact (``0.003``). Raises OutputError for an unwritable file, of which no part
-    remains.
+    clock are exact (``0.003``). Raises OutputError for an unwritable file; no partial file remains.
     """
     row_format = ",".join(["%.9g"] * len(raster.columns))
     with atomic_file(path) as file:
@@ -91,7 +90,7 @@ def facts(path: Path) -> dict[str, Any]:
 def decode(content: bytes, name: str) -> Raster:
     """Decode the bytes of :func:`read`.
 
-    Neutral values are those of the first row; the rate is derived from the times.
+    The first row gives the neutral values, the times give the rate.
     """
     first, _, rest = content.partition(b"\n")
     try:
@@ -134,7 +133,7 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """Sampling rate of a clock's times; 100 Hz for too few times, which the rules reject."""
+    """Sampling rate of a clock's times; 100 Hz for too few times, later rejected by the rules."""
     if len(times) > 1 and np.isfinite(times).all():
         lasts = float(times[-1]) - float(times[0])
         rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0

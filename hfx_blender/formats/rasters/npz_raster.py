@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Raster as a NumPy archive, complete and bit-exact.
 
-``docs/formats/index.md`` names the arrays; ``numpy.load`` reads them without this package.
+``docs/formats/index.md`` names the arrays for ``numpy.load``.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ _FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.
 def write(raster: Raster, path: Path) -> None:
     """Write a raster; equal rasters give equal bytes.
 
-    Raises OutputError for an unwritable file, of which no part remains, and TooLargeError beyond
+    Raises OutputError for an unwritable file (no partial file remains), and TooLargeError beyond
     the memory limit of readers.
     """
     meta = {
@@ -128,7 +128,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def read(path: Path) -> Raster:
-    """Read the raster of a file; InputError if it is unreadable, damaged or not a raster."""
+    """Read the raster of a file; InputError if unreadable, damaged or of another kind."""
     return decode(read_data(path), str(path))
 
 
@@ -183,7 +183,7 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
 
 
 def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: str) -> None:
-    """Raise InputError for missing arrays, or shapes and types that contradict the description."""
+    """Raise InputError for missing arrays, or shapes and types contradicting the description."""
     rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
     columns = (len(meta["columns"]),)
     shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
@@ -213,7 +213,7 @@ class _Head:
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
-    """Read the shape and type of an array; ValueError if its size or type is not allowed."""
+    """Read the shape and type of an array; ValueError for a forbidden size or type."""
     with archive.open(entry) as packed:
         file = io.BytesIO(packed.read(_HEAD_BYTES))
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
@@ -231,7 +231,7 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """Unpack an array after :func:`_head`, directly into its memory."""
+    """Unpack an array after :func:`_head`, directly into memory."""
     with archive.open(entry) as packed:
         array = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
         packed.read(1)  # reading the end makes zipfile compare the checksum

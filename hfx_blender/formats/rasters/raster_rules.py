@@ -17,10 +17,10 @@ _BLOCK_ROWS: Final = 1 << 16
 
 
 def refuse(raster: Raster, name: str) -> None:
-    """Raise InputError, with file and field, for a raster that breaks a rule.
+    """Raise InputError, with file and field, for a raster breaking a rule.
 
-    Rules: at least one row, finite values of the right shape, times ascending and evenly spaced,
-    and the limits of rate and duration.
+    Rules: a row or more, finite values of the right shape, times ascending and evenly spaced, and
+    the limits of rate and duration.
     """
     times, rate = raster.times_s, raster.rate_hz
     if not len(times):

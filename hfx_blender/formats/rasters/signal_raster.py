@@ -28,11 +28,11 @@ def raster_of(
 ) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
     """Sample signals at ``RATE_HZ`` as the raster of a device; returns raster, losses and notes.
 
-    A signal plays on the vibration actuator of its name, or on the actuator whose bHaptics dot has
-    its name. A single signal without such an actuator plays on all of them. Full scale is the
-    largest amplitude of each actuator. Raises InputError for a device without vibration actuators
-    or names that match none, and TooLargeError for too long signals; ``name`` is the file's name in
-    messages.
+    A signal plays on the vibration actuator of the same name, or on the actuator with a bHaptics
+    dot of this name. A single signal without such an actuator plays on all vibration actuators.
+    Full scale is the largest amplitude of each actuator. Raises InputError for a device without
+    vibration actuators or without matching names, and TooLargeError for too long signals; ``name``
+    is the file's name in messages.
     """
     played = _played(signals, device, name)
     columns = [
@@ -48,7 +48,7 @@ def raster_of(
     neutral = np.array([control.neutral for _, control in columns])
     values = np.tile(neutral, (len(times), 1))
     is_limited = False
-    hidden: dict[str, int] = {}  # ticks of each signal that its envelope drowns
+    hidden: dict[str, int] = {}  # ticks weaker than the envelope, by signal
     for k, (actuator, control) in enumerate(columns):
         signal = played.get(actuator.id)
         if signal is None:
@@ -90,7 +90,7 @@ def raster_of(
 
 
 def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
-    """Signal of each vibration actuator that has one, by actuator id."""
+    """Signal of each vibration actuator with a signal, by actuator id."""
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")

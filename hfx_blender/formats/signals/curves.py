@@ -34,8 +34,8 @@ _Line = tuple[float, float, float]  # time, value there, slope
 class Curve:
     """Keyframes joined by straight lines, constant before the first and after the last.
 
-    Two keyframes at one time are a step. Raises ValueError without keyframes, for numbers that are
-    not finite, and for descending times.
+    Two keyframes at the same time are a step. Raises ValueError without keyframes, for infinite or
+    NaN numbers, and for descending times.
     """
 
     times_s: F64  # (n,) ascending
@@ -130,7 +130,7 @@ def simplified(
 
 
 def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
-    """Clip a curve to a range at every time, with keyframes where it crosses the limits."""
+    """Clip a curve to a range at every time, with keyframes at the crossings of the limits."""
     if curve.values.min() >= lowest and curve.values.max() <= highest:
         return curve
     crossed = with_crossings(with_crossings(curve, lowest), highest)
@@ -150,7 +150,7 @@ def with_crossings(curve: Curve, level: float) -> Curve:
 
 
 def _strictly_ascending(times: F64) -> F64:
-    """Move equal times at least 1 us apart; the time of the first of them stays."""
+    """Move equal times at least 1 us apart, keeping the first time of each step."""
     if len(times) < 2 or (np.diff(times) >= _APART_S).all():
         return times
     steps = np.arange(len(times)) * _APART_S
@@ -174,11 +174,10 @@ def _without_collinear(times: F64, values: F64) -> Curve:
 def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
     """Keyframes of the continuous curve of fewest straight pieces within a corridor.
 
-    The walls of the corridor are straight from row to row. Greedy: each piece is the line that
-    reaches furthest, and its successor crosses it within its last window, between its last contact
-    with a wall and its exit from the corridor. The lines of the current piece are bounded by the
-    steepest rising line (over a lower point, under a later upper point) and the steepest falling
-    line.
+    The walls of the corridor are straight from row to row. Greedy: each piece is the line reaching
+    furthest; the next piece crosses this line within a window, from the line's last contact with a
+    wall to the exit from the corridor. The lines of the current piece are bounded by the steepest
+    rising line (over a lower point, under a later upper point) and the steepest falling line.
     """
     # Rows within flat stretches of the corridor cannot bound any line.
     is_flat = np.zeros(len(times), np.bool_)
@@ -261,7 +260,7 @@ def _through(a: _Point, b: _Point) -> _Line:
 
 
 def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """Mean of the two extreme lines, which is within the corridor as both are."""
+    """Mean of the two extreme lines, and thus within the corridor."""
     if rising is None or falling is None:
         return rising or falling or (x, value, 0.0)
     at = rising[0]

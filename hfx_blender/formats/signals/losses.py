@@ -24,7 +24,7 @@ def beyond_limits(
     highest_m_s2: float | None = None,
     highest_hz: float = MAX_HZ,
 ) -> tuple[str, ...]:
-    """Sentences about actuators whose vibration is clipped.
+    """Sentences about actuators with clipped vibration.
 
     ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count.
     """
@@ -48,7 +48,7 @@ def beyond_limits(
 
 
 def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
-    """Sentence about signals that sound outside the frequencies of a file; empty without any."""
+    """Sentence about signals sounding outside the frequencies of a file; empty without any."""
     cut = [signal.name for signal in signals if _is_off(signal, held)]
     low, high = held.lowest_hz, held.highest_hz
     return counted(cut, f"it holds {low:g} to {high:g} Hz; vibrations cut to that")
@@ -69,10 +69,10 @@ def _is_off(signal: Signal, held: FrequencyRange) -> bool:
 
 
 def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
-    """Largest errors of a signal that was written and read back: amplitude, frequency.
+    """Largest errors of a signal written and read back: amplitude, frequency.
 
     Amplitude is a share of full scale, frequency in hertz while the original sounds. ``grid_s`` is
-    the time resolution of the format: a value counts as met if the curve has it within this time.
+    the time resolution of the format: a value is met if the curve has this value within this time.
     """
     curves = (original.amplitude, original.frequency_hz, written.amplitude, written.frequency_hz)
     end_s = float(original.amplitude.times_s[-1])
@@ -90,7 +90,7 @@ def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, 
 
 
 def _apart(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
-    """Largest distance, both ways, of one curve from the other's values within ``grid_s``."""
+    """Largest distance, both ways, of a curve's values from the other curve within ``grid_s``."""
     most = 0.0
     for curve, near in ((first, second), (second, first)):
         low, high = _range_near(near, times, grid_s)
@@ -146,7 +146,7 @@ def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
 
 
 def several_frequencies(raster: Raster) -> tuple[str, ...]:
-    """Sentence about actuators with simultaneous frequencies, for formats that hold one."""
+    """Sentence about actuators with simultaneous frequencies, for formats of single frequencies."""
     shape = len(raster.values), len(raster.waveform_actuators)
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
     for partial in raster.partials:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibration signals as envelopes: the content of most haptic file formats for one actuator.
+"""Vibration signals as envelopes: the content of most haptic file formats for an actuator.
 
-Amplitude is a share of full scale, 0 to 1. Full scale is the largest amplitude that any vibration
-actuator of the device accepts. Time 0 is the first row of the raster.
+Amplitude is a share of full scale, 0 to 1. Full scale is the largest amplitude accepted by any
+vibration actuator of the device. Time 0 is the first row of the raster.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SHOWN: Final = 60  # characters of a metadata text in a note
 class Credits:
     """Metadata about a file's origin; empty texts where the file states nothing.
 
-    ``others`` are name and text of members specific to one format.
+    ``others`` are name and text of members specific to a format.
     """
 
     author: str = ""
@@ -72,7 +72,7 @@ def text_of(record: Any, key: str) -> str:
 
 @dataclass(frozen=True)
 class Transient:
-    """Short tick at one time."""
+    """Short tick at the same time."""
 
     time_s: float
     amplitude: float  # 0..1
@@ -81,14 +81,14 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Vibration signal of one actuator."""
+    """Vibration signal of an actuator."""
 
     name: str
     amplitude: Curve  # 0..1; the last keyframe is the end of the signal
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
-    left_out: tuple[str, ...] = ()  # losses of reading, one sentence each
-    notes: tuple[str, ...] = ()  # interpretations of the reader, one sentence each
+    left_out: tuple[str, ...] = ()  # losses of reading, a sentence each
+    notes: tuple[str, ...] = ()  # interpretations of the reader, a sentence each
     is_kept: bool = False  # write a file even if silent
     credits: Credits = field(default_factory=Credits)  # of the source file
 
@@ -137,7 +137,7 @@ class FrequencyRange:
     def held(self, requested: FrequencyRange) -> FrequencyRange:
         """Range to store for a requested range, in a format with this default range.
 
-        A stated range is kept. A single stated frequency widens the default range to include it; an
+        A stated range is kept. A single stated frequency widens the default range if outside; an
         unstated range becomes the default.
         """
         if not requested.is_stated:
@@ -149,7 +149,7 @@ class FrequencyRange:
         )
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:
-        """Convert hertz to shares 0..1 of the range, clipped; 0 for a range of one frequency."""
+        """Convert hertz to shares 0..1 of the range, clipped; 0 for a single frequency."""
         width = self.highest_hz - self.lowest_hz
         shares = (np.asarray(frequency_hz, np.float64) - self.lowest_hz) / (width or 1.0)
         return np.clip(shares, 0.0, 1.0) if width else np.zeros_like(shares)
@@ -161,7 +161,7 @@ class FrequencyRange:
 
 
 def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], FrequencyRange]:
-    """Convert the vibration of a raster to one signal per actuator, with a keyframe for each row.
+    """Convert the vibration of a raster to a signal per actuator, with a keyframe for each row.
 
     Values are linear between rows, as in a WAV file; the last row lasts one period. Silent rows
     take the frequency of the sounding row before (or else after). Raises InputError for a device
@@ -247,7 +247,7 @@ def _is_heard(signal: Signal) -> npt.NDArray[np.bool_]:
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:
-    """Sounding stretches as indices (first, last) of keyframes, which are 0 at both ends.
+    """Sounding stretches as indices (first, last) of keyframes with value 0.
 
     A stretch at the curve's own begin or end may begin or end above 0.
     """
@@ -277,7 +277,7 @@ class Piece:
 def mixed(
     name: str, pieces: Sequence[Piece], transients: Iterable[Transient] = (), end_s: float = 0.0
 ) -> Signal:
-    """Mix overlapping pieces into one signal: amplitudes add, the strongest sets the frequency.
+    """Mix overlapping pieces into a signal: amplitudes add, the strongest sets the frequency.
 
     Sums above 1 are clipped and reported in ``left_out``. ``end_s`` extends the signal with
     silence. Raises TooLargeError for too many overlapping keyframes.

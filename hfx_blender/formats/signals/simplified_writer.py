@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writers of few keyframes that read their files back to state the error."""
+"""Writers of few keyframes; files are read back to state the error."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def simplified_writer(
     decode: Decoder,
     grid_s: float = 0.0,
 ) -> SignalWriter:
-    """Create a ``write_signals`` that simplifies signals, writes them and notes the largest error.
+    """Create a ``write_signals`` for simplified signals, with a note on the largest error.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> s
 def _read_back(
     signals: Sequence[Signal], written: Written, stem: Path, suffix: str, decode: Decoder
 ) -> Iterator[tuple[Signal, Signal]]:
-    """Yield each signal with its decoded counterpart; signals without a file are skipped."""
+    """Yield each signal with the decoded counterpart; signals without a file are skipped."""
     together = stem.with_name(stem.name + suffix)
     decoded: dict[str, Signal] = {}
     if together in written.files:
@@ -88,7 +88,7 @@ def _read_back(
 def write_audible(
     signals: Iterable[Signal], stem: Path, suffix: str, document: Callable[[Signal], Any]
 ) -> Written:
-    """Write one JSON file per audible signal, ``stem.<name><suffix>``; silent ones are noted."""
+    """Write a JSON file per audible signal, ``stem.<name><suffix>``, and note silent signals."""
     files: list[Path] = []
     silent: list[str] = []
     for signal in signals:

@@ -84,7 +84,7 @@ def _wav(felt: StrokeSignal, device: DeviceRange, path: Path) -> Written:
 
 
 def _csv(felt: StrokeSignal, stroke: Stroke, path: Path) -> Written:
-    """Write one CSV row per step: place, speed, amplitude and frequency."""
+    """Write a CSV row per step: place, speed, amplitude and frequency."""
     middles = felt.times_s + 0.5 * felt.step_s
     places, speeds = stroke.at(felt.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
     rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spatial sound as one multichannel WAV, one channel per loudspeaker, in step with rasters."""
+"""Spatial sound as one multichannel WAV, a channel per loudspeaker, in step with rasters."""
 
 from __future__ import annotations
 

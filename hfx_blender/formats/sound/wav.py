@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster as a multichannel WAV, one channel per vibration actuator.
+"""Raster as a multichannel WAV, a channel per vibration actuator.
 
-Each channel is a wave whose amplitude and frequency are linear between raster rows; its phase is
-the exact integral of the frequency and thus continuous. An actuator with waveform output plays
-the sum of one wave per effect, of the shape named by its type. A file ends in silence, faded over
+Each channel is a wave with amplitude and frequency linear between raster rows; the phase is the
+exact integral of the frequency and thus continuous. An actuator with waveform output plays the sum
+of a wave per effect, of the shape named by the actuator type. A file ends in silence, faded over
 the last row.
 """
 
@@ -169,7 +169,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
 def _driven(
     pairs: F64, curves: Sequence[Sequence[DriveCurve]], full_scale: float, totals: F64 | None = None
 ) -> F64:
-    """Convert amplitudes (T, C, 2) to drive levels that linearize the actuators' output."""
+    """Convert amplitudes (T, C, 2) to drive levels for linear output of the actuators."""
     if not any(curves):
         return pairs
     safe = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structure and rules of WAV files, and of the channel lists beside them."""
+"""Structure and rules of WAV files and channel lists."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
-    """Return the storage format of a file (None without fmt or data chunk) and its findings."""
+    """Return the storage format (None without fmt or data chunk) and the findings of a file."""
     report = Report("WAV")
     if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
         report.error("RIFF", None, "it does not begin with RIFF and WAVE")
@@ -151,7 +151,7 @@ _KINDS: Final = {
 
 
 def validate_channels(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a file; InputError if it is not JSON."""
+    """Return the findings of a file; InputError without valid JSON."""
     document = parse(content, name)
     report = Report("CHANNELS")
     kind = document.get("format") if isinstance(document, dict) else None

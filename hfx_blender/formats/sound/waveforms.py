@@ -44,10 +44,7 @@ class Waveform:
         return self.start_s + len(self.values) / self.rate_hz
 
     def until(self, end_s: float) -> Waveform:
-        """Cut a waveform at a time; unchanged if the time is not after its start.
-
-        Formats pad their last block with silence, which this removes.
-        """
+        """Cut a waveform at a time, to remove padding; unchanged for a time up to the start."""
         count = round((end_s - self.start_s) * self.rate_hz)
         return Waveform(self.start_s, self.rate_hz, self.values[:count]) if count > 0 else self
 
@@ -77,7 +74,7 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
 def piece_of(waveform: Waveform, gain: float) -> Piece:
     """Analyse a waveform as a piece with amplitude and frequency at ``ROWS_HZ``.
 
-    A steady tone has its exact amplitude. Changes within 5 ms are averaged by power.
+    The amplitude of a steady tone is exact. Changes within 5 ms are averaged by power.
     """
     rate = waveform.rate_hz
     rows = np.arange(int(len(waveform.values) * ROWS_HZ / rate) + 1) / ROWS_HZ
