@@ -38,6 +38,7 @@ def format_of(path: Path) -> FormatInfo:
     """
     name = path.name.lower()
     checked = [entry for entry in FORMATS.values() if entry.check]
+    # Formats with marks share the suffix .json: their content decides below.
     for info in checked:
         suffix = info.read_suffix or info.suffix
         if name.endswith(suffix) and not (info.marks and suffix.endswith(".json")):
@@ -121,6 +122,7 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
                 return info, [_finding(info, "CONTENT", error, path)]
             return info, []
     info = format_of(path)
+    # A WAV may exceed memory, and only its head is parsed: map instead of reading.
     content = mapped(path) if info.id == "wav" else read_data(path)
     try:
         findings: list[Finding] = info.function("check")(content, str(path))

@@ -36,6 +36,7 @@ def refuse_but(
     """
     errors = [finding for finding in findings if finding.severity == "error"]
     refuse_errors([error for error in errors if not tolerated(error)], name)
+    # Tolerated range errors must not let absurd numbers through to readers without ranges.
     if errors and document is not None:
         _refuse_huge(document, name)
     warnings = [finding for finding in findings if finding.severity == "warning"]

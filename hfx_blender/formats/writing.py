@@ -207,6 +207,8 @@ def write_all(
     """
     written = Written()
     for info in (FORMATS[id] for id in formats):
+        # A format has exactly one kind of writer: of tracks, of all devices, or of a
+        # device.
         if info.write_track:
             try:
                 time = track.header.time

@@ -106,6 +106,8 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
         return [_finding("TEXT", f"byte {error.start} is not UTF-8")]
     if len(sections["TIME"]) != 1:
         return [_finding("TIME", f"has {len(sections['TIME'])} records, allowed is one")]
+    # Each group assumes that the groups before hold: offsets are compared with sizes first, so
+    # a later group may index without bounds.
     kinds: tuple[Callable[[Sections], list[Finding]], ...] = (
         _time, _references, _numbers, _rows, _columns, _clips, _bodies, _spatial
     )  # fmt: skip
@@ -165,6 +167,8 @@ def _references(sections: Sections) -> list[Finding]:
             found += _first(section, field, places, is_bad, "the beginning of a text")
     for section, field, number, of in _RANGES:
         firsts, counts = (sections[section][each].astype(np.int64) for each in (field, number))
+        # Ranges tile the target section without gaps or overlaps, so the first range starts
+        # at 0, and each range where its predecessor ends.
         expected = np.concatenate([[0], np.cumsum(counts)])
         found += _first(
             section, field, firsts, firsts != expected[:-1], "the end of the range before"
@@ -221,6 +225,7 @@ def _rows(sections: Sections) -> list[Finding]:
     if expected[-1] != len(sections["VALU"]):
         message = f"has {len(sections['VALU'])} values, the rows of actuators {expected[-1]}"
         findings.append(_finding("VALU", message))
+    # The first row of each actuator is 0; within an actuator the rows ascend strictly.
     ascends = np.ones(len(rows), np.bool_)
     ascends[1:] = rows[1:] > rows[:-1]
     ascends[firsts] = rows[firsts] == 0
@@ -269,6 +274,7 @@ def _clips(sections: Sections) -> list[Finding]:
 def _bodies(sections: Sections) -> list[Finding]:
     """Check parents of bones, and bones and sums (65535) of skin weights."""
     bodies, models, vertices = sections["BODY"], sections["MODL"], sections["VERT"]
+    # Number of each bone within its own body: parents are numbered within the body too.
     own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
     parents = sections["BONE"]["parent"]
     is_bad = (parents != NONE) & (parents >= own)
@@ -280,6 +286,7 @@ def _bodies(sections: Sections) -> list[Finding]:
     findings += _first(
         "WGHT", "bone", weights["bone"], weights["bone"] >= most, "a bone of the body"
     )
+    # Sums over ranges as differences of a running sum.
     ends = np.concatenate([[0], np.cumsum(weights["weight"].astype(np.int64))])
     firsts = vertices["first_weight"].astype(np.int64)
     sums = ends[firsts + vertices["weights"]] - ends[firsts]

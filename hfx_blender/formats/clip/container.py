@@ -128,6 +128,7 @@ def encoded(sections: Sections, name: str) -> bytes:
         for record in RECORDS
         if record in sections and len(sections[record])
     ]
+    # Contents start at multiples of 8 bytes, so readers may map records of doubles in place.
     at = _HEAD.size + _SECTION.size * len(filled)
     table = b""
     parts: list[bytes] = []

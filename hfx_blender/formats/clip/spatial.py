@@ -113,6 +113,7 @@ class _Bodies:
             for item in self._models
         ]
         bound = [BoundWeights.of(item, binding.bone_names) for item in placed]
+        # Only bones with skin are stored; the last index stands for skin without any bone.
         used = np.unique(np.concatenate([item.bones for item in bound]))
         used = used[used < len(binding.bone_names)]
         first_bone, first_model = len(self._rows["BONE"]), len(self._rows["MODL"])
@@ -130,6 +131,8 @@ class _Bodies:
         """Append a model at the level of detail, with skin weights."""
         level = min(self._level, level_count(model))
         chosen = level_of(model, level)
+        # Vertices are reordered for players; coarse_of maps every vertex of the whole model
+        # to its stored representative, through the new order.
         order = _neighbours_first(model, chosen.vertices.astype(np.int64))
         ids = chosen.vertices[order].astype(np.int64)
         vertices = sum(len(part) for part in self._rows["VERT"])
@@ -219,6 +222,8 @@ def _bones(
             at = number[name]
             rest, length = skeleton.rest[at, :3].ravel(), float(skeleton.lengths_m[at])
             above = int(skeleton.parents[at])
+            # Parents precede children in the file: the nearest ancestor among the names
+            # written so far.
             while above >= 0 and skeleton.bone_names[above] not in names[:k]:
                 above = int(skeleton.parents[above])
             parent = names.index(skeleton.bone_names[above]) if above >= 0 else NONE
@@ -282,6 +287,7 @@ def _effects(
             body, kind = bodies.index[area.body_id], 1
             _, rank, _ = bodies.stored_models[area.body_id, effect.model_id]
             painted.append(_strongest("PNTD", rank[area.vertices], area.weights))
+        # Records have room for four parameters, the most of any modality.
         parameters = np.zeros(4)
         parameters[: len(seen["parameters"])] = seen["parameters"]
         is_warm = effect.modality == "temperature"
@@ -331,6 +337,8 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
     first = 0
     for device, raster in played:
         for number, actuator in enumerate(device.actuators, first):
+            # A record per effect modality shown by the actuator, as itself or by
+            # substitution.
             for source in _MODALITIES:
                 gain_and_hertz = _substitute(device, source, actuator.type.modality)
                 if gain_and_hertz is None or source not in felt or _has_fixed_place(actuator):

@@ -114,6 +114,8 @@ def _seen(effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np
         first = animated.shapes[0]
         shape, matrix = SHAPES.index(type(first)), animated.matrices[rows[0]]  # type: ignore[arg-type]
         half = first.half_segment if isinstance(first, Capsule) else 0.0
+        # Players start responses from the limits-checked controls of the first active
+        # sample.
         if animated.response is not None:
             filters = effect.area.response
             controls = within_limits(filters, animated.response[rows[:1]])[0]

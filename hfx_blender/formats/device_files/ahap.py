@@ -111,11 +111,14 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
         start, end = float(times[first]), float(times[last])
         count = max(1, int(np.ceil((end - start) / MAX_EVENT_S)))
         cuts = np.linspace(start, end, count + 1)
+        # An event lasts 30 s at most: longer stretches are several events without gaps.
         for begin, stop in pairwise(cuts.tolist()):
             pattern.append(_continuous(begin, stop - begin, 1.0, constant or 0.0))
     controls: list[dict[str, Any]] = []
     if pattern:
         controls += _curve(INTENSITY_CONTROL, signal.amplitude)
+        # The sharpness control adds to the event's sharpness, so it is only used for
+        # changing frequencies, on events of sharpness 0.
         if constant is None:
             controls += _curve(SHARPNESS_CONTROL, Curve(signal.frequency_hz.times_s, sharpness))
     if pattern or signal.is_kept:
@@ -358,6 +361,7 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
             lost[f"changes of {control}"] += 1
             continue
         lowest, highest = _CONTROLS[control]
+        # A single value has the members of a control point.
         points = control_change.get(
             "ParameterCurveControlPoints", [control_change] if control_change else []
         )

@@ -29,6 +29,7 @@ def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> C
     is_sustained = float(parameters.get("Sustained", 1.0)) >= 0.5 or attack + decay <= 0.0
     if end_s <= start_s or (is_sustained and attack + release <= 0.0):
         return None
+    # An attack longer than the event is cut off at the level reached.
     top = min(start_s + attack, end_s)
     level = (top - start_s) / attack if attack > 0.0 else 1.0
     points = [(start_s, 0.0)] if attack > 0.0 else []

@@ -95,6 +95,7 @@ def findings(document: Any) -> list[Finding]:
     elif document["Version"] != _VERSION:
         message = f"{document['Version']:g}: phones do not play it; they know {_VERSION}"
         report.warn("VERSION", (None, "Version"), message)
+    # Beyond the schema: a single kind per entry, durations, value ranges and order of points.
     for k, entry in enumerate(document["Pattern"]):
         location = ((None, "Pattern"), k)
         if len(entry) != 1:

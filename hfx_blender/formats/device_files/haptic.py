@@ -161,6 +161,8 @@ def _findings(document: Any) -> list[Finding]:
     location = (((None, "signals"), "continuous"), "envelopes")
     amplitude, frequency = envelopes["amplitude"], envelopes.get("frequency", [])
     for name, points in (("amplitude", amplitude), ("frequency", frequency)):
+        # Players parse times as 32-bit floats: equal after rounding is still ascending for
+        # them.
         times = np.array([point["time"] for point in points], np.float32)
         for k in (np.flatnonzero(np.diff(times) < 0.0) + 1).tolist():
             report.error("ORDER", ((location, name), k), "its time is before the last one's")

@@ -186,6 +186,8 @@ def _write_fitting(
     for signal in signals:
         if signal.is_silent:
             continue  # reported by _write
+        # The tolerance grows by half until the signal fits or a tenth of full scale is
+        # exceeded.
         value, content = tolerance, None
         while content is None and value <= max(_COARSEST, tolerance):
             (few,) = simplified_signals([signal], value)
@@ -349,6 +351,8 @@ def _piece(
         )
     curve = sorted(curve, key=lambda point: point["Time"])
     times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
+    # Foreign values are clipped far outside the range, so products stay finite; mixing clips to
+    # full scale.
     levels = level * np.clip([float(point["Intensity"]) for point in curve], -_MOST, _MOST)
     offsets = np.clip([float(point.get("Frequency", 0)) for point in curve], -_MOST, _MOST)
     hundredths = pitch + offsets

@@ -80,6 +80,8 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         levels = signal.amplitude.at(knots)
         levels[-1] = signal.amplitude.before(end)
         shares = np.rint(100.0 * frequencies.share(signal.frequency_hz.at(knots)))
+        # Times become whole milliseconds: near-duplicates within a millisecond go first,
+        # then times are made distinct.
         indices = _kept(knots, levels, shares)
         grid = _whole_ms(1000.0 * knots[indices])
         points = list(
@@ -112,6 +114,8 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
             for e in candidates
         ]
         delays = {}  # delay of the next pattern, ms, by the number of events in this pattern
+        # Longest pattern first. Without a successor, or with one late enough, the pattern
+        # is free to end.
         for count in range(len(candidates), 0, -1):
             following = events[first + count : first + count + 1]
             earliest = spacing.after(start, times[:count])
@@ -174,6 +178,7 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
     first = 0
     while first < len(points) - 1:
         stop = first + 1
+        # Extend the event up to the limits of points and duration, but not beyond a tick.
         while (
             stop + 1 < len(points)
             and stop + 1 - first < most

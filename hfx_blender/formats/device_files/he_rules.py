@@ -125,6 +125,7 @@ def _check_pattern_list(document: dict[str, Any], report: Report) -> None:
     for k, entry in enumerate(document["PatternList"]):
         location = ((None, "PatternList"), k)
         start = entry["AbsoluteTime"]
+        # The stricter player first: Android's refusal affects every phone.
         if k and start < pause.android_ms:
             message = (
                 f"begins at {start} ms; Android's player refuses the whole file if that is before "

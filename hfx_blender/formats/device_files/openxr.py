@@ -200,6 +200,7 @@ def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
     ticks = []
     for frame in channel["frames"]:
         start = frame["start"]
+        # Frames repeat the point at their common border; the duplicate is dropped.
         for name, points in (("amplitudePoints", amplitude), ("frequencyPoints", pitch)):
             for point in frame.get(name, []):
                 entry = ((start + point["time"]) / _NS, float(point["value"]))

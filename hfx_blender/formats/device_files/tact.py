@@ -109,6 +109,7 @@ def document(
         for k, position in enumerate(layout.positions)
         for index in range(len(layout.dots))
     }
+    # Strengths of all dots over time: position by position, MAX_DOTS columns each.
     levels = np.zeros((steps, len(layout.positions) * MAX_DOTS))
     for signal in signals:
         motor = motors.get(signal.name)
@@ -314,6 +315,7 @@ def _path_pieces(
             lost["moving points, which jump from dot to dot"] += 1
         if feedback.get("playbackType", "NONE") != "NONE":
             lost["fades of paths"] += 1
+        # A point lasts until the next point, the last point until the end of the effect.
         ends = [_time_of(point) for point in points[1:]] + [effect.get("offsetTime", 0)]
         for point, end in zip(points, ends, strict=True):
             off = places - (float(point.get("x", 0.5)), float(point.get("y", 0.5)))

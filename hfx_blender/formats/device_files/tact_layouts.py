@@ -100,6 +100,8 @@ def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
         if centre is None:
             continue
         x, y, z = centre
+        # Sleeves have no map of their motors: actuators take them in order of the
+        # configuration.
         if parts == ("forearm",):
             position = "ForearmL" if x > 0.0 else "ForearmR"
             if taken[position] < len(LAYOUTS["Sleeves"].dots):

@@ -66,6 +66,8 @@ class Document:
         if is_index or is_vertex:
             view["target"] = _ELEMENT_BUFFER if is_index else _ARRAY_BUFFER
         self._bytes += data.tobytes()
+        # Validators require bounds of positions and times; they are given for all
+        # accessors.
         columns = data.reshape(len(data), -1)
         return self.append(
             "accessors",
@@ -173,6 +175,7 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
     """
     translations, rotations, scales, is_sheared = decomposed(placed)
     columns = {"translation": translations, "rotation": rotations, "scale": scales}
+    # Only components with changes get keyframes: importers treat the rest as constant.
     moving = {path: column for path, column in columns.items() if _moves(column)}
     if not moving:
         node["matrix"] = placed[0].T.ravel().tolist()  # column by column
@@ -217,6 +220,7 @@ def _quaternions(rotations: F64) -> F64:
     """
     m = rotations
     xx, yy, zz = (m[:, k, k] for k in range(3))
+    # Bar-Itzhack's matrix, lower triangle.
     k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads what is not above the diagonal
     k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
     k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]

@@ -159,6 +159,8 @@ class BodyRecorder:
                 name = names[bone]
                 if bones is not None:
                     matrices[:, :3] = bones[:, bone]
+            # The joint is at the pivot instead of the bone's origin; inverse bind
+            # matrices compensate.
             matrices[:, :3, 3] += matrices[:, :3, :3] @ pivot
             joint: dict[str, Any] = {"name": clean(name)}
             is_sheared |= move(document, joint, times, turned(matrices))

@@ -156,6 +156,7 @@ class VolumeRecorder:
                 notes.append(f"volume '{volume.effect.name}' is never active: not in the scene")
                 continue
             nodes.append(self._add(document, volume, triggers, bodies, notes))
+        # Triggers refer to perceptions by modality, so they stay valid without a file.
         if triggers and hjif_name is None:
             notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
@@ -196,6 +197,7 @@ class VolumeRecorder:
         index = len(document.json["nodes"]) - 1
         if volume.changes_shape:
             notes.append(f"volume '{effect.name}' changes its shape; the first one is written")
+        # Any body touching the volume fires the trigger.
         trigger: dict[str, Any] = {"type": _COLLISION, "nodes": [*bodies, index]}
         if primitive is not None:
             trigger["primitives"] = [primitive]
@@ -219,6 +221,7 @@ def _volume_extras(
     """
     assert isinstance(effect.area, HapticVolume)
     falloff = effect.area.falloff
+    # Edge lengths in world space: columns of the matrix scale the extents of the shape.
     edges = np.linalg.norm(matrices[0, :3, :3], axis=0) * np.diff(shape.bounds, axis=0)[0]
     names = MODALITIES[effect.modality].parameter_names
     parameters: dict[str, Any] = {

@@ -87,6 +87,8 @@ def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
     for part in parts:
         x, y, z = centre or (0.0, 0.0, 0.0)
         x = -x if is_mirrored else x
+        # Without a centre all bits of the part are set; otherwise the same borders as for
+        # vertices.
         if part == "head":
             mask |= 0b1111 if centre is None else (0b0001 if y < 0.0 else 0b0010)
         elif part == "torso":

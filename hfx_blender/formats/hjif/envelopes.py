@@ -82,6 +82,7 @@ def shared_waves(
 
     Repeated keyframes are stored once in the library (ids from 1) and referenced by the bands.
     """
+    # Equal keyframes are equal tuples, so counting finds repetitions.
     counts = Counter(keyframes for bursts in bands for _, keyframes in bursts)
     repeated = [keyframes for keyframes, count in counts.items() if count > 1]
     ids = {keyframes: k + 1 for k, keyframes in enumerate(repeated)}
@@ -154,6 +155,7 @@ def _wave_keyframes(
     left_hz = PITCH_HZ - _WHOLE_HZ  # rounding to whole hertz takes the rest
     few = simplified(tone, left_hz, lowest=float(hertz.min()), highest=float(hertz.max()))
     pitch = _on_grid(few, tone, left_hz, timescale)
+    # Both curves stay exact: sampling at all knots adds points only on straight lines.
     knots = np.union1d(amplitude[0], pitch[0])
     return tuple(
         Keyframe(tick, round(min(max(level, 0.0), 1.0), 6), round(frequency))
@@ -274,6 +276,7 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
     ticks, values = _on_grid(few, strength, tolerance, timescale)
+    # A constant needs a duration.
     if len(ticks) == 1:
         ticks, values = np.array([ticks[0], ticks[0] + 2]), np.repeat(values, 2)
     frames = tuple(

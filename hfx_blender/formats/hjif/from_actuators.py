@@ -57,6 +57,7 @@ def _compose(
     """
     columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
+    # The last row lasts a whole period, as in all formats.
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     timescale = timescale_of(raster.rate_hz, seconds=float(times[-1]))
     perceptions: list[dict[str, Any]] = []

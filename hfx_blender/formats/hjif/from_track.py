@@ -219,6 +219,7 @@ def _loss(
     header: TrackHeader, collected: Mapping[Stream, _Collected], turning: Sequence[str]
 ) -> Written:
     """Losses of a document: high frequencies, turning winds, changing painted areas."""
+    # Frequencies are the second parameter of vibration.
     high = [
         header.effect(stream).name
         for streams in _groups(header, collected).values()

@@ -84,6 +84,8 @@ def perception_of(
         replace(source.dense, strength=np.clip(source.dense.strength / full, -1.0, 1.0))
         for source in places
     ]
+    # Vibration: waves between silences, repeated ones in the library. Otherwise a curve over
+    # the whole time.
     library: list[dict[str, Any]] = []
     if modality == "vibration":
         library, waves = shared_waves(

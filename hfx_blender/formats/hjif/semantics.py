@@ -139,6 +139,7 @@ def _check_perception(
     for k, device in enumerate(devices):
         _check_device(device, ((place, "reference_devices"), k), report)
     library = perception["effect_library"]
+    # All ids are collected first: effects may refer to later ones.
     library_ids: set[int] = set()
     for k, effect in enumerate(library):
         here = ((place, "effect_library"), k)
@@ -216,6 +217,7 @@ def _check_band(
     length = band.get("block_length")
     if length is None and kind == "WaveletWave":
         report.error("BLOCK-LENGTH", place, "'block_length' of wavelets is missing")
+    # A power of two has a single bit.
     if length is not None and length & (length - 1):
         report.error("BLOCK-LENGTH", (place, "block_length"), f"{length} is no power of two")
     if band["upper_frequency_limit"] < band["lower_frequency_limit"]:

@@ -49,6 +49,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     document, notes = read(content, name)
     signals = []
+    # The constant date of HFX's own files states nothing.
     credits = Credits(
         description=document["description"],
         created="" if document["date"] == DATE else document["date"],
@@ -179,9 +180,11 @@ def _envelope(
     name = channel["description"] or f"channel {channel['id']}"
     lasts_s = channel.get("sample_count", 0) / (channel.get("frequency_sampling") or math.inf)
     limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
+    # Wavelet and curve bands of a vibration are one waveform: bands add sample by sample.
     if parts.waveforms:
         whole = added(parts.waveforms, unfolding.name).until(lasts_s)
         parts.pieces.append(piece_of(whole, gain))
+    # Curves of other modalities have no frequency, so they cannot be mixed with waves.
     if parts.curves and (parts.pieces or parts.transients):
         parts.lost["are curves beside waves or ticks"] += len(parts.curves)
     left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())

@@ -96,6 +96,7 @@ def waveform(
         return None, lost
     blocks.sort(key=lambda block: block[0])
     begin = end = blocks[0][0]
+    # A block never starts before its predecessor has ended.
     firsts = []
     for first, samples in blocks:
         firsts.append(max(first, end))

@@ -74,6 +74,7 @@ class CompactDecoder:
             **(self._sets[base] if base is not None else {}),
             **dict(zip(ids, value["weights"], strict=True)),
         }
+        # Each line may copy a large set: the total is limited, not the line.
         self._unfolded += len(steps)
         limits.MEMORY.check(_ENTRY_BYTES * self._unfolded, self._name, "its sets would take")
         steps = {vertex: step for vertex, step in sorted(steps.items()) if step}

@@ -262,6 +262,7 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
     rules = _Rules(report)
     lines: list[dict[str, Any]] = []
     decoder: jsonl_compact.CompactDecoder | None = None
+    # Faulty lines are dropped from the result, but checking goes on with the next line.
     for k, text in enumerate(content.splitlines()):
         location: Place = (None, f"line {k + 1}")
         value = parse(text, f"{name}, line {k + 1}")

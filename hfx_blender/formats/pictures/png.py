@@ -104,6 +104,7 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
         raise ValueError("an interlaced or unknown packing")
     if not (0 < rows <= _LONGEST and 0 < columns <= _LONGEST):
         raise ValueError(f"{columns} x {rows} pixels, allowed are edges of 1 to {_LONGEST}")
+    # Sizes are checked before unpacking: a small file may claim gigabytes.
     limits.PIXELS.check(rows * columns, name, f"{columns} x {rows} are")
     unit = _CHANNELS[colour] * depth // 8
     most_bytes = 5.0 * rows * columns * unit  # packed rows, and rows, and sums in 16 bits

@@ -73,6 +73,7 @@ def _ply(content: bytes, path: Path) -> F64:
         raise InputError(f"{path}: its vertices have no x, y and z.")
     if order == "":
         return _ply_text(body, count, [names.index(axis) for axis in "xyz"], path)
+    # A binary vertex is a packed record of the header's properties.
     record = np.dtype([(name, order + kind) for name, kind in columns])
     if len(body) < count * record.itemsize:
         raise InputError(f"{path}: ends early; {count} points were announced.")

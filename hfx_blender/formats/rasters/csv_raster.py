@@ -106,6 +106,7 @@ def decode(content: bytes, name: str) -> Raster:
     columns = tuple(Column(match[1], match[2], match[3]) for match in matches if match)
     if not text.strip():
         raise InputError(f"{name}: has no rows.")
+    # An upper bound of the numbers, before numpy allocates them.
     numbers = text.count(",") + max(text.count("\n"), text.count("\r"))
     limits.MEMORY.check(8.0 * numbers, name, "its values would take")
     lines = io.TextIOWrapper(io.BytesIO(rest), "ascii")

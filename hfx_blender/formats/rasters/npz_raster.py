@@ -186,6 +186,7 @@ def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: st
     """Raise InputError for missing arrays, or shapes and types contradicting the description."""
     rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
     columns = (len(meta["columns"]),)
+    # Shapes follow from the number of rows and of described columns.
     shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
     for key, shape in shapes.items():
         head = heads.get(key)

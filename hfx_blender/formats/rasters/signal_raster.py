@@ -53,6 +53,8 @@ def raster_of(
         signal = played.get(actuator.id)
         if signal is None:
             continue
+        # Each control column samples its signal; controls other than these two stay
+        # neutral.
         amplitude, hertz, hidden[signal.name] = _dense(signal, times)
         if control.name == "amplitude_m_s2":
             values[:, k] = amplitude * control.highest

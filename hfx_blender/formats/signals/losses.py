@@ -37,6 +37,7 @@ def beyond_limits(
     for actuator in vibrating:
         amplitude = raster.values[:, columns[actuator.id, "amplitude_m_s2"]]
         hertz = raster.values[:, columns[actuator.id, "frequency_hz"]]
+        # Rounding of the renderer is no loss.
         if (amplitude > full_scale * (1.0 + 1e-9)).any():
             loud.append(actuator.id)
         if (hertz[amplitude > 0.0] > highest_hz).any():

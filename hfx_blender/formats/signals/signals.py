@@ -179,6 +179,7 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
     signals = []
     for actuator in vibrating:
         pair = [columns[actuator.id, "amplitude_m_s2"], columns[actuator.id, "frequency_hz"]]
+        # Non-finite values become 0, others are clipped to full scale and MAX_HZ.
         safe = limited(raster.values[:, pair], 0.0, [full_scale, MAX_HZ], 0.0)
         amplitude, frequency = safe[:, 0] / full_scale, safe[:, 1]
         frequency = frequencies_through_silence(amplitude, frequency)
@@ -222,6 +223,8 @@ def simplified_signals(
         amplitude = simplified(
             signal.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
+        # The frequency of silence is arbitrary, which leaves the simplification more
+        # freedom.
         near = _is_heard(signal)
         frequency = simplified(
             signal.frequency_hz,

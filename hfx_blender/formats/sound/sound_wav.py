@@ -79,6 +79,7 @@ def write(
         peak = max(peak, float(np.abs(block).max(initial=0.0)))
         if cached is not None:
             cached.append(block.astype(np.float32))
+    # A gain for the whole sound keeps the balance between loudspeakers and over time.
     gain = min(1.0, _HIGHEST / peak) if peak > 0.0 else 1.0
     sidecar = {
         "format": "hfx-sound-channels",

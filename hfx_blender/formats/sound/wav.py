@@ -147,6 +147,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
     names = tuple(actuator.id for actuator in vibrating)
     kinds = kinds_of([actuator.type.waveform for actuator in vibrating])
+    # Actuators with waveform output play their partials; the raster's mixed tone is silenced.
     sums = [names.index(waveform_actuator) for waveform_actuator in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
     curves = [actuator.type.drive for actuator in vibrating]

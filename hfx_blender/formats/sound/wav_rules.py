@@ -57,6 +57,7 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
     (size,) = struct.unpack_from("<I", content, 4)
     if size + 8 != len(content):
         report.error("SIZE", None, f"it says {size + 8} bytes, there are {len(content)}")
+    # The first chunk of each kind counts; a truncated chunk ends at the file's end.
     chunks: dict[bytes, tuple[int, int]] = {}
     at = 12
     while at + 8 <= len(content) and len(chunks) < _MOST_CHUNKS:
@@ -79,6 +80,7 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
     """Parse the fmt chunk and report contradictory sizes."""
     start, length = chunks[b"fmt "]
     tag, channels, rate, byte_rate, frame, bits = struct.unpack_from("<HHIIHH", content, start)
+    # The extensible form has the real sample format in its first two GUID bytes.
     is_extensible = tag == _EXTENSIBLE
     mask = 0
     if is_extensible and length >= 40:

@@ -64,6 +64,8 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
         if waveform.rate_hz == rate:
             part = waveform.values[: count - first]
         else:
+            # Slower waveforms are interpolated linearly: their rate is far above their
+            # content.
             times = np.arange(int((waveform.end_s - waveform.start_s) * rate)) / rate
             own_times = np.arange(len(waveform.values)) / waveform.rate_hz
             part = np.interp(times, own_times, waveform.values)[: count - first]
@@ -84,6 +86,8 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
         begin = max(int((rows[block][0] - _MARGIN_S) * rate), 0)
         end = int((rows[block][-1] + _MARGIN_S) * rate) + 1
         part = gain * waveform.values[begin:end]
+        # Index of each row within the part, whose margin covers the analytic signal's
+        # reach.
         at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
         amplitude[block], hertz[block] = _analysed(part, rate, at)
     times = waveform.start_s + rows
