@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from math import isfinite
 from typing import Any, Final
@@ -21,6 +21,16 @@ FARTHEST = 1e12
 
 NOTHING: Final = 1e-9
 """Largest matrix entry of a body scaled to a point."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveEffect:
+    """Effect of a block with the rows to evaluate."""
+
+    effect: EffectDescription
+    animated: EffectBlock
+    rows: I64  # (n,) ascending rows of the block
+    block: AnimationBlock
 
 
 def active_rows(

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from .active_rows import active_rows, warn_of_controls, warn_of_point, with_directions
+from .active_rows import ActiveEffect, active_rows, warn_of_controls, warn_of_point, with_directions
 from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
 from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
 from .areas.sample_run_builder import SampleRunBuilder
-from .arrays import I64
 from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
@@ -24,8 +23,6 @@ from .samples import SampleRun
 from .scene import (
     ActuatorArea,
     AnimationBlock,
-    EffectBlock,
-    EffectDescription,
     HapticVolume,
     PaintedArea,
     SceneDescription,
@@ -148,7 +145,7 @@ class Engine:
             warn_of_point(is_active, pose, body, self.counters)
         reach = BlockBroadPhase(block, self.scene.bodies, self._skins)
         begun = [
-            self._begin(effect, animated, rows, block, reach)
+            self._begin(ActiveEffect(effect, animated, rows, block), reach)
             for (effect, animated), rows in zip(effects, rows_of, strict=True)
             if len(rows)
         ]
@@ -161,25 +158,18 @@ class Engine:
         return finish
 
     def _begin(
-        self,
-        effect: EffectDescription,
-        animated: EffectBlock,
-        rows: I64,
-        block: AnimationBlock,
-        reach: BlockBroadPhase,
+        self, active: ActiveEffect, reach: BlockBroadPhase
     ) -> Callable[[], list[SampleRun | None]]:
         """Begin one effect at its active rows; returns a function to finish it.
 
         The function returns a run per body, None without samples. The kind of area selects the
         method; contact responses act on finished runs.
         """
-        area, bodies = effect.area, self.scene.bodies
+        effect, bodies = active.effect, self.scene.bodies
+        area = effect.area
         if isinstance(area, HapticVolume):
-            warn_of_controls(effect, animated, rows, self.counters)
-            begun = [
-                self._allocentric.volume(effect, area, animated, rows, body, block, reach)
-                for body in bodies
-            ]
+            warn_of_controls(effect, active.animated, active.rows, self.counters)
+            begun = [self._allocentric.volume(active, area, body, reach) for body in bodies]
 
             def finish() -> list[SampleRun | None]:
                 contact_runs = [finish_body() for finish_body in begun]
@@ -188,22 +178,19 @@ class Engine:
                 if any(run is not None for run in contact_runs):
                     self.touched.add(effect.id)
                 return [
-                    self._allocentric.answered(effect, animated, rows, body, block, reach, run)
+                    self._allocentric.answered(active, body, reach, run)
                     for body, run in zip(bodies, contact_runs, strict=True)
                 ]
 
             return finish
         if isinstance(area, PaintedArea):
-            runs = [self._egocentric.painted(effect, area, animated, rows, block)]
+            runs = [self._egocentric.painted(active, area)]
         elif isinstance(area, SpotArea):
-            runs = [self._egocentric.spot(effect, area, animated, rows, block)]
+            runs = [self._egocentric.spot(active, area)]
         elif isinstance(area, ActuatorArea):
-            runs = [self._egocentric.actuators(effect, area, animated, rows, block)]
+            runs = [self._egocentric.actuators(active, area)]
         else:
-            runs = [
-                self._allocentric.surface(effect, animated, rows, body, block, reach)
-                for body in bodies
-            ]
+            runs = [self._allocentric.surface(active, body, reach) for body in bodies]
         return lambda: runs
 
 

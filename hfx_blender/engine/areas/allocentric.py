@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..active_rows import followed, of_read, with_pose
+from ..active_rows import ActiveEffect, followed, of_read, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
@@ -54,21 +54,19 @@ class AllocentricAreas:
 
     def volume(
         self,
-        effect: EffectDescription,
+        active: ActiveEffect,
         volume: HapticVolume,
-        animated: EffectBlock,
-        rows: I64,
         body: BodyDescription,
-        block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> Callable[[], SampleRun | None]:
         """Begin the contacts of a volume with a body; returns a function to finish them.
 
         The function returns None without contact. Worker threads may compute in between.
         """
+        effect, animated, block = active.effect, active.animated, active.block
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
-        rows = self._with_pose(rows, pose, posed, body)
+        rows = self._with_pose(active.rows, pose, posed, body)
         if volume.has_impacts and len(rows):
             rows = _with_adjacent_rows(rows, posed, animated, block)
         if not len(rows):
@@ -110,21 +108,17 @@ class AllocentricAreas:
                 counters.reach(body.id)
                 if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
                     counters.meshes_searched += int(np.count_nonzero(reported))
-            return self._samples_of(effect, animated, body, block, hits)
+            return self._samples_of(replace(active, animated=animated, rows=hits.rows), body, hits)
 
         return finish
 
     def _samples_of(
-        self,
-        effect: EffectDescription,
-        animated: EffectBlock,
-        body: BodyDescription,
-        block: AnimationBlock,
-        hits: Contacts,
+        self, active: ActiveEffect, body: BodyDescription, hits: Contacts
     ) -> SampleRun | None:
-        """Sample run of contacts; None without contact."""
+        """Sample run of contacts at the active rows; None without contact."""
         if not len(hits.rows):
             return None
+        animated, block = active.animated, active.block
         details: dict[str, Any] = {}
         if hits.details is not None:
             if "depth" in self._builder.record:
@@ -136,11 +130,8 @@ class AllocentricAreas:
                 time = self._builder.scene.time
                 details["impact"] = on_demand.impact(animated, hits, block.indices, time)
         return self._builder.run(
-            effect,
+            active,
             body.id,
-            animated,
-            hits.rows,
-            block,
             sets=hits.sets,
             offsets=hits.offsets,
             vertices=hits.vertices,
@@ -181,32 +172,22 @@ class AllocentricAreas:
         )
 
     def surface(
-        self,
-        effect: EffectDescription,
-        animated: EffectBlock,
-        rows: I64,
-        body: BodyDescription,
-        block: AnimationBlock,
-        reach: BlockBroadPhase,
+        self, active: ActiveEffect, body: BodyDescription, reach: BlockBroadPhase
     ) -> SampleRun | None:
         """Evaluate a surface touched by a body; None without contact."""
-        pose = block.poses[self._builder.body_index[body.id]]
-        rows = self._with_pose(rows, pose, reach.posed(body), body)
+        pose = active.block.poses[self._builder.body_index[body.id]]
+        rows = self._with_pose(active.rows, pose, reach.posed(body), body)
         if not len(rows):
             return None
-        skin = self._builder.skins.of(body, effect.model_id)
-        bounds = reach.bounds(body, effect.model_id)
-        samples = self._surfaces.evaluate(
-            effect, animated, body.id, skin, pose, bounds, rows, block
-        )
+        skin = self._builder.skins.of(body, active.effect.model_id)
+        bounds = reach.bounds(body, active.effect.model_id)
+        active = replace(active, rows=rows)
+        samples = self._surfaces.evaluate(active, body.id, skin, pose, bounds)
         if samples is None:
             return None
         run = self._builder.run(
-            effect,
+            replace(active, rows=samples.rows),
             body.id,
-            animated,
-            samples.rows,
-            block,
             sets=np.arange(len(samples.rows)),
             offsets=samples.offsets,
             vertices=samples.vertices,
@@ -222,11 +203,8 @@ class AllocentricAreas:
 
     def answered(
         self,
-        effect: EffectDescription,
-        animated: EffectBlock,
-        rows: I64,
+        active: ActiveEffect,
         body: BodyDescription,
-        block: AnimationBlock,
         reach: BlockBroadPhase,
         run: SampleRun | None,
     ) -> SampleRun | None:
@@ -234,9 +212,10 @@ class AllocentricAreas:
 
         Returns None without a response.
         """
+        effect, animated, block = active.effect, active.animated, active.block
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
-        rows = rows[np.isin(rows, posed)]
+        rows = active.rows[np.isin(active.rows, posed)]
         assert isinstance(effect.area, HapticVolume)
         if effect.area.has_impacts and len(rows):
             rows = _with_adjacent_rows(rows, posed, animated, block)
@@ -256,13 +235,9 @@ class AllocentricAreas:
         if answer is None or not self._builder.record:
             return answer
         answer = with_own_sets(answer)
-        rows_of_answer = np.searchsorted(block.indices, answer.indices)
-        answer = replace(
-            answer,
-            **self._builder.motion(
-                effect, body.id, rows_of_answer, answer.vertices, answer.offsets, block
-            ),
-        )
+        active = replace(active, rows=np.searchsorted(block.indices, answer.indices))
+        motion = self._builder.motion(active, body.id, answer.vertices, answer.offsets)
+        answer = replace(answer, **motion)
         if "depth" in self._builder.record:
             answer = replace(answer, depth_m=depths_of(answer, run))
         return answer

@@ -3,19 +3,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..active_rows import posed_rows, with_pose
-from ..arrays import I64
+from ..active_rows import ActiveEffect, posed_rows, with_pose
 from ..samples import Drive, SampleRun
-from ..scene import (
-    ActuatorArea,
-    AnimationBlock,
-    EffectBlock,
-    EffectDescription,
-    PaintedArea,
-    SpotArea,
-)
+from ..scene import ActuatorArea, PaintedArea, SpotArea
 from . import spot
 from .sample_run_builder import SampleRunBuilder
 
@@ -27,21 +21,15 @@ class EgocentricAreas:
         self._builder = builder
         self._spots: dict[str, spot.SpotSkin] = {}
 
-    def painted(
-        self,
-        effect: EffectDescription,
-        area: PaintedArea,
-        animated: EffectBlock,
-        rows: I64,
-        block: AnimationBlock,
-    ) -> SampleRun | None:
+    def painted(self, active: ActiveEffect, area: PaintedArea) -> SampleRun | None:
         """Run of a painted area; None without a row of known pose.
 
         Raises ValueError: motion is recorded, but the reader did not read poses.
         """
+        rows = active.rows
         if self._builder.wants_motion:
             k = self._builder.body_index[area.body_id]
-            body, pose = self._builder.scene.bodies[k], block.poses[k]
+            body, pose = self._builder.scene.bodies[k], active.block.poses[k]
             if not pose.valid[rows].all():
                 raise ValueError("positions of painted vertices need a reader with_positions")
             rows = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
@@ -52,31 +40,23 @@ class EgocentricAreas:
         offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)
         vertices = np.tile(area.vertices, count)
         return self._builder.run(
-            effect,
+            replace(active, rows=rows),
             area.body_id,
-            animated,
-            rows,
-            block,
             sets=sets,
             offsets=offsets,
             vertices=vertices,
             weights=np.tile(area.weights, count),
         )
 
-    def spot(
-        self,
-        effect: EffectDescription,
-        area: SpotArea,
-        animated: EffectBlock,
-        rows: I64,
-        block: AnimationBlock,
-    ) -> SampleRun | None:
+    def spot(self, active: ActiveEffect, area: SpotArea) -> SampleRun | None:
         """Run of a spot moving on the skin; None if never placed."""
-        rows, focus = spot.focus_of(effect.name, area, animated, rows, self._builder.counters)
-        k = self._builder.body_index[area.body_id]
-        body, pose = self._builder.scene.bodies[k], block.poses[k]
-        with_motion = self._builder.wants_motion
-        if with_motion:
+        effect, animated = active.effect, active.animated
+        rows, focus = spot.focus_of(
+            effect.name, area, animated, active.rows, self._builder.counters
+        )
+        if self._builder.wants_motion:
+            k = self._builder.body_index[area.body_id]
+            body, pose = self._builder.scene.bodies[k], active.block.poses[k]
             posed = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
             rows, focus = posed, focus[np.isin(rows, posed)]
         if not len(rows):
@@ -89,11 +69,8 @@ class EgocentricAreas:
             focus, radii_m, area.falloff, own_sets=bool(self._builder.record)
         )
         return self._builder.run(
-            effect,
+            replace(active, rows=rows),
             area.body_id,
-            animated,
-            rows,
-            block,
             sets=vertex_sets.sets,
             offsets=vertex_sets.offsets,
             vertices=vertex_sets.vertices,
@@ -101,40 +78,30 @@ class EgocentricAreas:
             focus=focus,
         )
 
-    def actuators(
-        self,
-        effect: EffectDescription,
-        area: ActuatorArea,
-        animated: EffectBlock,
-        rows: I64,
-        block: AnimationBlock,
-    ) -> SampleRun | None:
+    def actuators(self, active: ActiveEffect, area: ActuatorArea) -> SampleRun | None:
         """Run of actuator values without vertices; None if no actuator is driven.
 
         Vector sensations of Schneider et al., UIST 2015: a curve per actuator, without rendering
         scheme. Other effects add on the device; limits of the device apply.
         """
-        assert animated.drive is not None
-        values = animated.drive[rows]
+        assert active.animated.drive is not None
+        values = active.animated.drive[active.rows]
         is_known = np.isfinite(values).all(axis=1)
         if not is_known.all():
             self._builder.counters.warn(
-                f"effect '{effect.name}': an actuator's value is not a finite number; "
+                f"effect '{active.effect.name}': an actuator's value is not a finite number; "
                 "it is silent there",
                 int(np.count_nonzero(~is_known)),
             )
         values = np.clip(np.where(is_known[:, None], values, 0.0), 0.0, 1.0).astype(np.float32)
         is_on = (values > 0.0).any(axis=1)
-        rows = rows[is_on]
+        rows = active.rows[is_on]
         if not len(rows):
             return None
         count = len(rows) if self._builder.record else 1
         return self._builder.run(
-            effect,
+            replace(active, rows=rows),
             area.body_id,
-            animated,
-            rows,
-            block,
             sets=np.minimum(np.arange(len(rows)), count - 1),
             offsets=np.zeros(count + 1, np.int64),
             vertices=np.zeros(0, np.int32),

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..active_rows import ActiveEffect
 from ..arrays import F32, I32, I64
 from ..counters import Counters
 from ..modality import MODALITIES
 from ..samples import SampleRun, Stream
-from ..scene import AnimationBlock, EffectBlock, EffectDescription, SceneDescription
+from ..scene import SceneDescription
 from ..skin.bound_skins import BoundSkins
 from . import on_demand
 
@@ -46,11 +47,8 @@ class SampleRunBuilder:
 
     def run(
         self,
-        effect: EffectDescription,
+        active: ActiveEffect,
         body_id: str,
-        animated: EffectBlock,
-        rows: I64,
-        block: AnimationBlock,
         *,
         sets: I64,
         offsets: I64,
@@ -58,12 +56,13 @@ class SampleRunBuilder:
         weights: F32,
         **details: Any,
     ) -> SampleRun:
-        """Run of an effect on a body at some rows of a block, with motion if recorded.
+        """Run of an effect on a body at its rows, with motion if recorded.
 
         ``details`` are further fields of :class:`SampleRun`; levels and parameters are clipped to
         their ranges.
         """
-        indices = block.indices[rows]
+        effect, animated, rows = active.effect, active.animated, active.rows
+        indices = active.block.indices[rows]
         least, largest = MODALITIES[effect.modality].limits
         return SampleRun(
             stream=Stream(effect.id, body_id, effect.modality, effect.model_id),
@@ -75,36 +74,30 @@ class SampleRunBuilder:
             offsets=offsets,
             vertices=vertices,
             weights=weights,
-            **self.motion(effect, body_id, rows, vertices, offsets, block),
+            **self.motion(active, body_id, vertices, offsets),
             **details,
         )
 
     def motion(
-        self,
-        effect: EffectDescription,
-        body_id: str,
-        rows: I64,
-        vertices: I32,
-        offsets: I64,
-        block: AnimationBlock,
+        self, active: ActiveEffect, body_id: str, vertices: I32, offsets: I64
     ) -> dict[str, Any]:
         """Recorded fields among "positions" and "velocities" (total, 3), world space.
 
-        Row ``k`` of ``rows`` has ``vertices[offsets[k]:offsets[k + 1]]``. See
+        Row ``k`` of the active rows has ``vertices[offsets[k]:offsets[k + 1]]``. See
         :func:`on_demand.motion`.
         """
         if not self.wants_motion:
             return {}
         if len(vertices):
             k = self.body_index[body_id]
-            skin = self.skins.of(self.scene.bodies[k], effect.model_id).vertices
+            skin = self.skins.of(self.scene.bodies[k], active.effect.model_id).vertices
             self.counters.vertices_posed += len(vertices)
             positions, velocities = on_demand.motion(
                 skin,
-                block.poses[k],
-                rows,
+                active.block.poses[k],
+                active.rows,
                 [vertices[a:b] for a, b in pairwise(offsets)],
-                block.indices,
+                active.block.indices,
                 1.0 / float(self.scene.time.rate_hz),
                 with_velocities="velocities" in self.record,
             )

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..active_rows import followed
+from ..active_rows import ActiveEffect, followed
 from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
-from ..scene import AnimationBlock, EffectBlock, EffectDescription, HapticSurface, PoseBlock
+from ..scene import EffectBlock, HapticSurface, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
 from ..texture.contact_rendering import ContactRenderer
@@ -58,31 +58,25 @@ class SurfaceEffects:
 
     def evaluate(
         self,
-        effect: EffectDescription,
-        animated: EffectBlock,
+        active: ActiveEffect,
         body_id: str,
         skin: BodySkin,
         pose: PoseBlock,
         bounds: ReachableBounds,
-        rows: I64,
-        block: AnimationBlock,
     ) -> SurfaceSamples | None:
         """Evaluate contacts of a body with a surface; None without contact.
 
-        Parameters
-        ----------
-        bounds : ReachableBounds
-            Cluster boxes at all rows with a known pose.
-        rows : (n,) int64
-            Rows at which the surface is on and the pose is known.
+        The pose is known at the active rows; ``bounds`` are cluster boxes at all rows with a
+        known pose.
         """
+        effect, animated, block = active.effect, active.animated, active.block
         area = effect.area
         assert isinstance(area, HapticSurface)
         key = (effect.id, body_id)
         if key not in self._followed:
             self._followed[key] = _TrackedContacts(area, skin.skin.model, self._step_s)
         tracked = self._followed[key]
-        rows, reported, follows = followed(rows, bounds.rows, animated, block)
+        rows, reported, follows = followed(active.rows, bounds.rows, animated, block)
         # Continue the contacts of the previous block, or restart after a gap in time.
         if tracked.index == int(block.indices[rows[0]]):
             rows, reported, follows = rows[1:], reported[1:], follows[1:]
