@@ -8,7 +8,7 @@ shapes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -232,6 +232,10 @@ class SceneDescription:
         return any(isinstance(effect.area, HapticVolume) for effect in self.effects)
 
 
+Motion = Callable[[F64], F64]
+"""Matrices at sample indices (n,) with fractions; may be called from any thread."""
+
+
 @dataclass(frozen=True, eq=False)
 class EffectBlock:
     """Animated values of one effect over a block.
@@ -246,6 +250,8 @@ class EffectBlock:
     shape_index: I32 | None = None  # (T,) index into shapes; None is always the first
     vertices: F64 | None = None  # (T or 1, V, 3) object space; surfaces only; 1 if rigid
     response: F64 | None = None  # (T, F, WIDTH) controls of the response filters
+    matrices_at: Motion | None = None  # (n,) -> (n, 4, 4); None: known at samples only
+    keys: F64 | None = None  # (k,) ascending sample indices at which its motion may turn
     place: F64 | None = None  # (T, 2) spots only; fraction of the path's length, radius in metres
     drive: F64 | None = None  # (T, A) actuators only; strengths 0..1
 
@@ -264,6 +270,9 @@ class PoseBlock:
     to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world
     bones: F64 | None = None  # (T, B, 3, 4) rest space to posed armature space
     surface: F32 | None = None  # (T, A, 3) evaluated avatar vertices, avatar's local space
+    to_world_at: Motion | None = None  # (n,) -> (n, 4, 4); None: known at samples only
+    bones_at: Motion | None = None  # (n,) -> (n, B, 3, 4); None: known at samples only
+    keys: F64 | None = None  # (k,) ascending sample indices at which its motion may turn
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..engine.arrays import F64, I64, Bool
-from ..engine.scene import AnimationBlock, EffectBlock, PoseBlock, SceneDescription
-from .curves.animation_time import animation_frames
-from .curves.curve_reading import EffectChunks
+from ..engine.scene import (
+    AnimationBlock,
+    EffectBlock,
+    HapticVolume,
+    Motion,
+    PoseBlock,
+    SceneDescription,
+)
+from .curves.animation_time import ExactFrames, animation_frames
+from .curves.curve_reading import CurveBody, CurveEffect, EffectChunks
 from .description import response_values
 from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
 from .reading_plan import Plan
@@ -75,6 +82,12 @@ class ReadingPass:
         self.always_posed = always_posed
         self.counters = reading.counters
         self.curves = EffectChunks(plan.effects, self._frames, spots=spots)
+        self._exact_frames = ExactFrames.of(found.scene, scene.time)
+        self._key_indices: dict[CurveEffect | CurveBody, F64] = {}
+        areas = [effect.area for effect in scene.effects]
+        self._impacts = {
+            k for k, area in enumerate(areas) if isinstance(area, HapticVolume) and area.has_impacts
+        }
         self.found = found
         self.scene = scene
         self._reading = reading
@@ -136,7 +149,22 @@ class ReadingPass:
                     self.scene.time,
                 )
                 effects[k] = replace(effect, response=response)
+            if k in self._impacts:
+                curves = self.plan.effects[k]
+                effects[k] = replace(
+                    effects[k], matrices_at=self._at(curves.matrices), keys=self._keys(curves)
+                )
         return effects
+
+    def _at(self, motion: Motion) -> Motion:
+        """Motion at sample indices with fractions, from motion at frames of the animation."""
+        return lambda indices: motion(self._exact_frames.at(indices))
+
+    def _keys(self, curves: CurveEffect | CurveBody) -> F64:
+        """Sample indices, with fractions, at which an effect or a body may turn."""
+        if curves not in self._key_indices:
+            self._key_indices[curves] = self._exact_frames.indices(curves.key_frames)
+        return self._key_indices[curves]
 
     def _times_on(self, effects: dict[int, EffectBlock], count: int) -> Bool:
         """Times (T,) at which an effect that needs poses is on."""
@@ -168,6 +196,14 @@ class ReadingPass:
     def _poses(self, frames: F64, wanted: Bool, rows: list[Row]) -> list[PoseBlock]:
         """Bodies, posed where they are wanted."""
         poses = {k: body.read(frames, wanted) for k, body in self.plan.bodies.items()}
+        if self._impacts:
+            for k, body in self.plan.bodies.items():
+                poses[k] = replace(
+                    poses[k],
+                    to_world_at=self._at(body.to_world),
+                    bones_at=self._at(body.rig.pose),
+                    keys=self._keys(body),
+                )
         for k in self.stepped_bodies:
             poses[k] = pose_block([row.poses.get(k) for row in rows])
         return [poses[k] for k in range(len(poses))]

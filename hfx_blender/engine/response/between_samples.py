@@ -4,7 +4,8 @@
 An impact's strength follows from its beginning, and what is felt of it from its weights while it
 decays, so both would depend on the sampling rate if they were looked for at samples only. Where a
 touch begins, where it changes while an impact is loud, and where a volume may have touched and
-turned back in between, contacts are found at steps of half a millisecond, along :mod:`.paths`.
+turned back in between, contacts are found at steps of half a millisecond and at keys. Motion
+there is computed from F-curves, where the block has it, else estimated along :mod:`.paths`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..contact.reachable_bounds import bounds_of
 from ..response_filters.controls import FilterKind
 from ..response_filters.envelope import LOUD
 from ..samples import SampleRun
-from ..scene import EffectBlock, PoseBlock
+from ..scene import EffectBlock, Motion, PoseBlock
 from .grazes import Contacts, follow_on, may_graze, may_touch
 from .paths import NEIGHBOURS, Path
 from .touches import Between, BodyPlaces, Moments, Touches
@@ -112,9 +113,10 @@ def refined(
     begins = touches.is_touched & ~before & follows
     closely = coarsely = np.zeros(len(touches), np.bool_)
     if not is_live:
+        is_bent = may_graze(moments)
         grazes = ~touches.is_touched & ~before & follows
-        grazes &= may_touch(moments, grazes & may_graze(moments), contacts)
-        closely, coarsely = _changes(touches, run, begins, follows, loud_until_s)
+        grazes &= may_touch(moments, grazes & is_bent, contacts)
+        closely, coarsely = _changes(touches, run, begins, follows, is_bent, loud_until_s)
         closely |= grazes
         touches = replace(touches, resumes_s=RESUMES_S)
     parts: list[_Sets] = []
@@ -142,7 +144,7 @@ def _looked_closely(
     """Touches with when and how fast impacts began, and what was touched in intervals."""
     chosen = intervals.chosen
     slow_s = _slow_s(touches, chosen) / intervals.lengths_s
-    steps = intervals.steps(np.arange(len(chosen)), _grid(count))
+    steps = intervals.steps(np.arange(len(chosen)), intervals.with_keys(_grid(count)))
     is_some = steps.is_touched.any(axis=1)
     before = np.concatenate([[False], touches.is_touched[:-1]])[chosen]
     new = np.flatnonzero(begins[chosen] | (is_some & ~before))
@@ -165,7 +167,7 @@ def _looked_closely(
     there = np.flatnonzero(np.isin(flat, finer.rows))
     which, shares = finer.which[there], finer.shares.ravel()[flat[there]]
     sets = finer.run.set_of[np.searchsorted(finer.rows, flat[there])]
-    found = intervals.answered(which, shares, 1.0 / count, finer.run, sets)
+    found = intervals.answered(which, shares, 1.0 / count / _FINER, finer.run, sets)
     speeds = touches.speeds_m_s.copy()
     is_new = there < len(new)
     speeds[chosen[which[is_new]]] = found.speeds_m_s[is_new]
@@ -178,9 +180,14 @@ def _looked_closely(
 
 
 def _changes(
-    touches: Touches, run: SampleRun | None, begins: Bool, follows: Bool, loud_until_s: float
+    touches: Touches,
+    run: SampleRun | None,
+    begins: Bool,
+    follows: Bool,
+    is_bent: Bool,
+    loud_until_s: float,
 ) -> tuple[Bool, Bool]:
-    """Rows (n,) before which what is touched changes while an impact is loud.
+    """Rows (n,) before which what is touched changes, or may have, while an impact is loud.
 
     The first are those before which, or one before, most is touched, and where a touch may have
     paused; the second all others.
@@ -209,6 +216,8 @@ def _changes(
     less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
     is_most = ~less[0] & less[1]
     closely = changes & (is_most | np.concatenate([[False], is_most[:-1]])) | pauses
+    # Between two equal sets a volume that turns may have covered more.
+    closely |= is_loud & is_bent & (set_of >= 0) & (set_of == before)
     return closely, changes & ~closely
 
 
@@ -314,8 +323,10 @@ class _Intervals:
     ) -> None:
         self._moments = moments
         self._parameters = parameters
-        self._own: dict[tuple[str, int, int, int], Path] = {}
+        self._own_paths: dict[tuple[str, int, int, int], Path] = {}
+        self._own_motion: dict[tuple[str, int, bytes], F64] = {}
         self._contacts = contacts
+        self._is_straight = is_straight
         self.chosen = chosen
         self._rows = moments.rows[chosen]
         self.lengths_s = moments.times_s[self._rows] - moments.times_s[self._rows - 1]
@@ -328,6 +339,16 @@ class _Intervals:
         """Times (n,) at shares (n,) of some of the intervals."""
         ends = self._moments.times_s[self._rows[which]]
         return np.asarray(ends - (1.0 - shares) * self.lengths_s[which])
+
+    def with_keys(self, grid: F64) -> F64:
+        """Shares (n, S) of each interval: a grid's, and those at which motion may turn."""
+        keyed = [each.keys for each in (self._moments.effect, self._moments.pose)]
+        keys = np.concatenate([np.zeros(0), *(each for each in keyed if each is not None)])
+        inside = keys - (self._moments.indices[self._rows, None] - 1.0)
+        inside = np.where((inside > 0.0) & (inside < 1.0), inside, 1.0)
+        inside = np.sort(inside, axis=1)[:, : int((inside < 1.0).sum(axis=1).max(initial=0))]
+        together = np.concatenate([np.broadcast_to(grid, (len(inside), len(grid))), inside], axis=1)
+        return np.sort(together, axis=1)
 
     def steps(self, which: I64, shares: F64) -> _Steps:
         """Contacts at shares (n, S + 1), or (S + 1,) of each, of some of the intervals."""
@@ -369,17 +390,14 @@ class _Intervals:
         assert effect.matrices is not None
         ends = np.repeat(self._rows[which], count)
         s = shares.ravel()
-        # Column by column: what bounces may go on turning as it did.
-        columns = effect.matrices.transpose(0, 2, 1), pose.to_world.transpose(0, 2, 1)
-        matrices = self._path("matrices", columns[0], which, shares).transpose(0, 2, 1)
-        to_world = self._path("to_world", columns[1], which, shares).transpose(0, 2, 1)
+        matrices = self._motion("matrices", effect.matrices, effect.matrices_at, which, shares)
+        to_world = self._motion("to_world", pose.to_world, pose.to_world_at, which, shares)
         bones: F64 | None = None
         surface: F32 | None = None
         if pose.bones is not None:
-            own = pose.bones.reshape(len(pose.bones), -1, 12)
-            bones = self._path("bones", own, which, shares).reshape(len(s), -1, 3, 4)
+            bones = self._motion("bones", pose.bones, pose.bones_at, which, shares)
         if pose.surface is not None:
-            skin = self._path("surface", pose.surface, which, shares).reshape(len(s), -1, 3)
+            skin = self._motion("surface", pose.surface, None, which, shares)
             surface = skin.astype(np.float32)
         response = effect.response
         if response is not None:
@@ -408,24 +426,60 @@ class _Intervals:
             places=BodyPlaces(moments.skin, posed, rows),
         )
 
-    def _path(self, name: str, values: F64 | F32, which: I64, shares: F64) -> F64:
-        """Values (T, N, D) of the block at shares (n, S) of some intervals, (n S, N, D)."""
+    def _motion(
+        self, name: str, values: F64 | F32, at: Motion | None, which: I64, shares: F64
+    ) -> F64:
+        """Values (n S, ...) at shares (n, S) of some intervals, from the block's (T, ...).
+
+        ``at`` computes them; without it, or where motion is straight, they are estimated.
+        """
         if len(values) and (values == values[0]).all():
             still = values[0].astype(np.float64)
             return np.broadcast_to(still, (shares.size, *still.shape))
-        # A body moves alike for all volumes.
-        known = self._own if name == "matrices" else self._moments.places.paths
-        parts = []
-        for n, mine in zip(which.tolist(), shares, strict=True):
-            row, before, after = (int(each[n]) for each in (self._rows, self._before, self._after))
-            key = name, row, before, after
-            if key not in known:
-                known[key] = Path(
-                    [values[row - 1 - k].astype(np.float64) for k in range(before)],
-                    [values[row + k].astype(np.float64) for k in range(after)],
-                )
-            parts.append(known[key].at(mine))
-        return np.concatenate(parts)
+        if self._is_straight or at is None:
+            paths = [self._path(name, values, n) for n in which.tolist()]
+            parts = [path.at(mine) for path, mine in zip(paths, shares, strict=True)]
+            return _unpacked(np.concatenate(parts), values)
+        # A body moves equally for all volumes.
+        known = self._own_motion if name == "matrices" else self._moments.places.motion
+        rows = self._rows[which].tolist()
+        keys = [(name, row, mine.tobytes()) for row, mine in zip(rows, shares, strict=True)]
+        missing = [k for k, key in enumerate(keys) if key not in known]
+        if missing:
+            starts = self._moments.indices[self._rows[which[missing]] - 1]
+            computed = at((starts[:, None] + shares[missing]).ravel())
+            parts = np.split(computed, len(missing))
+            known.update(zip([keys[k] for k in missing], parts, strict=True))
+        return np.concatenate([known[key] for key in keys])
+
+    def _path(self, name: str, values: F64 | F32, n: int) -> Path:
+        """Estimated motion over interval ``n`` of the block's values (T, ...)."""
+        known = self._own_paths if name == "matrices" else self._moments.places.paths
+        row, before, after = (int(each[n]) for each in (self._rows, self._before, self._after))
+        key = name, row, before, after
+        if key not in known:
+            known[key] = Path(
+                [_packed(values[row - 1 - k]) for k in range(before)],
+                [_packed(values[row + k]) for k in range(after)],
+            )
+        return known[key]
+
+
+def _packed(value: F64 | F32) -> F64:
+    """Rows (N, D) of a matrix, of bones or of points that move each by itself.
+
+    A matrix goes column by column: what bounces may go on turning as it did.
+    """
+    if value.shape == (4, 4):
+        return value.T.astype(np.float64)
+    return value.reshape(len(value), -1).astype(np.float64)
+
+
+def _unpacked(rows: F64, values: F64 | F32) -> F64:
+    """Values (n, ...) in the shape of a block's (T, ...), from their rows (n, N, D)."""
+    if values.shape[1:] == (4, 4):
+        return rows.transpose(0, 2, 1)
+    return rows.reshape(len(rows), *values.shape[1:])
 
 
 def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:

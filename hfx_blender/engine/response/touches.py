@@ -109,7 +109,9 @@ class BodyPlaces:
         self._pose = pose
         self._rows = rows  # whose pose is known
         self._known: dict[int, F64] = {}
-        self.paths: dict[tuple[str, int, int, int], Path] = {}  # of the pose, between samples
+        # Of the pose between samples: estimated, and exactly.
+        self.paths: dict[tuple[str, int, int, int], Path] = {}
+        self.motion: dict[tuple[str, int, bytes], F64] = {}
 
     def of(self, cluster: int) -> F64:
         """World places (3, number of rows, number of vertices)."""

@@ -7,6 +7,7 @@ by :class:`NotModelledError`; then Blender itself has to be stepped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,6 +25,9 @@ Channel = tuple[str, int]
 _LAST_KIND = int(max(Interpolation))
 _BEZIER = int(Interpolation.BEZIER)
 
+_MOST_REPEATS = 1000
+"""Repetitions of a strip whose keys are listed; Blender's interface allows no more."""
+
 
 class NotModelledError(Exception):
     """Raised for motion that only Blender itself can evaluate; the text says what moves."""
@@ -34,6 +38,7 @@ class _Curves:
     """F-curves of one action, ready to be sampled together."""
 
     channels: list[Channel] = field(default_factory=list)
+    key_frames: set[float] = field(default_factory=set)  # of all curves, the action's own frames
     keyed: list[tuple[KeyedCurves, list[int]]] = field(default_factory=list)  # and their columns
     other: list[tuple[bpy.types.FCurve, int]] = field(default_factory=list)
 
@@ -60,11 +65,12 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
         column = len(found.channels)
         found.channels.append((curve.data_path, curve.array_index))
         keys = curve.keyframe_points
+        points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
+        keys.foreach_get("co", points)
+        found.key_frames.update(points[::2].tolist())
         if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
             found.other.append((curve, column))
             continue
-        points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
-        keys.foreach_get("co", points)
         keys.foreach_get("interpolation", kinds)
         if not _are_finite(keys, points):
             found.other.append((curve, column))
@@ -111,38 +117,71 @@ def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64
 
 @dataclass(eq=False)
 class _Strip:
-    """An NLA strip of one action."""
+    """An NLA strip of one action, its settings copied from Blender."""
 
-    strip: bpy.types.NlaStrip
     curves: _Curves
     columns: I64 | slice  # of its values among those of the datablock
-    start: float
+    start: float  # frames of the scene
     end: float
+    action_frames: tuple[float, float]  # first and last that play
+    scale: float
+    repeat: float
+    blend_in: float  # frames
+    blend_out: float
+    extrapolation: str
+    is_muted: bool
+    name: str
+
+    @classmethod
+    def of(cls, strip: bpy.types.NlaStrip, curves: _Curves, columns: I64 | slice) -> _Strip:
+        """Copy the settings of a strip."""
+        return cls(
+            curves,
+            columns,
+            strip.frame_start,
+            strip.frame_end,
+            (strip.action_frame_start, strip.action_frame_end),
+            strip.scale,
+            strip.repeat,
+            strip.blend_in,
+            strip.blend_out,
+            strip.extrapolation,
+            strip.mute,
+            strip.name,
+        )
 
     def frames_within(self, frames: F64) -> F64:
         """The action's own frames at frames of the scene that lie within the strip."""
-        strip = self.strip
-        first, last = strip.action_frame_start, strip.action_frame_end
-        length = (last - first) * strip.scale
+        first, last = self.action_frames
+        length = (last - first) * self.scale
         if length <= 0.0:
-            raise NotModelledError(f"strip '{strip.name}' plays no length of its action")
+            raise NotModelledError(f"strip '{self.name}' plays no length of its action")
         into = frames - self.start
         # Blender's own rounding decides on which side of a repetition's edge a frame falls.
         phase = np.fmod(into.astype(np.float32), np.float32(length)).astype(np.float64)
-        own = first + phase / strip.scale
-        if float(strip.repeat).is_integer():
+        own = first + phase / self.scale
+        if float(self.repeat).is_integer():
             own = np.where(frames >= self.end, last, own)
         return own
 
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the scene at its ends and at the keys of its action, in each repetition."""
+        first, last = self.action_frames
+        keys = np.array([first, *self.curves.key_frames, last])
+        keys = (keys[(keys >= first) & (keys <= last)] - first) * self.scale
+        length = (last - first) * self.scale
+        starts = self.start + length * np.arange(math.ceil(min(self.repeat, _MOST_REPEATS)))
+        return (starts[:, None] + keys).ravel()
+
     def influence(self, frames: F64) -> F64:
-        strip = self.strip
         share = np.ones(len(frames))
-        if strip.blend_out > 0.0:
-            falling = frames >= self.end - strip.blend_out
-            share = np.where(falling, np.abs(self.end - frames) / strip.blend_out, share)
-        if strip.blend_in > 0.0:
-            rising = frames <= self.start + strip.blend_in
-            share = np.where(rising, np.abs(frames - self.start) / strip.blend_in, share)
+        if self.blend_out > 0.0:
+            falling = frames >= self.end - self.blend_out
+            share = np.where(falling, np.abs(self.end - frames) / self.blend_out, share)
+        if self.blend_in > 0.0:
+            rising = frames <= self.start + self.blend_in
+            share = np.where(rising, np.abs(frames - self.start) / self.blend_in, share)
         return share
 
 
@@ -218,9 +257,17 @@ class AnimatedValues:
                 _refuse_other_strips(name, strip)
                 curves = _grouped(compat.strip_fcurves(strip), self._selects)
                 columns = self._columns_of(curves, default)
-                strips.append(_Strip(strip, curves, columns, strip.frame_start, strip.frame_end))
+                strips.append(_Strip.of(strip, curves, columns))
             if track.is_solo or not solo:
                 self._tracks.append(strips)
+
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the scene (k,) at which a value may turn: keys, and ends of strips."""
+        parts = [strip.key_frames for strips in self._tracks for strip in strips]
+        if self._action is not None:
+            parts.append(np.array([*self._action[0].key_frames]))
+        return np.unique(np.concatenate([np.zeros(0), *parts]))
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
         """Sample each animated value at frames of the scene, (T, C) in the order of ``columns``.
@@ -266,7 +313,7 @@ def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.nda
     free = np.ones(len(frames), np.bool_)
     for k, strip in enumerate(strips):
         until = strips[k + 1].start if k + 1 < len(strips) else np.inf
-        kind = strip.strip.extrapolation
+        kind = strip.extrapolation
         covered = (frames >= strip.start) & (frames <= strip.end)
         if kind != "NOTHING":
             covered |= (frames > strip.end) & (frames < until)
@@ -274,5 +321,5 @@ def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.nda
             covered |= frames < strip.start
         rows = np.flatnonzero(covered & free)
         free[rows] = False
-        if len(rows) and not strip.strip.mute:
+        if len(rows) and not strip.is_muted:
             yield strip, rows, np.clip(frames[rows], strip.start, strip.end)

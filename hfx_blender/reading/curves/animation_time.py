@@ -7,6 +7,7 @@ number of them. Keyframes, clips and caches have the frames of the animation.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 
 import bpy
@@ -81,6 +82,31 @@ def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:
     """Played frames, (n,) -> frames of the animation, in 32 bits as Blender computes them."""
     mapped: F64 = (frames.astype(np.float32) * _length(scene)).astype(np.float64)
     return mapped
+
+
+@dataclass(frozen=True)
+class ExactFrames:
+    """Frames of the animation between samples, in 64 bits; reads nothing from Blender.
+
+    In Blender's 32 bits speeds over short times would be wrong.
+    """
+
+    first: float  # frame of sample 0
+    step: float  # frames from one sample to the next
+
+    @classmethod
+    def of(cls, scene: bpy.types.Scene, time: TimeBase) -> ExactFrames:
+        """Frames of a scene at the samples of a time base."""
+        length = float(_length(scene))
+        return cls(time.frame_first * length, float(time.fps / time.rate_hz) * length)
+
+    def at(self, indices: F64) -> F64:
+        """Frames (n,) at sample indices with fractions."""
+        return self.first + indices * self.step
+
+    def indices(self, frames: F64) -> F64:
+        """Sample indices (n,), with fractions, at frames."""
+        return (frames - self.first) / self.step
 
 
 def played_frame(scene: bpy.types.Scene, frame: float) -> float:

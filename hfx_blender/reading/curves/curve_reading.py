@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ...authoring import responses
+from ...authoring import responses, volumes
 from ...authoring.effects import effect_values
 from ...blender.stored_values import limited
 from ...engine.arrays import F64, I64
@@ -65,6 +65,9 @@ class CurveEffect:
             raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
         if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
+        self._scale = np.ones(3)  # shape space to local space
+        if effect.hfx.kind == "VOLUME":
+            self._scale = volumes.shape_scale(effect.hfx)
         self._vertices: F64 | None = None
         if effect.hfx.kind == "SURFACE":
             _refuse_deformed(effect)
@@ -114,10 +117,24 @@ class CurveEffect:
         return EffectBlock(
             levels,
             np.stack(parameters, axis=1),
-            matrices=effect_values.shape_matrices(world, self._unit_m, self._hfx),
+            matrices=self._placing(world),
             shapes=(self.shape,),
             response=self._response(sampled),
         )
+
+    def matrices(self, frames: F64) -> F64:
+        """Matrices (T, 4, 4) of a volume, shape space to world; reads nothing from Blender."""
+        return self._placing(self._place.world(frames))
+
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the animation (k,) at which the motion may turn."""
+        return self._place.key_frames
+
+    def _placing(self, world: F64) -> F64:
+        scaled = effect_values.to_metres(world, self._unit_m)
+        scaled[..., :3, :3] *= self._scale
+        return scaled
 
     def _response(self, sampled: F64) -> F64 | None:
         """Controls of its filters, (T, F, WIDTH)."""
@@ -268,6 +285,15 @@ class CurveBody:
             raise NotModelledError(f"'{body.name}' is shown and hidden")
         self.rig = (parents or Parents()).rig(body)
         self._unit_m = unit_m
+
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the animation (k,) at which the motion may turn."""
+        return np.union1d(self.rig.body.key_frames, self.rig.key_frames)
+
+    def to_world(self, frames: F64) -> F64:
+        """Armature to world (T, 4, 4), metres; reads nothing from Blender."""
+        return effect_values.to_metres(self.rig.body.world(frames), self._unit_m)
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
         """Read the body at frames of the scene; only the wanted ones are posed."""

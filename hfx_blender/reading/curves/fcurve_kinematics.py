@@ -109,6 +109,8 @@ class PlainObject:
         if obj.rigid_body is not None or obj.soft_body is not None:
             raise NotModelledError(f"physics moves '{obj.name}'")
         self.obj = obj
+        self._mode = obj.rotation_mode
+        self._still = {name: np.array(getattr(obj, name), np.float64) for name in WIDTHS}
         self.values = AnimatedValues(obj, default, lambda path: not path.startswith(_POSE))
         for path, _ in self.values.columns:
             if path not in WIDTHS and not _HARMLESS.match(path):
@@ -116,6 +118,8 @@ class PlainObject:
         self._parent: PlainObject | None = None
         self._bone: str | None = None
         self._rig: PlainRig | None = None
+        self._along_bone = 0.0
+        self._parent_inverse = np.array(obj.matrix_parent_inverse, np.float64)
         self._kept_world = _Kept(self.world)
         if obj.parent is not None:
             self._read_parent(obj, parents or Parents())
@@ -127,6 +131,7 @@ class PlainObject:
             self._rig = parents.rig(obj.parent)
             self._parent = self._rig.body
             self._bone = obj.parent_bone
+            self._along_bone = compat.place_along_parent_bone(obj)
             if self._bone not in obj.parent.data.bones:
                 raise NotModelledError(f"'{obj.name}' has a bone as parent that does not exist")
         else:
@@ -142,18 +147,24 @@ class PlainObject:
             return own
         above = self._parent._kept_world(frames)
         if self._rig is not None and self._bone is not None:
-            along = compat.place_along_parent_bone(self.obj)
-            above = above @ self._rig.places_on_bone(self._bone, along, frames)
-        return above @ np.array(self.obj.matrix_parent_inverse, np.float64) @ own
+            above = above @ self._rig.places_on_bone(self._bone, self._along_bone, frames)
+        return above @ self._parent_inverse @ own
 
     @property
     def _moves(self) -> bool:
         """Test for an animated place of its own."""
         return any(path in WIDTHS for path, _ in self.values.columns)
 
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the animation (k,) at which it, or what it hangs on, may turn."""
+        above = () if self._parent is None else self._parent.key_frames
+        bones = () if self._rig is None else self._rig.key_frames
+        return np.unique(np.concatenate([self.values.key_frames, above, bones]))
+
     def _own(self, sampled: F64) -> F64:
         """Matrices (T, 4, 4) of its own channels."""
-        mode = self.obj.rotation_mode
+        mode = self._mode
 
         def of(name: str) -> F64:
             return self._channels(sampled, name)
@@ -169,7 +180,7 @@ class PlainObject:
 
     def _channels(self, sampled: F64, name: str) -> F64:
         """Values of one property over the times, (T, width)."""
-        still = np.array(getattr(self.obj, name), np.float64)
+        still = self._still[name]
         values = np.repeat(still[None], len(sampled), axis=0)
         for index in range(len(still)):
             column = self.values.columns.get((name, index))
@@ -213,12 +224,17 @@ class PlainRig:
             still,
             {name: places[name] for name in still if name in places},
         )
-        self._kept_pose = _Kept(self._pose)
+        self._kept_pose = _Kept(self.pose)
 
     def _current(self, name: str) -> F64:
         flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
         self.body.obj.pose.bones.foreach_get(name, flat)
         return flat.reshape(len(self._names), -1).astype(np.float64)
+
+    @property
+    def key_frames(self) -> F64:
+        """Frames of the animation (k,) at which a bone may turn within its armature."""
+        return self._values.key_frames
 
     @property
     def bone_count(self) -> int:
@@ -227,9 +243,10 @@ class PlainRig:
 
     def sample(self, frames: F64) -> tuple[F64, F64]:
         """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
-        return self.body.world(frames), self._pose(frames)
+        return self.body.world(frames), self.pose(frames)
 
-    def _pose(self, frames: F64) -> F64:
+    def pose(self, frames: F64) -> F64:
+        """Skinning matrices (T, B, 3, 4) at frames of the animation."""
         return self.keyed.skinning(self._values.sample(frames))
 
     def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
