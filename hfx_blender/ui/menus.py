@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..operators.effects.clips import draw_clip_buttons
+from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import active_armature, active_body, active_effect
 from ..properties.objects import SHAPES
 

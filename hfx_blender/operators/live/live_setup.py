@@ -15,7 +15,7 @@ from ...files import resources
 from ...playback.live.live import live
 from ...text import printable
 from ..shared import EnumItems, HfxOperator
-from .live import title_of
+from .live_operators import title_of
 
 if TYPE_CHECKING:
     from ...devices.live.discovery import Found

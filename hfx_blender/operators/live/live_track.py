@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recording a track for live devices, and hiding what makes playback slow."""
+"""Operators that record the scene: a track for live devices, and values over time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ import bpy
 
 from ...authoring.effects import effects, swarms
 from ...playback.live.live import live
+from ...playback.preview.preview import preview
+from ...playback.timeline.timeline_recorder import recorder
 from ...processes import blender_session
+from ...reading.stepped.reached import has_effects
 from ..shared import HfxOperator, is_in_view_layer
 from ..stepwise_operator import StepwiseExport
 
 if TYPE_CHECKING:
     from ...export.report import ExportReport
+
 
 _recorded: list[Path] = []
 """Folder of the last recording, in Blender's temporary folder of this session."""
@@ -90,3 +94,22 @@ def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
         kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
         kept |= set(body.children_recursive)
     return kept
+
+
+class HFX_OT_update_values(HfxOperator):
+    """Compute the values of effects and actuators over the timeline, stepping through its frames"""
+
+    bl_idname = "hfx.update_values"
+    bl_label = "Update Values"
+    bl_options = {"REGISTER"}
+    requires = (
+        (
+            lambda context: has_effects(context.scene) and effects.bodies_of(context.scene),
+            "Add a body and effects first",
+        ),
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        recorder.update_now(context.scene)
+        preview.touch()
+        return ""

@@ -22,7 +22,7 @@ from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator
 from . import path_overlay
-from .paths import ON_SPOT, active_spot
+from .path_operators import ON_SPOT, active_spot
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,7 +16,7 @@ from ...errors import InputError
 from .. import framing
 from ..shared import IN_OBJECT_MODE, KeyBindings
 from . import path_overlay
-from .paths import PathOperator, active_spot
+from .path_operators import PathOperator, active_spot
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64

@@ -13,8 +13,7 @@ from mathutils import Matrix
 from ...engine.arrays import F32, I32, I64, U8
 from ...engine.colouring import Colour, Spread
 from ...engine.samples import Sample
-from .displayed_skin import DisplayedSkin, triangles_of
-from .skin_colours import Incidence, SkinColours
+from .skin_colours import DisplayedSkin, Incidence, SkinColours, triangles_of
 
 _ABOVE_SKIN_M = 0.0015
 """Height of colours over the skin, metres, so that the two do not flicker."""

@@ -19,7 +19,7 @@ from ..evaluation import evaluation
 from ..timeline.timeline_record import TimelineRecord
 from .actuator_glow import ActuatorGlow, Discs
 from .coloured_mesh import ColouredMesh, Layer, Shown
-from .displayed_skin import DisplayedSkins
+from .skin_colours import DisplayedSkins
 
 MOST_BYTES = 96_000_000
 """Memory limit of the cache, bytes; frames beyond it are computed when they are drawn."""

@@ -14,7 +14,7 @@ from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
 from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from ...engine.texture.weave import reference_fabrics, woven
 from ..live.live import live
-from .stroke_sound import StrokeSound
+from .stroke_pad import StrokeSound
 
 SECONDS = 2.0
 WAVEFORM_HZ = 8000.0

@@ -14,7 +14,7 @@ from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
 from ...blender.scene_info import frames_per_shown_unit
-from ...operators.effects.clips import TIMES, label_of
+from ...operators.effects.clip_operators import TIMES, label_of
 from ...operators.shared import active_effect
 from ...playback.preview.preview import preview
 

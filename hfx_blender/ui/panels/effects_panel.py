@@ -7,7 +7,7 @@ import bpy
 
 from ...authoring import clips
 from ...authoring.effects import effects, swarms
-from ...operators.effects.clips import draw_clip_buttons
+from ...operators.effects.clip_operators import draw_clip_buttons
 from ...operators.shared import active_armature, active_effect
 from ...playback.preview.preview import preview
 from .. import next_step

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panel of live devices."""
+"""Panels of live devices, and of values in the viewport."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from .effects_panel import SLOW
 
 if TYPE_CHECKING:
     from ...devices.configurations.device_facts import DeviceFacts
+
 
 STATES = {
     "connecting": ("Connecting...", "SORTTIME"),
@@ -218,3 +219,33 @@ def forget_icons() -> None:
     for known in _loaded:
         bpy.utils.previews.remove(known)
     _loaded.clear()
+
+
+class HFX_PT_values(HfxPanel, bpy.types.Panel):
+    """Values of effects and actuators, now and over the whole timeline"""
+
+    bl_label = "Values"
+    bl_order = 7
+    bl_options = {"DEFAULT_CLOSED"}  # its switches are in the list of effects, too
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        column = layout.column(align=True)
+        column.prop(context.window_manager, "hfx_show_values", icon="FCURVE", toggle=True)
+        column.prop(context.window_manager, "hfx_show_actuators", icon="LIGHT_POINT", toggle=True)
+        layout.prop(context.scene.hfx, "preview_opacity", slider=True)
+        if context.window_manager.hfx_show_values and recorder.must_step:
+            draw_text(context, layout, recorder.fault, "INFO")
+            layout.operator("hfx.update_values", icon="FILE_REFRESH")
+        if context.window_manager.hfx_show_actuators and not len(context.scene.hfx.devices):
+            draw_text(
+                context, layout, "Add a device under Live Devices to see its actuators", "INFO"
+            )
+        notes = [
+            *(preview.content.notes if context.window_manager.hfx_show_actuators else ()),
+            *(recorder.result.notes if recorder.result is not None else ()),
+        ]
+        for note in dict.fromkeys(notes):
+            draw_text(context, layout, note, "INFO")
+        for fault in recorder.result.faults if recorder.result is not None else ():
+            draw_text(context, layout, fault, "ERROR")

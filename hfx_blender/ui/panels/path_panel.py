@@ -8,7 +8,7 @@ import bpy
 from ...authoring.paths import paths
 from ...errors import InputError
 from ...operators.paths.path_drawing import MODES
-from ...operators.paths.paths import active_spot
+from ...operators.paths.path_operators import active_spot
 from ...operators.shared import active_effect
 from ..sidebar import HfxPanel
 

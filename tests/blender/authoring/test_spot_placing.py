@@ -20,7 +20,7 @@ from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.operators.paths import path_overlay
 from hfx_blender.operators.paths.spot_handles import HFX_OT_resize_spot, HFX_OT_slide_spot
 from hfx_blender.reading.live.live_scene import LiveScene
-from hfx_blender.ui.gizmos import spot_gizmo
+from hfx_blender.ui import gizmos
 
 LEFT, RIGHT, LOW = (0.09, 0.076, 1.35), (-0.09, 0.076, 1.35), (0.0, 0.04, 1.15)
 ON_SKIN_M = 0.012  # how far from these places the skin is
@@ -419,8 +419,8 @@ def test_the_handles_stand_on_the_posed_body(spot: Any) -> None:
     body.location = (1.0, 2.0, 0.0)
     body.rotation_euler.z = np.pi
     bpy.context.view_layer.update()
-    matrix = spot_gizmo.placed_on_body(bpy.context, spot)
+    matrix = gizmos.placed_on_body(bpy.context, spot)
     assert matrix.translation[:] == pytest.approx((1.0 - 0.09, 2.0 - 0.076, 1.35), abs=ON_SKIN_M)
     assert matrix.col[2].y < -0.8, "its axis is the skin's normal: the back looks to -Y now"
     spot.hfx.body = None
-    assert spot_gizmo.placed_on_body(bpy.context, spot) is None
+    assert gizmos.placed_on_body(bpy.context, spot) is None

@@ -259,7 +259,7 @@ def test_an_area_is_saved_for_every_file_and_modality(
 
 
 def test_the_part_under_the_mouse_is_named_as_people_say_it(effect: Any) -> None:
-    from hfx_blender.operators.painting.paint_status import part_name
+    from hfx_blender.operators.painting.paint_view import part_name
 
     bpy.ops.hfx.paint_begin()
     canvas = bpy.context.object

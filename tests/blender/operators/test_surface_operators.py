@@ -301,21 +301,21 @@ def test_a_stroke_is_exported_in_every_format(
 ) -> None:
     from hfx_blender.engine.texture.stroke import along
     from hfx_blender.engine.texture.stroke_rendering import render_stroke
-    from hfx_blender.operators.surfaces import stroke_pad
+    from hfx_blender.operators.surfaces import stroke_pad_operators
     from hfx_blender.playback.strokes.stroke_pad import Take
 
     texture = surfaces.texture_of(denim)
     stroke = along(np.array([[0.0, 0.0], [0.03, 0.005]]), 0.1)
     take = Take(denim.name, texture, stroke, render_stroke(texture, stroke))
-    monkeypatch.setattr(stroke_pad, "last_take", take)
+    monkeypatch.setattr(stroke_pad_operators, "last_take", take)
     bpy.ops.hfx.export_stroke(filepath=str(tmp_path / f"s{suffix}"))
     assert (tmp_path / f"s{suffix}").stat().st_size > 100
 
 
 def test_a_stroke_is_asked_for_before_it_is_exported(scene: Any) -> None:
-    from hfx_blender.operators.surfaces import stroke_pad
+    from hfx_blender.operators.surfaces import stroke_pad_operators
 
-    stroke_pad.last_take = None
+    stroke_pad_operators.last_take = None
     with pytest.raises(RuntimeError, match="Stroke a surface first"):
         bpy.ops.hfx.export_stroke(filepath="x.wav")
 

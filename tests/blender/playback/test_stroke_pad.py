@@ -16,8 +16,7 @@ from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.operators.surfaces.stroke_pad_view import PadPlace
 from hfx_blender.playback.strokes import reference_strokes
-from hfx_blender.playback.strokes.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad
-from hfx_blender.playback.strokes.stroke_sound import StrokeSound
+from hfx_blender.playback.strokes.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad, StrokeSound
 from hfx_tools.demo import board
 
 

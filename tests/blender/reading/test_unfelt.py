@@ -542,12 +542,12 @@ class _Layout:
 
 
 def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
-    from hfx_blender.operators import export
+    from hfx_blender.operators import export_operator
 
     _clip(touch, 3.0, 4.0, "Beat")
     bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
     layout = _Layout()
-    export.draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
+    export_operator.draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
     lines = [line for line in layout.drawn if not line.startswith("BLANK1")]
     assert [line[:30] for line in lines] == [
         "ERROR Clip 'Beat' of 'Touch' (",
@@ -557,5 +557,5 @@ def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
         "FILE_TICK Wrote scene.hfxtrack",
         "wm.path_open",
     ]
-    (written,) = export.last_written
+    (written,) = export_operator.last_written
     assert written.warned == ", 1 warning"

@@ -22,7 +22,7 @@ def small(registered: Any) -> Any:
 
 
 def test_every_format_can_be_chosen(registered: Any) -> None:
-    from hfx_blender.operators.export import FORMAT_ITEMS
+    from hfx_blender.operators.export_operator import FORMAT_ITEMS
 
     assert {name for name, *_ in FORMAT_ITEMS} == set(EXPORTED)
     assert len({item[-1] for item in FORMAT_ITEMS}) == len(EXPORTED)
@@ -98,7 +98,7 @@ def test_steps_give_what_an_export_at_once_gives(small: Any, tmp_path: Path) -> 
 
 
 def test_every_format_has_a_check_box(registered: Any) -> None:
-    from hfx_blender.operators.export import FORMAT_ITEMS, HFX_OT_export
+    from hfx_blender.operators.export_operator import FORMAT_ITEMS, HFX_OT_export
 
     boxes = {f"formats_{name.replace('-', '_')}" for name, *_ in FORMAT_ITEMS}
     assert boxes | {"record_depth"} <= set(HFX_OT_export.__annotations__)

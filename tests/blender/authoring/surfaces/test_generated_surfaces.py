@@ -15,7 +15,7 @@ from hfx_blender.cli import run
 from hfx_blender.formats.pictures import png
 from hfx_blender.generation import generated, library_search
 from hfx_blender.generation.generation_process import GenerationProcess
-from hfx_blender.operators.surfaces import generation
+from hfx_blender.operators.surfaces import generation_operators
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def wanted(registered: Any, scene: Any) -> Iterator[Any]:
     yield settings
     for name in ("words", "variations", "resolution", "source", "picture"):
         settings.property_unset(name)
-    generation.results.clear()
+    generation_operators.results.clear()
 
 
 def test_words_and_pictures_become_the_active_objects_material(
@@ -97,7 +97,7 @@ def test_words_and_pictures_become_the_active_objects_material(
     first = obj.active_material
     assert obj.hfx.surface.source == "GENERATED" and "Oak" in obj.hfx.surface.note
     assert '"words":"oak"' in first["hfx_generated"]
-    assert len(generation.results) == 2 and generation.running is None
+    assert len(generation_operators.results) == 2 and generation_operators.running is None
     relief = surfaces.field_of(obj).heights_m
     assert bpy.ops.hfx.use_generated(number=1) == {"FINISHED"}
     assert obj.active_material != first
@@ -120,7 +120,7 @@ def test_a_wish_that_cannot_be_met_changes_nothing(registered: Any, wanted: Any)
         with pytest.raises(RuntimeError, match=r"names a material|Say in words"):
             registered.ops.hfx.generate_surface()
     assert obj.active_material is None and not surfaces.is_surface(obj)
-    assert generation.running is None and not generation.results
+    assert generation_operators.running is None and not generation_operators.results
 
 
 def test_generation_is_cancelled_at_once(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from hfx_blender.cli import run
 from hfx_blender.engine.texture.relief.relief_estimate import estimate
 from hfx_blender.formats.pictures import png, texture_map
 from hfx_blender.operators.shared import HfxOperator
-from hfx_blender.operators.surfaces.surface_relief import HFX_OT_estimate_relief
+from hfx_blender.operators.surfaces.surface_operators import HFX_OT_estimate_relief
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ def steps(h: Any) -> Iterator[float]:
     region = h.region()
     view, pad = (
         hands.module("operators.surfaces.stroke_pad_view"),
-        hands.module("operators.surfaces.stroke_pad"),
+        hands.module("operators.surfaces.stroke_pad_operators"),
     )
     place = view.PadPlace(region.width, region.height)
     low = h.window.height - (region.y + place.bottom)

@@ -20,7 +20,7 @@ def steps(h: Any) -> Iterator[float]:
     plane = bpy.context.object
     wanted = bpy.context.window_manager.hfx_generation
     wanted.words, wanted.resolution = "worn red corduroy", 128
-    made = hands.module("operators.surfaces.generation")
+    made = hands.module("operators.surfaces.generation_operators")
     h.undo_push()
     yield from h.move(*h.xy(h.region(), 0.5, 0.5))
     yield from h.key("KP_7", "KP_Decimal")

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender.ui.gizmos import volume_gizmo
+from hfx_blender.ui import gizmos
 
 
 @pytest.mark.parametrize(
@@ -25,8 +25,8 @@ def test_dragging_a_handle_moves_the_boundary_there(
 ) -> None:
     bpy.ops.hfx.add_volume(shape=shape)
     effect = bpy.context.object
-    volume_gizmo.set_offset(effect, axis, 0.7)
-    assert volume_gizmo.offset(effect, axis) == pytest.approx(0.7)
+    gizmos.set_offset(effect, axis, 0.7)
+    assert gizmos.offset(effect, axis) == pytest.approx(0.7)
     for name, value in expected.items():
         found = getattr(effect.hfx, name)
         assert (found if isinstance(value, float) else tuple(found)) == pytest.approx(value)
@@ -40,10 +40,10 @@ def test_scaled_and_turned_volumes_are_sized_in_world_units(scene: Any) -> None:
     effect.scale = (2.0, 3.0, 4.0)
     effect.rotation_euler.z = 0.5
     bpy.context.view_layer.update()
-    assert volume_gizmo.offset(effect, 1) == pytest.approx(1.5)
-    volume_gizmo.set_offset(effect, 1, 3.0)
+    assert gizmos.offset(effect, 1) == pytest.approx(1.5)
+    gizmos.set_offset(effect, 1, 3.0)
     assert effect.hfx.size[1] == pytest.approx(2.0)
-    matrix = volume_gizmo.along(effect.matrix_world, 1)
+    matrix = gizmos.along(effect.matrix_world, 1)
     expected = tuple(effect.matrix_world.col[1].to_3d() / 3.0)
     assert tuple(matrix.col[2].to_3d()) == pytest.approx(expected, abs=1e-6)
     assert tuple(matrix.to_scale()) == pytest.approx((1, 1, 1), abs=1e-5)
@@ -55,9 +55,9 @@ def test_auto_keying_keys_what_a_handle_changes(scene: Any) -> None:
     effect.keyframe_insert("hfx.size", frame=1)
     scene.frame_set(11)
     bpy.context.tool_settings.use_keyframe_insert_auto = True
-    volume_gizmo.set_offset(effect, 2, 2.0)
+    gizmos.set_offset(effect, 2, 2.0)
     bpy.context.tool_settings.use_keyframe_insert_auto = False
-    volume_gizmo.set_offset(effect, 0, 3.0)
+    gizmos.set_offset(effect, 0, 3.0)
     for frame, size in ((1, (1, 1, 1)), (11, (1, 1, 4))):  # what was not keyed is as before
         scene.frame_set(frame)
         assert tuple(effect.hfx.size) == pytest.approx(size)
@@ -66,7 +66,7 @@ def test_auto_keying_keys_what_a_handle_changes(scene: Any) -> None:
 def test_a_handle_cannot_turn_a_volume_inside_out(scene: Any) -> None:
     bpy.ops.hfx.add_volume(shape="SPHERE")
     effect = bpy.context.object
-    volume_gizmo.set_offset(effect, 0, -2.0)
+    gizmos.set_offset(effect, 0, -2.0)
     assert effect.hfx.radius == 0.0
 
 
@@ -75,8 +75,8 @@ def test_handles_that_a_shape_does_not_have_stand_still(scene: Any, shape: str) 
     bpy.ops.hfx.add_volume(shape="SPHERE")
     effect = bpy.context.object
     effect.hfx.shape = shape
-    volume_gizmo.drag_offset(1, 0.7)
-    assert volume_gizmo.shown_offset(1) == 0.0
+    gizmos.drag_offset(1, 0.7)
+    assert gizmos.shown_offset(1) == 0.0
     assert effect.hfx.radius == 0.5
     bpy.data.objects.remove(effect)
-    assert volume_gizmo.shown_offset(0) == 0.0, "with the volume gone, too"
+    assert gizmos.shown_offset(0) == 0.0, "with the volume gone, too"

@@ -16,7 +16,7 @@ from ...files import suffixes
 from ...playback.live.live import live
 from .. import framing
 from ..shared import FileOperator, HfxOperator
-from .surfaces import ON_SURFACE
+from .surface_operators import ON_SURFACE
 
 if TYPE_CHECKING:
     from ...playback.strokes.stroke_pad import Take
@@ -42,8 +42,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        from ...playback.strokes.stroke_pad import StrokePad
-        from ...playback.strokes.stroke_sound import StrokeSound
+        from ...playback.strokes.stroke_pad import StrokePad, StrokeSound
         from .stroke_pad_view import PadPlace, draw
 
         obj, area = context.object, context.area
