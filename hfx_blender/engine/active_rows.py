@@ -44,10 +44,7 @@ def active_rows(
         return []
     # Quick paths: a single sample (live), and blocks of finite values only.
     if len(block.indices) == 1 and block.own == slice(0, 1):
-        values = [
-            [*animated.levels.tolist(), *animated.parameters[0].tolist()]
-            for animated in block.effects
-        ]
+        values = [[*b.levels.tolist(), *b.parameters[0].tolist()] for b in block.effects]
         if all(map(isfinite, chain(*values))):
             none, only = np.zeros(0, np.int64), np.zeros(1, np.int64)
             return [only if level > 0.0 else none for level, *_ in values]
@@ -150,12 +147,7 @@ def of_read(rows: I64, pose: PoseBlock) -> I64:
 
 
 def with_pose(
-    rows: I64,
-    posed: I64,
-    body: BodyDescription,
-    counters: Counters,
-    *,
-    needs_pose: bool = False,
+    rows: I64, posed: I64, body: BodyDescription, counters: Counters, *, needs_pose: bool = False
 ) -> I64:
     """Rows (ascending) at which the pose is known; warns of the other rows.
 

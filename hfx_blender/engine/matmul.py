@@ -41,7 +41,7 @@ def inverse_3x3(matrices: F64) -> F64:
         next_rows[:, :, [1, 2, 0]] * last_rows[:, :, [2, 0, 1]]
         - next_rows[:, :, [2, 0, 1]] * last_rows[:, :, [1, 2, 0]]
     )
-    cofactors = crosses.transpose(0, 2, 1)
+    cofactors = crosses.transpose(0, 2, 1)  # adjugate: cross products of the rows as columns
     determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
     inverses = cofactors / determinants[:, None, None]
     # A Newton step removes the cancellation errors of the cofactors.

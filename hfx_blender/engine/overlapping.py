@@ -130,6 +130,7 @@ def overlapped(
             for item in source:
                 worker.put((item,))
                 yield worker.results_since()
+            # Results keep coming after the last item; the consumer gets them without delay.
             worker.put(None)
             while not worker.wait_for_end():
                 yield worker.results_since()

@@ -129,6 +129,7 @@ class SampleRun:
 
     def one(self, k: int) -> SampleRun:
         """Run with only sample ``k``."""
+        # Row k of the samples, but the entries of its set, which other samples may share.
         j = int(self.set_of[k])
         row, entries = slice(k, k + 1), slice(int(self.offsets[j]), int(self.offsets[j + 1]))
         return replace(

@@ -140,11 +140,7 @@ class AllocentricAreas:
         )
 
     def _between(
-        self,
-        effect: EffectDescription,
-        falloff: Falloff,
-        moments: Moments,
-        follows: Bool,
+        self, effect: EffectDescription, falloff: Falloff, moments: Moments, follows: Bool
     ) -> SampleRun | None:
         """Contacts between samples, without the response (:mod:`..response.between_samples`).
 
@@ -266,6 +262,7 @@ def _coarse(
     is_fine = any(isinstance(shape, MeshVolume) and shape.is_fine for shape in animated.shapes)
     if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):
         return animated
+    # Only where the volume's box meets the body's box over the block.
     shape_ids, matrices = animated.shapes_at(rows), animated.matrices[rows]
     boxes = np.concatenate(
         [world_bounds(animated.shapes[k], matrices[shape_ids == k]) for k in np.unique(shape_ids)]

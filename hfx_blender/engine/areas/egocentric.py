@@ -35,6 +35,7 @@ class EgocentricAreas:
             rows = with_pose(rows, posed_rows(pose), body, self._builder.counters, needs_pose=True)
             if not len(rows):
                 return None
+        # Recorded positions differ per row, so each row has a set; otherwise one set serves all.
         sets = np.arange(len(rows)) if self._builder.record else np.zeros(len(rows), np.int64)
         count = int(sets[-1]) + 1
         offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)

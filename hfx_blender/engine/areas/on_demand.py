@@ -106,6 +106,7 @@ def impact(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) 
         if len(begun):
             normal = boundary_normals(shape, details.entries[:, begun], matrix)
             velocity = matrix[:3, :3] @ details.ways[:, begun]
+            # ``since`` is the time within the last interval (0..1) at which the contact began.
             times[begun] = end + (details.since[begun] - 1.0) / rate
             speeds[begun] = np.maximum(-np.einsum("in,in->n", velocity, normal) * rate, 0.0)
             normals[begun] = normal.T

@@ -28,11 +28,7 @@ class SampleRunBuilder:
     """
 
     def __init__(
-        self,
-        scene: SceneDescription,
-        record: frozenset[str],
-        skins: BoundSkins,
-        counters: Counters,
+        self, scene: SceneDescription, record: frozenset[str], skins: BoundSkins, counters: Counters
     ) -> None:
         self.scene = scene
         self.record = record

@@ -135,7 +135,7 @@ def from_image(pixels: F64, uv: F64) -> F64:
     position = np.where(is_finite[:, None], uv, 0.0) * [width, height] - 0.5
     low = np.floor(position)
     x, y = (position - low).T
-    left, below = low.astype(np.int64).T
+    left, below = low.astype(np.int64).T  # pixel centres are at half integers
     columns = np.stack([left, left + 1]) % width
     rows = np.stack([below, below + 1]) % height
     bottom = pixels[rows[0], columns[0]] * (1 - x) + pixels[rows[0], columns[1]] * x

@@ -92,6 +92,7 @@ class SkinPaths:
             middles = [self._half_way(*pairs[k]) for k in deep]
             knots = np.insert(knots, [k + 1 for k in deep], middles, axis=0)
         parts = _splines(knots, closed, 16)
+        # Sampled twice: first for the lengths, then with a step count per segment.
         counts = [max(int(np.ceil(_length(part) / STEP_M)), 1) for part in parts]
         smooth = _splines(knots, closed, counts)
         return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
@@ -244,6 +245,7 @@ def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
         padded = np.concatenate([knots[-1:], knots, knots[:2]])
     else:
         ends = 2.0 * knots[[0, -1]] - knots[[1, -2]]
+        # Mirrored end points make the curve start and end straight.
         padded = np.concatenate([ends[:1], knots, ends[1:]])
     number = len(padded) - 3
     part_counts = [counts] * number if isinstance(counts, int) else counts

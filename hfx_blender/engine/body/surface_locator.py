@@ -74,6 +74,7 @@ def barycentric(points: F64, corners: F64) -> F64:
     is_flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
     smallest = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
     weights = inside.copy()
+    # Outside of the triangle the nearest place is on an edge or corner: the clipped projection.
     for start, end in ((0, 1), (1, 2), (2, 0)):
         edge = corners[:, end] - corners[:, start]
         along = np.einsum("ij,ij->i", points - corners[:, start], edge)

@@ -166,6 +166,7 @@ class BoneHierarchy:
         for bone, axes in self._other_axes:
             moved[:, 3, :, bone] += axes @ locations[:, bone].T
         posed = moved[..., self._order]
+        # S = S_parent (R B R^-1), level by level, since parents are posed before.
         for level, above in self._levels:
             posed[..., level] = _product(posed[..., above], posed[..., level])
         skinning = np.empty((*locations.shape[:2], 3, 4))
@@ -238,6 +239,7 @@ class KeyedRig:
             first += still.size
             if name in self.places:
                 columns, bones, numbers = self.places[name]
+                # Sampled columns follow the unkeyed values in one array, so one take serves all.
                 sources[name][bones * still.shape[1] + numbers] = len(self._still) + columns
         return sources
 

@@ -66,6 +66,7 @@ class KeyedCurves:
         share = np.clip((clipped - start) / length, 0.0, 1.0)
         interpolation = self.interpolation[segment]
         # The last key has no segment of its own: it is the end of the last segment.
+        # Fraction of the way to the next key: 0 on constant segments.
         linear = np.where(interpolation == Interpolation.CONSTANT, 0.0, share)
         linear = np.where(clipped >= self.frames[-1] - _KEY_WIDTH, 1.0, linear)[:, None]
         sampled = self._by_key[segment]

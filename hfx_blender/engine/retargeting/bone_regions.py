@@ -85,11 +85,8 @@ def words_of(regions: Sequence[str]) -> str:
     for stem, region_sides in sides.items():
         word = _WORDS.get(stem, stem)
         many = stem == "finger" or len(region_sides) > 1
-        side = (
-            {"L": "left ", "R": "right "}.get(next(iter(region_sides)), "")
-            if len(region_sides) == 1
-            else ""
-        )
+        name = next(iter(region_sides)) if len(region_sides) == 1 else ""
+        side = {"L": "left ", "R": "right "}.get(name, "")
         phrases.append(side + (_PLURALS.get(stem, f"{word}s") if many else word))
     return ", ".join(phrases)
 

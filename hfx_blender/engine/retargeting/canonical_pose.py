@@ -57,6 +57,7 @@ def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F6
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])
     weights = avatar.weights
     owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
+    # Linear blend of the 12 affine entries; one bincount each is faster than a sparse product.
     blended = np.zeros((len(avatar.vertices), 12))
     for entry in range(12):
         blended[:, entry] = np.bincount(
@@ -139,6 +140,7 @@ class _Segments:
 
         (old, old_hips, old_up), (new, new_hips, new_up) = frame(self._c), frame(self._t)
         own, target = self._skins("torso")
+        # Width and depth follow the spread of the skin, height the distance of the joints.
         old_size = np.std((own - old_hips) @ old, axis=0)
         new_size = np.std((target - new_hips) @ new, axis=0) if len(target) > 10 else old_size
         scale = np.clip(new_size / old_size, 0.7, 1.6)
@@ -199,12 +201,9 @@ class _Segments:
         if end not in self._t:
             self._matrix(parent_name)
             # Without a wrist, the tip of the skin ends the forearm; a foot's tip is off the shank.
-            is_arm = stem == "forearm"
-            return (
-                self._by_extent(parent_name, start, name)
-                if is_arm
-                else self._rigid(parent_name, start)
-            )
+            if stem == "forearm":
+                return self._by_extent(parent_name, start, name)
+            return self._rigid(parent_name, start)
         return self._between(parent_name, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:
@@ -218,6 +217,7 @@ class _Segments:
             return self._mitten(forearm, wrist, f"hand.{side}")
         old_mid = np.mean([self._c[joint] for joint in known], axis=0)
         new_mid = np.mean([self._t[joint] for joint in known], axis=0)
+        # Axes of a hand: towards the middle of the knuckles, and across from the first to the last.
         old = axes_of(old_mid - self._c[wrist], self._c[known[0]] - self._c[known[-1]])
         new = axes_of(new_mid - self._t[wrist], self._t[known[0]] - self._t[known[-1]])
         length = np.linalg.norm(new_mid - self._t[wrist]) / np.linalg.norm(old_mid - self._c[wrist])
@@ -284,6 +284,7 @@ class _Segments:
         forearm = self._matrix(f"forearm.{side}")
         if f"wrist.{side}" not in self._t or f"elbow.{side}" not in self._t:
             return forearm
+        # Radius and ulna cross: the skin halfway along a forearm twists half as far as the hand.
         relative = self._turn(f"hand.{side}") @ self._turn(f"forearm.{side}").T
         axis = self._t[f"wrist.{side}"] - self._t[f"elbow.{side}"]
         axis /= np.linalg.norm(axis)
@@ -339,10 +340,7 @@ class _Segments:
             return self._rigid(parent, joint)
         frames: list[F64] = []
         sizes: list[list[float]] = []
-        for points, start, guess in (
-            (own, self._c[joint], None),
-            (target, self._t[joint], turn),
-        ):
+        for points, start, guess in ((own, self._c[joint], None), (target, self._t[joint], turn)):
             main = tip_of(points, start) - start
             axis = main / np.linalg.norm(main)
             flat = points - start - np.outer((points - start) @ axis, axis)
@@ -376,6 +374,7 @@ class _Segments:
                 for p in (own, target)
             )
             return float(np.clip(new_spread / spread, *_GIRTHS))
+        # Median distance from the bone's line, without the ends, where other limbs join.
         radii = []
         for points, at in ((own, self._c), (target, self._t)):
             way = at[end] - at[start]

@@ -65,6 +65,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     """
     mapped = _without_mittens(_known_bones(target, mapping))
     canonical, in_target = _joints(avatar, target, mapped)
+    # All later work is in normalised space: thresholds in metres hold for any unit and size.
     to_target = _normalisation(canonical, in_target)
     from_target = np.linalg.inv(to_target)
     joints = {joint: apply(from_target, point) for joint, point in in_target.items()}
@@ -227,6 +228,7 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
     )
     trunk, faults = chest - hips, []
     length = float(np.linalg.norm(trunk))
+    # Ankles are below the hips even of a sitting person; knees stand in without ankles.
     for joint in ("ankle", "knee"):
         if f"{joint}.L" in joints and f"{joint}.R" in joints:
             legs = (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 - hips
@@ -237,6 +239,7 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
         joint: float(np.linalg.norm(joints[f"{joint}.L"] - joints[f"{joint}.R"]))
         for joint in ("hip", "shoulder")
     }
+    # Sitting people also have thighs across the trunk, but broader shoulders than quadrupeds.
     if {"knee.L", "knee.R"} <= joints.keys() and widths["shoulder"] < widths["hip"]:
         thighs = (joints["knee.L"] + joints["knee.R"]) / 2 - hips
         if float(thighs @ trunk) > _UPRIGHT * length * float(np.linalg.norm(thighs)):

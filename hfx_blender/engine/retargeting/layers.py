@@ -78,6 +78,8 @@ def leaving_out(
     is_large = areas[piece] >= _LARGE * areas.sum()
     far, _ = cKDTree(body).query(surface.centres, distance_upper_bound=_NEAR_M, workers=-1)
     candidates = np.flatnonzero((is_large | (region == _HEAD)) & (far < np.inf))
+    # Clothes: the layer that is not wanted. Heads: the outer layer (hats, hair) in any case,
+    # except over the face itself, where the inner one (teeth, eyeballs) goes.
     inner, outer = yield from _pairs(surface, candidates, piece, region, layer)
     on_head = region[inner] == _HEAD
     is_left_out[(inner if layer == "visible" else outer)[~on_head]] = True
@@ -112,13 +114,11 @@ def _pairs(
         if number % len(_DEPTHS_M) == 0:
             is_near_other = _near_other_piece(centres, own, ~is_settled)
         looks_from_left_out = number < len(_DEPTHS_M)
-        queried = np.flatnonzero(
-            is_near_other & ~is_settled if looks_from_left_out else is_near_other
-        )
-        places, reach_m = (
-            centres[queried] + depth_m * normals[queried],
-            _ASIDE_M + 0.3 * abs(depth_m),
-        )
+        # A second pass from the remaining layer finds pairs missed by the first: it asks all.
+        is_queried = is_near_other & ~is_settled if looks_from_left_out else is_near_other
+        queried = np.flatnonzero(is_queried)
+        places = centres[queried] + depth_m * normals[queried]
+        reach_m = _ASIDE_M + 0.3 * abs(depth_m)
         _, near = tree.query(places, k=6, distance_upper_bound=reach_m, workers=-1)
         row, column = np.nonzero(near < len(candidates))
         row, hit = queried[row], near[row, column]
@@ -128,6 +128,7 @@ def _pairs(
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
         height = np.sign(depth_m) * height
+        # Layers of the same skin: above each other within reach, facing alike, of near regions.
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
         is_over &= np.einsum("ni,ni->n", normals[row], normals[hit]) > _ALIKE
         is_over &= _NEIGHBOURS[region[candidates[row]], region[candidates[hit]]]
@@ -208,6 +209,7 @@ def _face(piece: I64, way: F64, off_m: F64) -> int:
     pieces, row = np.unique(piece, return_inverse=True)
     steps = np.round(way / _STEP).astype(int)
     cells, column = np.unique(steps, axis=0, return_inverse=True)
+    # Distance of each piece in each cell of viewing directions; inf without a triangle there.
     nearest = np.full((len(pieces), len(cells)), np.inf)
     np.minimum.at(nearest, (row, column.ravel()), off_m)
     ahead = cells[:, 1] * _STEP < -_AHEAD  # normalised bodies face -Y
@@ -215,6 +217,7 @@ def _face(piece: I64, way: F64, off_m: F64) -> int:
         return -1
     first = np.bincount(nearest[:, ahead].argmin(axis=0), minlength=len(pieces))
     face = int(first.argmax())
+    # A piece hidden ahead by the winner but in front of it elsewhere is the true face.
     both = np.isfinite(nearest) & np.isfinite(nearest[face])
     beyond = both & (nearest > nearest[face])
     below = both & (nearest < nearest[face])

@@ -118,6 +118,7 @@ class Limbs:
             beyond += self._shares[:, fingers].sum(axis=1)
         else:
             beyond *= np.clip(self._points[:, 2] / canonical[names[2]][2], 0.0, 1.0)
+        # Weights of the three joints' slides along the limb: hat functions between the joints.
         carried = (
             shares[0] * (1.0 - along[0]),
             shares[0] * along[0] + shares[1] * (1.0 - along[1]),
@@ -227,6 +228,7 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
         outline = np.full(_SECTORS, np.nan)
         np.fmax.at(outline, sector, np.hypot(x, y))
         outlines.append(outline)
+    # Sectors without skin of either outline are NaN; the percentile ignores single outliers.
     gaps = np.abs(outlines[0] - outlines[1])
     gaps = gaps[np.isfinite(gaps)]
     return float(np.percentile(gaps, 80)) if len(gaps) else 0.0

@@ -179,6 +179,7 @@ def judge(
             continue
         in_part &= is_there
         regions = _REGIONS_OF[name]
+        # A rig without bones of a part cannot contradict: its skin counts as in place.
         at_home = np.isin(dominant[in_part], regions) | (regions[0] not in present)
         parts.append(
             PartQuality(

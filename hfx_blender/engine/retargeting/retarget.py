@@ -88,6 +88,7 @@ def warping(
         target = with_mapped_bones(target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
     yield 0.05
+    # First pose, with a conservative scale of the head, only to find the layers of the surface.
     limbs, shares, fields = Limbs(avatar, bodies), bodies.avatar_shares, fields_for(avatar)
     start = posed(avatar, matrices(avatar, bodies))
     layers = leaving_out(surface, layer, start, bodies)
@@ -106,6 +107,7 @@ def warping(
             shaping = shape(fields, moved, start, triangles, bodies, surface, limbs)
             vertices = yield from within(shaping, 0.3, 0.65)
         shaped = vertices
+        # The pull moves vertices across limbs only; slides along limbs are limited afterwards.
         pulling = pull(shaped, triangles, shares, limbs.axes, surface)
         vertices = yield from within(pulling, 0.65, 1.0)
         vertices = limbs.with_joints_joined(vertices, start)
@@ -255,26 +257,19 @@ def _project(
     weights = model.avatar_weights.astype(np.float64)
     shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
     places = warped.surface.nearest(points, normals, shares, _LANDING_M)
-    unreached = np.flatnonzero(~places.found)
+    far = np.flatnonzero(~places.found)
     landed = places.points.copy()
-    if len(unreached):  # bound to the nearest skin of any region
-        anywhere = warped.surface.nearest(
-            points[unreached],
-            normals[unreached],
-            np.ones((len(unreached), shares.shape[1])),
-            np.inf,
-            facing=-1.0,
-        )
-        places.triangle[unreached], places.weights[unreached] = anywhere.triangle, anywhere.weights
-        places.normals[unreached] = anywhere.normals
-        landed[unreached] = anywhere.points
+    if len(far):
+        # Bound to the nearest skin of any region and direction, so that the vertices still move
+        # with the body; ``found`` stays False for the judgement of the fit.
+        all_regions = np.ones((len(far), shares.shape[1]))
+        nearest = warped.surface.nearest(points[far], normals[far], all_regions, np.inf, -1.0)
+        places.triangle[far], places.weights[far] = nearest.triangle, nearest.weights
+        places.normals[far], landed[far] = nearest.normals, nearest.points
     if warped.same is not None:
         landed = points
     has_skin: npt.NDArray[np.bool_] = shares.sum(axis=1) > 0.0
-    projected_places = SurfacePlaces(
-        places.found, places.triangle, places.weights, landed, places.normals
-    )
-    return projected_places, points, has_skin
+    return replace(places, points=landed), points, has_skin
 
 
 def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
@@ -282,6 +277,7 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
 
     Tests the ids of the shipped avatar and of MakeHuman's base mesh by their edges.
     """
+    # Edges as single integers (smaller id times count plus larger id): set tests by numpy.
     runs = avatar.provenance.get("source_vertices", [])
     base = np.concatenate(
         [np.arange(first, last + 1) for first, last in runs] or [np.zeros(0, int)]
@@ -304,10 +300,7 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
 
 
 def _skin_weights(
-    model: PerceptualModel,
-    warped: Warp,
-    anchors: SurfaceAnchors,
-    has_skin: npt.NDArray[np.bool_],
+    model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors, has_skin: npt.NDArray[np.bool_]
 ) -> SkinWeights:
     """Target's skin weights at the vertices; mapped canonical weights without skin or weights."""
     from scipy.sparse import coo_array, diags_array
@@ -319,6 +312,7 @@ def _skin_weights(
         (anchors.weights.ravel(), (rows, anchors.corners.ravel())),
         shape=(count, len(target.vertices)),
     ).tocsr()
+    # Weights at a vertex: barycentric mean of the corners' weights, as a sparse product.
     blended = interpolation @ target_weights
     is_bare = (np.asarray(blended.sum(axis=1)).ravel() < 1e-6) | ~has_skin
     if is_bare.any():

@@ -97,6 +97,7 @@ def shape(
     shares = np.zeros(len(fields))
     prior = _DISTRUST * np.eye(len(fields))
     for name, ring in limbs.rings.items():
+        # Slides of joints enter the prior: the rig, not the distances, decides along a limb.
         slide = ring.slide(moves) / SLACK_M[name.partition(".")[0]]
         prior += _HOLD * _DISTRUST * np.outer(slide, slide)
     for number in range(_ROUNDS):
@@ -104,6 +105,7 @@ def shape(
         reach = _REACH_M * (1.0 - 0.5 * number / _ROUNDS)
         places = surface.nearest(at, vertex_normals(at, triangles), bodies.avatar_shares, reach)
         gap = np.einsum("vi,vi->v", places.points - at, places.normals)
+        # Cauchy weight: a surface farther than the outlier distance (clothes) counts less.
         weight = areas * places.found / (1.0 + (gap / _OUTLIER_M) ** 2)
         along = np.einsum("kvi,vi->kv", moves, places.normals)
         # einsum instead of matrix products: threads of BLAS cost more here than they save.

@@ -72,6 +72,7 @@ def _shown(
     surface = TargetSurface(bodies.points, union.triangles, bodies.target_shares)
     surface.leave_out((yield from leaving_out(surface, layer, body, bodies)))
     places = surface.nearest(body, normals, shares, _REACH_M)
+    # Votes: each canonical vertex gives its area to the mesh of its nearest place.
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
     areas = np.repeat(areas_of(body, triangles) / 3.0, 3)
     area = np.bincount(triangles.ravel(), areas, minlength=len(body))

@@ -76,12 +76,7 @@ class TargetSurface:
         return self._trees[region]
 
     def nearest(
-        self,
-        points: F64,
-        normals: F64,
-        shares: F64,
-        reach_m: float,
-        facing: float = _FACING,
+        self, points: F64, normals: F64, shares: F64, reach_m: float, facing: float = _FACING
     ) -> SurfacePlaces:
         """Nearest place for each point in a common region, with a similar normal.
 
@@ -117,6 +112,7 @@ class TargetSurface:
             distance = np.linalg.norm(at - points[point], axis=1)
             cosine = np.einsum("ni,ni->n", normal, normals[point])
             distance[(cosine < facing) | (distance > reach_m)] = np.inf
+            # Best candidate per query, kept if nearer than the places in earlier regions.
             table = distance.reshape(len(queries), tries)
             choice = table.argmin(axis=1)
             row = np.arange(len(queries)) * tries + choice
@@ -230,6 +226,7 @@ def pull(
         steep = np.maximum(np.einsum("vi,vi->v", across, places.normals), _STEEPEST)
         slid = np.einsum("vi,vi->v", moved - points, axes)
         goal = moved + (gap / steep)[:, None] * across - slid[:, None] * axes
+        # Vertices without a place follow their neighbours: only the membrane term acts on them.
         hold = places.found.astype(np.float64)
         system = stiffness * laplacian + diags_array(hold + 1e-6)
         shift = splu(system.tocsc()).solve((hold + 1e-6)[:, None] * (goal - points))

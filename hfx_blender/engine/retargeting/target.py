@@ -137,6 +137,7 @@ def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
     areas = areas_of(target.vertices, target.triangles)
     if not areas.sum() > 0.0:
         return target, 0.0
+    # A closed mesh of outward faces has positive volume; open sheets enclose about none.
     whole = _volumes(target, areas, np.zeros(len(areas), np.int64))
     is_inside_out = whole.sum() < -_INSIDE_OUT * np.abs(whole).sum()
     oriented = replace(target, triangles=target.triangles[:, ::-1]) if is_inside_out else target
@@ -157,6 +158,7 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     triangles, count = weld(target.vertices)[target.triangles], len(target.triangles)
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     forward = starts < ends
+    # Each directed edge gets the key of its undirected edge; equal keys are adjacent triangles.
     edge = np.minimum(starts, ends) * len(target.vertices) + np.maximum(starts, ends)
     order = np.argsort(edge, kind="stable")
     first, uses = np.unique(edge[order], return_index=True, return_counts=True)[1:]

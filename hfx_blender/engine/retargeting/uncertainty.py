@@ -85,6 +85,7 @@ def uncertain_m(
             if bone + side not in heads:
                 continue
             middle = heads[bone + side] + offset * np.array([-1.0 if side == ".R" else 1.0, 1, 1])
+            # Mean error of the skin around the vertex nearest to the place.
             distances = np.linalg.norm(points - middle, axis=1)
             is_near = np.linalg.norm(points - points[distances.argmin()], axis=1) < _AROUND_M
             is_near &= bodies.avatar_shares.any(axis=1)

@@ -30,10 +30,7 @@ class BoundSkins:
     """
 
     def __init__(
-        self,
-        models: Callable[[str], PerceptualModel],
-        tolerance: Tolerance,
-        counters: Counters,
+        self, models: Callable[[str], PerceptualModel], tolerance: Tolerance, counters: Counters
     ) -> None:
         self._load = models
         self._tolerance = tolerance

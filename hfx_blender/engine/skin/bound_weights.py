@@ -44,6 +44,7 @@ class BoundWeights:
         index = {name: i for i, name in enumerate(bone_names)}
         weights, rest_bone = model.weights, len(bone_names)
         bone_of = np.array([index.get(name, -1) for name in model.bone_names], np.int64)
+        # Bones without weights may be missing: rigs omit helpers.
         if (bone_of < 0).any():
             missing = np.unique(weights.bones[bone_of[weights.bones] < 0])
             if len(missing):

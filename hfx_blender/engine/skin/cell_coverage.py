@@ -104,10 +104,7 @@ class SkinCoverage:
     """
 
     def __init__(
-        self,
-        model: PerceptualModel,
-        tolerance: Tolerance,
-        finer: PerceptualModel | None = None,
+        self, model: PerceptualModel, tolerance: Tolerance, finer: PerceptualModel | None = None
     ) -> None:
         self.model = model
         self.tolerance = tolerance

@@ -51,6 +51,7 @@ class SkinnedModel:
         if cluster not in self._factors:
             ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
             entries, owners = self._weights.entries(ids)
+            # Dense matrix over the cluster's own few bones: posing is one matrix product.
             column = np.searchsorted(bones, self._weights.bones[entries])
             factors = np.zeros((len(ids), len(bones), 4))
             factors[owners, column] = (

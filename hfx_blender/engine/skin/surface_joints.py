@@ -167,6 +167,7 @@ def _nearest_patches(model: PerceptualModel, centres: I64) -> tuple[I64, F64]:
     nearest, edge = nearest[:, :_NEAREST], distance[:, -1:]
     edge = np.where(np.isfinite(edge), np.maximum(edge, 1e-6), 2.0 * _FARTHEST_M)
     distance = np.maximum(distance[:, :_NEAREST], _CORE * edge)
+    # Shepard weights with compact support: 0 at the nearest patch left out, so no jumps.
     weights = np.where(np.isfinite(distance), np.maximum(edge - distance, 0.0) / distance, 0.0)
     weights = np.square(weights / edge)
     weights[weights.sum(axis=1) == 0.0, 0] = 1.0

@@ -86,10 +86,7 @@ class SurfaceModel(PointwiseModel):
     """Model anchored to the triangles of an avatar's evaluated mesh."""
 
     def __init__(
-        self,
-        model: PerceptualModel,
-        anchors: SurfaceAnchors,
-        clusters: list[I32] | None = None,
+        self, model: PerceptualModel, anchors: SurfaceAnchors, clusters: list[I32] | None = None
     ) -> None:
         self.clusters = clusters_of(model) if clusters is None else clusters
         self._anchors = anchors

@@ -151,6 +151,7 @@ class SurfaceEffects:
         reach = area.reach_m + np.einsum(
             "tij,tj->ti", np.abs(matrices[:, :3, :3]), np.broadcast_to(half, (len(rows), 3))
         )
+        # World box of the transformed object box, enlarged by the reach of a touch.
         low, high = middle - reach, middle + reach
         bound_rows = np.searchsorted(bounds.rows, rows)
         is_reached = (

@@ -241,6 +241,7 @@ class _Assignment(Digits):
             ancestors = set(self.rig.ancestors(following))
             counted = self._take("arm" if slot in ("upper_arm", "forearm") else "leg", side)
             parts_named = self._take(slot, side)[1:] + self._take(f"{slot}_twist", side)
+            # Candidates lie between the limb's bone and its next joint.
             parts = [
                 name
                 for name in (*parts_named, *counted)
@@ -285,6 +286,7 @@ class _Assignment(Digits):
             # remnants of other rigs.
             carrying = set(self.rig.ancestors(ends[0])) - set(self.rig.ancestors(hips[0]))
             spine = [name for name in spine if name in carrying] or spine
+        # One chain from hips to head is divided at the bone that carries the arms.
         if not neck and not head:  # Rigify: one chain called spine, from hips to head
             collar = self._attached("clavicle.L", spine) or self._attached("upperarm01.L", spine)
             if collar is not None and spine[-1] != collar:
@@ -354,13 +356,7 @@ def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> d
 
 
 def _chain(
-    rig: Rig,
-    bones: Sequence[str],
-    low: F64,
-    high: F64,
-    names: Sequence[str],
-    start: F64,
-    end: F64,
+    rig: Rig, bones: Sequence[str], low: F64, high: F64, names: Sequence[str], start: F64, end: F64
 ) -> dict[str, str]:
     """Pair two bone chains in order, with least total difference of relative positions.
 
@@ -368,6 +364,7 @@ def _chain(
     """
     targets = [_fraction(low, high, canonical_heads()[bone]) for bone in bones]
     fractions = [_fraction(start, end, rig.head(name)) for name in names]
+    # Exhaustive: at most five bones against the joints of a spine or neck.
     count = min(len(bones), len(names))
     pairings = (
         tuple(zip(own_indices, rig_indices, strict=True))

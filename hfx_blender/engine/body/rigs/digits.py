@@ -121,6 +121,7 @@ class Digits:
         bones = self._take("finger", side)
         numbers = {name: self.names[name].numbers for name in bones}
         fingers = _by_finger(numbers)
+        # Fingers by number only: with a named thumb, the numbers start at the index finger.
         if joints["thumb"] and not joints["index"] and len(fingers) > 1:
             # mGear: "thumb_L0_1", then "finger_L0_1" of the index finger and so on.
             if all(len(own) == 2 for own in numbers.values()):
@@ -187,6 +188,7 @@ class Digits:
         if self._take("lower_body", ""):  # in MikuMikuDance, "toe" is the tip of the toes
             toes = [name for name in toes if self.names[name].rank < 0]
         feet = self._take("foot", side)
+        # Two foot bones in a chain: the second begins at the ball if nearer to the toes.
         if len(feet) > 1 and feet[0] in self.rig.ancestors(feet[1]):
             ankle, ball = (self.rig.head(name) for name in feet[:2])
             tip = self.rig.head(toes[0]) if toes else ball

@@ -46,6 +46,7 @@ def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | 
         toes = [p for n, p in heads.items() if n.startswith("toe") and n.endswith(f"-1.{side}")]
         if foot is None or not toes:
             return None
+        # Horizontal part of the way from ankle to toes.
         step = np.mean(toes, axis=0) - foot
         steps.append(step - (step @ up) * up)
     if min(np.linalg.norm(step) for step in steps) < least * trunk:
@@ -100,6 +101,7 @@ def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
     dict or None
         Canonical bone to avatar bone.
     """
+    # Every bone is tried as pelvis with every pair of legs; two possible bodies are ambiguous.
     reach = _reaches(rig)
     found_bodies = []
     for pelvis in rig.bones:
@@ -113,11 +115,7 @@ def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
 
 
 def _body(
-    rig: Rig,
-    reach: Mapping[str, float],
-    pelvis: str,
-    legs: tuple[str, str],
-    trunk: Sequence[str],
+    rig: Rig, reach: Mapping[str, float], pelvis: str, legs: tuple[str, str], trunk: Sequence[str]
 ) -> dict[str, str] | None:
     """Canonical bones of a body with the given legs and trunk (pelvis to chest).
 
@@ -127,6 +125,7 @@ def _body(
     arm_pairs = _pairs(rig, reach, chest)
     if len(arm_pairs) != 1:
         return None
+    # Joint counts are fixed; a chain with more or fewer bones is ambiguous, so no human.
     arms = arm_pairs[0]
     necks = [child for child in rig.children[chest] if child not in arms]
     if len(necks) != 1:

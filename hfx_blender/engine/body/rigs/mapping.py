@@ -21,14 +21,7 @@ from .rig import Rig, RigBone, canonical_parents
 from .sides import misnamed
 from .vocabulary import FINGERS
 
-__all__ = [
-    "BoneMapping",
-    "RigBone",
-    "from_json",
-    "map_bones",
-    "to_json",
-    "with_corrections",
-]
+__all__ = ["BoneMapping", "RigBone", "from_json", "map_bones", "to_json", "with_corrections"]
 
 FORMAT_VERSION: Final = 1
 _SIDE_NAMES: Final = {"L": "left", "R": "right"}
@@ -283,6 +276,7 @@ def _fallback(canonical: str, bones: Mapping[str, str]) -> str:
         trunk = [name for name in canonical_parents() if name in bones and name[-2:] not in _SIDES]
         if trunk:
             return bones[trunk[0]]
+    # Skin without a bone of its own moves with the next bone towards the root.
     ancestor = canonical_parents()[canonical]
     while ancestor is not None:
         if ancestor in bones:

@@ -96,6 +96,7 @@ def read_names(names: Iterable[str]) -> dict[str, BoneName]:
             name: [t.lower() for t in pattern.findall(spelling(text))]
             for name, text in local.items()
         }
+        # The second, caseless spelling serves only names that made no sense in the first.
         for name, words in _without_shared_words(tokens).items():
             if name not in parsed_names and (parsed := _parse_words(words)) is not None:
                 parsed_names[name] = parsed
@@ -183,6 +184,7 @@ def _slot(words: Words, side: str) -> str | None:
             return CENTRE[known]
         if known in SIDED:
             return SIDED[known]
+    # "arm hand" is a hand: the part of the body is dropped if it fits the remaining words.
     for part in CONTEXT.keys() & words:
         slot = _slot(words - {part} - FILLERS, side)
         if slot is not None and slot.split()[0] in CONTEXT[part]:

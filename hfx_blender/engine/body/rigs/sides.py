@@ -66,6 +66,7 @@ def _placed_sides(
     limbs: dict[str, list[F64]] = {}
     for name, root in roots.items():
         limbs.setdefault(root, []).append(rig.head(name))
+    # A limb lies on one side: the median of its bones decides, not bones crossing the middle.
     limb_sides = {root: axis.side_of(np.median(heads, axis=0)) for root, heads in limbs.items()}
     return {
         name: limb_sides[root]
@@ -136,6 +137,7 @@ class _LeftAxis:
         if np.mean(np.abs(ways @ way)) < _ACROSS:
             return None
         middle = ends.mean(axis=(0, 1))
+        # The sign of the axis by vote: names with one side weigh ten times those of copies.
         votes = 0.0
         for name in main:
             side = names[name].side[-1:]

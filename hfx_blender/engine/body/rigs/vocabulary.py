@@ -195,21 +195,17 @@ def parted(token: str) -> tuple[str, ...]:
     ):
         if start + end in ("", "l", "r") and (words := _words(core)):
             return tuple(word for word in (start, *words, end) if word)
-    completions = (
-        [word for word in _JOINT_WORDS if word.startswith(token)] if len(token) > 3 else []
-    )
-    shortest = min(completions, key=len, default="")
-    return (
-        shortest
-        if all(word.startswith(shortest) for word in completions) and completions
-        else token,
-    )
+    # The start of exactly one word and its longer forms ("clavic": clavicle).
+    completions = [word for word in _JOINT_WORDS if len(token) > 3 and word.startswith(token)]
+    shortest = min(completions, key=len, default=token)
+    return (shortest if all(word.startswith(shortest) for word in completions) else token,)
 
 
 def _words(text: str) -> tuple[str, ...]:
     """Shortest sequence of joined words equal to a text; empty without any."""
     # shortest[n]: fewest words for the first n letters, None without any.
     shortest: list[tuple[str, ...] | None] = [()]
+    # Dynamic programming over prefixes: a prefix is a shorter prefix and one known word.
     for stop in range(1, len(text) + 1):
         splits = [
             (*before, text[start:stop])
