@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...engine.arrays import F64, I64
+from ...engine.arrays import F64, I64, ramp
 from ...engine.body.levels import level_count, level_of
 from ...engine.body.model import PerceptualModel, load_model, load_skeleton
 from ...engine.modality import MODALITIES, neutral_temperature_c
@@ -154,8 +154,8 @@ class _Bodies:
 def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
     """Order vertices by bone and along its longest axis, so neighbours in the file are near."""
     weights = model.weights
-    owner = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-    strongest = np.lexsort([-weights.values, owner])[weights.offsets[:-1]]
+    _, owner = ramp(np.diff(weights.offsets))
+    strongest = np.lexsort((-weights.values, owner))[weights.offsets[:-1]]
     bone = weights.bones[strongest][ids]
     places = model.vertices[ids].astype(np.float64)
     along = np.zeros(len(ids))
@@ -172,8 +172,8 @@ def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Re
     The weights of a vertex sum to 65535. ``first`` is the number of the first weight record.
     """
     counts = np.diff(weights.offsets)[ids]
-    entries = np.repeat(weights.offsets[ids], counts) + _within(counts)
-    owners = np.repeat(np.arange(len(ids)), counts)
+    steps, owners = ramp(counts)
+    entries = weights.offsets[ids][owners] + steps
     bones, values = weights.bones[entries], weights.values[entries]
     is_moved = bones < weights.bone_count
     owners, bones, values = owners[is_moved], bones[is_moved], values[is_moved]
@@ -183,7 +183,7 @@ def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Re
     missing = _WHOLE - np.bincount(owners, shares, len(ids))
     order = np.lexsort([shares - exact, owners])
     counts = np.bincount(owners, minlength=len(ids))
-    shares[order] += _within(counts) < missing[owners[order]]
+    shares[order] += ramp(counts)[0] < missing[owners[order]]
     skin = np.zeros(len(owners), records("WGHT", []).dtype)
     skin["bone"], skin["weight"] = np.searchsorted(used, bones), shares
     vertices = np.zeros(len(ids), records("VERT", []).dtype)
@@ -191,11 +191,6 @@ def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Re
     vertices["first_weight"] = first + np.cumsum(counts) - counts
     vertices["weights"] = counts
     return vertices, skin
-
-
-def _within(counts: I64) -> I64:
-    """Concatenated 0, 1, ... for groups of ``counts`` entries."""
-    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _bones(
@@ -239,8 +234,8 @@ def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights])
     for model, weights in zip(models, bound, strict=True):
         of_bone = [rig_names(name) for name in model.bone_names]
         canonical = model.weights
-        owner = np.repeat(np.arange(len(model)), np.diff(canonical.offsets))
-        weight_owner = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+        _, owner = ramp(np.diff(canonical.offsets))
+        _, weight_owner = ramp(np.diff(weights.offsets))
         for joint in dict.fromkeys(of_bone):
             # Overlap: skin weight of the bone times canonical weight of the joint, over vertices.
             is_it = np.array([names_of_joint == joint for names_of_joint in of_bone])[

@@ -29,7 +29,16 @@ from ..leniency import refuse_but, without_nulls
 from ..registry import FORMATS
 from ..signals import losses
 from ..signals.curves import Curve
-from ..signals.signals import Credits, FrequencyRange, Piece, Signal, mixed, signals_of, text_of
+from ..signals.signals import (
+    Credits,
+    FrequencyRange,
+    Piece,
+    Signal,
+    mixed,
+    signals_of,
+    stretches,
+    text_of,
+)
 from ..written import Written, beside, write_json
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
 from .tact_rules import DOCUMENT, INTERVAL_MS, findings
@@ -117,7 +126,8 @@ def document(
             column = places[motor.position, motor.index]
             levels[:, column] = np.maximum(levels[:, column], _strongest(signal.amplitude, steps))
     hundredths = np.rint(100.0 * levels).astype(np.int64)
-    effects = [_effect(hundredths, span, layout.positions) for span in _spans(hundredths)]
+    spans = stretches(hundredths.any(axis=1), gap=_GAP_MS // INTERVAL_MS)
+    effects = [_effect(hundredths, span, layout.positions) for span in spans]
     length = steps * INTERVAL_MS
     return {
         "name": name,
@@ -155,17 +165,6 @@ def _strongest(curve: Curve, steps: int) -> F64:
     np.maximum.at(strongest, inside[is_inside], curve.values[is_inside])
     strongest[edges[:-1] >= curve.times_s[-1] - 1e-9] = 0.0  # a signal ends with its curve
     return np.asarray(np.clip(strongest, 0.0, 1.0))
-
-
-def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Spans of sound as (first, stop) steps, separated by silences above 500 ms."""
-    loud = np.flatnonzero(levels.any(axis=1))
-    if not len(loud):
-        return []
-    cuts = np.flatnonzero(np.diff(loud) > _GAP_MS // INTERVAL_MS)
-    firsts = np.concatenate([[0], cuts + 1])
-    lasts = np.concatenate([cuts, [len(loud) - 1]])
-    return [(int(loud[a]), int(loud[b]) + 1) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def _effect(

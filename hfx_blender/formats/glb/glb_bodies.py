@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.active_rows import posed_rows
-from ...engine.arrays import F32, F64, I64
+from ...engine.arrays import F32, F64, I64, ramp
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.kinematics.placement_motion import longest_axis
 from ...engine.scene import (
@@ -202,7 +202,7 @@ def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
     """Weighted centre of the skin of each bone, rest space, (len(used), 3)."""
     sums = np.zeros((len(used), 4))
     for weights in bound:
-        owners = np.repeat(np.arange(len(weights.offsets) - 1), np.diff(weights.offsets))
+        _, owners = ramp(np.diff(weights.offsets))
         column = np.searchsorted(used, weights.bones)
         np.add.at(sums, column, weights.values[:, None] * weights.rest[owners])
     return np.asarray(sums[:, :3] / np.maximum(sums[:, 3:], 1e-12))
@@ -211,9 +211,8 @@ def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
 def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:
     """Add joints and weights to a mesh: all influences, strongest first, in sets of four."""
     counts = np.diff(weights.offsets)
-    owners = np.repeat(np.arange(len(counts)), counts)
+    column, owners = ramp(counts)
     order = np.lexsort([-weights.values, owners])  # by vertex, then descending weight
-    column = np.arange(len(owners)) - np.repeat(weights.offsets[:-1], counts)
     width = _SET * -(-int(counts.max(initial=1)) // _SET)
     joints = np.zeros((len(counts), width), np.uint16)
     shares = np.zeros((len(counts), width), np.float32)

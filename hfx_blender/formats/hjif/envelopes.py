@@ -15,6 +15,7 @@ import numpy as np
 
 from ...engine.arrays import F64, I64, Bool
 from ..signals.curves import Curve, simplified
+from ..signals.signals import stretches
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000
@@ -124,18 +125,12 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
     cached: dict[bytes, tuple[Keyframe, ...]] = {}  # by rounded rows
     frequency = dense.frequency_hz
     assert frequency is not None
-    loud = np.flatnonzero(dense.strength > 0.0)
-    if not len(loud):
-        return []
-    cuts = np.flatnonzero(np.diff(loud) > 1)
-    firsts = loud[np.concatenate([[0], cuts + 1])]
-    lasts = loud[np.concatenate([cuts, [len(loud) - 1]])]
-    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
-        start, stop = max(first - 1, 0), min(last + 2, len(dense.strength))
+    for first, end in stretches(dense.strength > 0.0):
+        start, stop = max(first - 1, 0), min(end + 1, len(dense.strength))
         levels, hertz = dense.strength[start:stop], frequency[start:stop].copy()
         # The silent rows at both ends carry no pitch: a ramp from their value would be heard.
         hertz[: first - start] = hertz[first - start]
-        hertz[last + 1 - start :] = hertz[last - start]
+        hertz[end - start :] = hertz[end - 1 - start]
         times = dense.times_s[start:stop] - dense.times_s[start]
         key = np.round(np.concatenate([times, levels, hertz]), 9).tobytes()
         if key not in cached:
@@ -220,11 +215,8 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
 
 def _holds(values: F64) -> Bool:
     """Mask of the rows whose successor continues a hold, (n,) bool."""
-    is_same = np.concatenate([values[1:] == values[:-1], [False]])
-    edges = np.diff(np.concatenate([[0], is_same.astype(np.int8), [0]]))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     is_held = np.zeros(len(values), np.bool_)
-    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+    for begin, end in stretches(values[1:] == values[:-1]):
         is_held[begin:end] = end - begin + 1 >= _HOLD
     return is_held
 

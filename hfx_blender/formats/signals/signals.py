@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.arrays import F64
+from ...engine.arrays import F64, Bool
 from ...engine.rendering.conditioning.actuator_limits import limited
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
@@ -237,7 +237,7 @@ def simplified_signals(
     return tuple(reduced)
 
 
-def _is_heard(signal: Signal) -> npt.NDArray[np.bool_]:
+def _is_heard(signal: Signal) -> Bool:
     """Mask of the frequency keyframes adjacent to sound, (n,) bool."""
     times, amplitude = signal.frequency_hz.times_s, signal.amplitude
     knots = np.union1d(times, amplitude.times_s)
@@ -255,10 +255,17 @@ def bursts(curve: Curve) -> list[tuple[int, int]]:
     A stretch at the curve's own begin or end may begin or end above 0.
     """
     loud = curve.values > 0.0
-    piece = loud[:-1] | loud[1:]  # between two keyframes something sounds
-    edges = np.diff(np.concatenate([[0], piece.astype(np.int8), [0]]))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return list(zip(begins.tolist(), ends.tolist(), strict=True))
+    return stretches(loud[:-1] | loud[1:])  # pieces between two keyframes
+
+
+def stretches(is_true: Bool, gap: int = 1) -> list[tuple[int, int]]:
+    """Runs of True as (first, stop); runs up to ``gap`` indices apart are joined."""
+    true = np.flatnonzero(is_true)
+    if not len(true):
+        return []
+    cuts = np.flatnonzero(np.diff(true) > gap)
+    firsts, lasts = true[np.append(0, cuts + 1)], true[np.append(cuts, len(true) - 1)]
+    return list(zip(firsts.tolist(), (lasts + 1).tolist(), strict=True))
 
 
 def joined_times(curves: Sequence[Curve], start_s: float, end_s: float) -> F64:

@@ -64,8 +64,7 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
         if waveform.rate_hz == rate:
             part = waveform.values[: count - first]
         else:
-            # Slower waveforms are interpolated linearly: their rate is far above their
-            # content.
+            # Slower waveforms are interpolated linearly.
             times = np.arange(int((waveform.end_s - waveform.start_s) * rate)) / rate
             own_times = np.arange(len(waveform.values)) / waveform.rate_hz
             part = np.interp(times, own_times, waveform.values)[: count - first]
