@@ -39,7 +39,7 @@ _WARNINGS, _EFFECTS = 8, 12  # that the popup shows
 
 
 @dataclass(frozen=True)
-class Written:
+class LastExport:
     """Files of the last export of this session, for the panel."""
 
     text: str
@@ -56,7 +56,7 @@ class Written:
         return "" if not count else ", 1 warning" if count == 1 else f", {count} warnings"
 
 
-last_written: list[Written] = []  # one, or none yet
+last_written: list[LastExport] = []  # one, or none yet
 
 
 def _box_of(flags: str, name: str) -> str:
@@ -201,7 +201,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
         found = swarms.listed_effects(context.scene)
         strips = (strip for effect in found for _, strip in clips.strips_of(effect))
-        written = Written(
+        written = LastExport(
             text,
             len(names),
             folder,

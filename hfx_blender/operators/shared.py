@@ -92,7 +92,7 @@ class HfxOperator(bpy.types.Operator):
                 f"'{sys.executable} -m pip install {package}'."
             )
         else:
-            preview.check_soon()
+            preview.schedule_check()
             if message:
                 self.report({"INFO"}, printable(message))
             return {"FINISHED"}

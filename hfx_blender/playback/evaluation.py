@@ -38,13 +38,13 @@ class Evaluation:
         self._key: tuple[object, ...] = ()
         self._runs: list[SampleRun] | None = None
 
-    def touch(self) -> None:
+    def invalidate(self) -> None:
         """Invalidate the samples: something moved, in time or otherwise."""
         self._runs = None
 
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
-        self.touch()
+        self.invalidate()
         self.scene, self._key, self.fault = None, (), ""
         self.generation += 1
 

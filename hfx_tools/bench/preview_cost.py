@@ -80,7 +80,7 @@ def measure(
     found: dict[str, Any] = {}
     for name in _LOOKS_EVERY:
         if name == "from the record":  # which is made once nothing is edited for a moment
-            recorder.look(scene)
+            recorder.check_settings(scene)
             recorder.update_now(scene)
         for part, frames, key, limit in parts:
             own, with_it, without = _play(screen, frames, rounds, _LOOKS_EVERY[name])

@@ -35,7 +35,7 @@ class DeviceSearch:
         self.found: list[Found] = []
         self.items: EnumItems = []
 
-    def look(self) -> list[str]:
+    def run(self) -> list[str]:
         """Look for devices; returns the names of all serial ports."""
         from ...devices.live.discovery import found_at
 
@@ -72,7 +72,7 @@ class HFX_OT_live_find(HfxOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        ports = search.look()
+        ports = search.run()
         if not search.found:
             there = ", ".join(ports) or "none"
             self.report(

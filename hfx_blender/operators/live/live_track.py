@@ -111,5 +111,5 @@ class HFX_OT_update_values(HfxOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         recorder.update_now(context.scene)
-        preview.touch()
+        preview.invalidate()
         return ""

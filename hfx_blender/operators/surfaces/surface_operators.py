@@ -36,7 +36,7 @@ def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
 ON_SURFACE = active_surface, "Select an object with a haptic surface"
 
 
-class _OfSurface(HfxOperator):
+class SurfaceOperator(HfxOperator):
     requires = (ON_SURFACE,)
 
 
@@ -69,7 +69,7 @@ class HFX_OT_add_surface(HfxOperator):
             return ""
 
 
-class HFX_OT_remove_surface(_OfSurface):
+class HFX_OT_remove_surface(SurfaceOperator):
     """Remove the haptic surface of the active object, with its maps"""
 
     bl_idname = "hfx.remove_surface"
@@ -80,7 +80,7 @@ class HFX_OT_remove_surface(_OfSurface):
         return ""
 
 
-class HFX_OT_bake_surface(_OfSurface):
+class HFX_OT_bake_surface(SurfaceOperator):
     """Make the maps again, from the material, image or scan as it is now"""
 
     bl_idname = "hfx.bake_surface"
@@ -90,11 +90,11 @@ class HFX_OT_bake_surface(_OfSurface):
         return _made(self, context.object)
 
 
-class _OfFile(FileOperator):
+class SurfaceFileOperator(FileOperator):
     requires = (ON_SURFACE,)
 
 
-class HFX_OT_load_surface_image(_OfFile):
+class HFX_OT_load_surface_image(SurfaceFileOperator):
     """Take an image of heights, or a photograph, as the surface"""
 
     bl_idname = "hfx.load_surface_image"
@@ -118,7 +118,7 @@ class HFX_OT_load_surface_image(_OfFile):
         return _made(self, context.object)
 
 
-class HFX_OT_load_scan(_OfFile):
+class HFX_OT_load_scan(SurfaceFileOperator):
     """Take a scanned piece (PLY, XYZ, 16-bit picture) as the surface"""
 
     bl_idname = "hfx.load_scan"
@@ -138,7 +138,7 @@ class HFX_OT_load_scan(_OfFile):
         return _made(self, context.object)
 
 
-class HFX_OT_export_texture(_OfFile):
+class HFX_OT_export_texture(SurfaceFileOperator):
     """Write the haptic map: two grey PNGs and a JSON of scale, ranges and steps"""
 
     bl_idname = "hfx.export_texture"
@@ -172,7 +172,7 @@ class HFX_OT_export_texture(_OfFile):
         return f"Wrote {', '.join(each.name for each in written.files)}"
 
 
-class HFX_OT_import_texture(_OfFile):
+class HFX_OT_import_texture(SurfaceFileOperator):
     """Take a haptic map from its JSON as the surface"""
 
     bl_idname = "hfx.import_texture"

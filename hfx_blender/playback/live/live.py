@@ -244,9 +244,9 @@ class Live:
         if client is not None:
             client.close()
 
-    def touch(self) -> None:
+    def invalidate(self) -> None:
         """Note that something moved."""
-        evaluation.touch()
+        evaluation.invalidate()
 
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
@@ -297,7 +297,7 @@ class Live:
             self.handlers.request_update()  # it plays from now on: send it the present samples
         scene = evaluation.scene
         if self.described == self._scene.generation and scene is not None and scene.rings:
-            evaluation.touch()  # nothing moved, but responses are still ringing
+            evaluation.invalidate()  # nothing moved, but responses are still ringing
             self.update(scene.objects.scene)
         if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
             self.fade(self.sent)

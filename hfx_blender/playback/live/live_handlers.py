@@ -20,13 +20,13 @@ from ...reading.stepped import stepping
 BEAT_S = 0.05
 
 
-class Listener(Protocol):
+class SceneFollower(Protocol):
     """Interface of what follows the open scene."""
 
     @property
     def is_armed(self) -> bool: ...
 
-    def touch(self) -> None: ...
+    def invalidate(self) -> None: ...
 
     def forget(self) -> None: ...
 
@@ -53,7 +53,7 @@ def is_playing() -> bool:
 class LiveHandlers:
     """Handlers and timers by which live devices follow the open scene."""
 
-    def __init__(self, listener: Listener) -> None:
+    def __init__(self, listener: SceneFollower) -> None:
         self._listener = listener
         self._is_describing = False
         self._handlers = {
@@ -100,7 +100,7 @@ class LiveHandlers:
     @persistent
     def on_change(self, scene: bpy.types.Scene, *_: object) -> None:
         """Send the samples of a frame, or of an edit."""
-        self._listener.touch()  # also while nothing plays: the next Play needs the change
+        self._listener.invalidate()  # also while nothing plays: the next Play needs the change
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
         if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):

@@ -92,7 +92,7 @@ class SceneSource:
 
     def open(self, context: bpy.types.Context) -> None:
         evaluation.describe(context)
-        recorder.look(context.scene)
+        recorder.check_settings(context.scene)
 
     def begin(self, client: LiveClient) -> None:
         from ...engine.rendering.moment import moment_header

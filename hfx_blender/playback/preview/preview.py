@@ -52,13 +52,13 @@ class ViewportPreview:
         The scene is being read: what Blender reports meanwhile is no edit.
     cannot_draw : bool
         Drawing has failed; it is tried again in another file, or after an undo.
-    after_looking : list of callable
+    on_scene_checked : list of callable
         Called after each look for changes of the scene.
     """
 
     def __init__(self) -> None:
         self.is_drawn = self.is_describing = self.cannot_draw = False
-        self.after_looking: list[Callable[[], None]] = []
+        self.on_scene_checked: list[Callable[[], None]] = []
         self._described_s = 0.0
         self._looked_s = self._looked_for_s = 0.0  # end and duration of the last look
         self._content: Preview | None = None
@@ -95,7 +95,9 @@ class ViewportPreview:
     def stop_listening(self) -> None:
         """Remove handlers and timers."""
         remove_handlers(self._handlers)
-        remove_timers(self.look, self.check_soon, self._reread, self._record, self._prepare)
+        remove_timers(
+            self.check_scene, self.schedule_check, self._reread, self._record, self._prepare
+        )
 
     def begin_drawing(self) -> None:
         """Draw over all 3D viewports from now on."""
@@ -109,11 +111,11 @@ class ViewportPreview:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         self._draw_handles.clear()
 
-    def touch(self) -> None:
+    def invalidate(self) -> None:
         """Note that something moved; colours are computed at the next drawing."""
         self.is_drawn = False
         if self._content is not None:
-            self._content.touch()
+            self._content.invalidate()
 
     def forget(self) -> None:
         """Discard everything: another file, or an undo."""
@@ -125,23 +127,23 @@ class ViewportPreview:
 
     def switched(self) -> None:
         """Show or hide what the user has switched on or off."""
-        self.touch()
+        self.invalidate()
         if self.is_on:
-            call_soon(self.look)
+            call_soon(self.check_scene)
             call_soon(self._record)
             call_soon(self._prepare)
         self.redraw()
 
-    def check_soon(self) -> None:
+    def schedule_check(self) -> None:
         """Look for changes as soon as Blender is idle: after each drawing and each operator of
         ours.
 
         Whatever changes what is felt is noticed this way, also what Blender reports to nobody.
         """
         if not stepping.is_stepping():
-            call_soon(self.look)
+            call_soon(self.check_scene)
 
-    def look(self) -> None:
+    def check_scene(self) -> None:
         """Have Blender evaluate what changed without its notice, and describe the scene anew if
         its description changed.
         """
@@ -153,7 +155,7 @@ class ViewportPreview:
         unreported.tag(bpy.context.scene, bpy.context.view_layer)  # Blender evaluates it next
         self._looked_s = time.perf_counter()
         self._looked_for_s = self._looked_s - begun
-        for function in self.after_looking:
+        for function in self.on_scene_checked:
             function()
         if self.is_on:
             self.describe()
@@ -168,9 +170,9 @@ class ViewportPreview:
             if content.fault and content.fault != before:
                 _log.info("preview: %s", content.fault)
             if content.key != known:
-                self.touch()
-            recorder.look(bpy.context.scene)
-            if recorder.wants_time:
+                self.invalidate()
+            recorder.check_settings(bpy.context.scene)
+            if recorder.has_work:
                 call_soon(self._record)
         except (ReferenceError, AttributeError, HfxError):  # no scene at this moment
             self.forget()
@@ -202,12 +204,12 @@ class ViewportPreview:
         """Note that the frame changed; almost all work is left to the next drawing."""
         if self.is_describing or stepping.is_stepping():
             return
-        self.touch()
+        self.invalidate()
         since_s = time.monotonic() - self._described_s
         if since_s < _PLAYING_S or (since_s < _RECORDED_S and recorder.valid is not None):
             return
         if self.is_on:  # not from here: describing evaluates the view layer, which calls this again
-            call_soon(self.look)
+            call_soon(self.check_scene)
 
     @persistent
     def on_update(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
@@ -216,16 +218,16 @@ class ViewportPreview:
             return
         if self.is_describing:
             # Reading changes nothing, but has Blender evaluate what was changed just before it.
-            if scene == bpy.context.scene and recorder.changes(depsgraph):
-                self.touch()
+            if scene == bpy.context.scene and recorder.has_relevant_update(depsgraph):
+                self.invalidate()
                 call_soon(self._reread)
             return
-        self.touch()
-        recorder.notice(depsgraph)
+        self.invalidate()
+        recorder.on_update(depsgraph)
         if not self.is_on:
             return
-        call_soon(self.look)
-        if recorder.wants_time:
+        call_soon(self.check_scene)
+        if recorder.has_work:
             call_soon(self._record)
 
     @persistent
@@ -233,7 +235,7 @@ class ViewportPreview:
         """Begin anew with another file, or after an undo."""
         self.forget()
         if self.is_on:
-            call_soon(self.look)
+            call_soon(self.check_scene)
             call_soon(self._record)
 
     def _look_after_drawing(self) -> None:
@@ -241,19 +243,19 @@ class ViewportPreview:
         rest_s = _REST * self._looked_for_s if self._looked_for_s > _SHORT_S else 0.0
         left_s = self._looked_s + rest_s - time.perf_counter()
         if left_s > 0.0:
-            call_soon(self.check_soon, left_s)
+            call_soon(self.schedule_check, left_s)
         else:
-            self.check_soon()
+            self.schedule_check()
 
     def _reread(self) -> None:
         """Note a change that was evaluated while the scene was read."""
-        recorder.changed()
-        self.check_soon()
+        recorder.invalidate()
+        self.schedule_check()
         self.redraw()
 
     def _record(self) -> float | None:
         """Record a piece of the values over time; called until they are complete."""
-        if not self.is_on or not recorder.wants_time:
+        if not self.is_on or not recorder.has_work:
             return None
         if is_held(bpy.context):
             return QUIET_S
@@ -265,9 +267,9 @@ class ViewportPreview:
             return None
         finally:
             self.is_describing = False
-        if recorder.wants_time:
+        if recorder.has_work:
             return pause
-        self.touch()
+        self.invalidate()
         self.redraw()
         call_soon(self._prepare)
         return None

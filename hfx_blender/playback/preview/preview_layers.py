@@ -103,11 +103,11 @@ class Preview:
         self.__init__()  # type: ignore[misc]
         evaluation.forget()
 
-    def touch(self) -> None:
+    def invalidate(self) -> None:
         """Note that something moved; all is computed at the next drawing."""
         self._layers = self._discs = None
-        self._skins.touch()
-        evaluation.touch()
+        self._skins.invalidate()
+        evaluation.invalidate()
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never while Blender draws."""

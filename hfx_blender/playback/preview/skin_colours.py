@@ -155,7 +155,7 @@ class DisplayedSkins:
     def __init__(self) -> None:
         self._known: dict[str, DisplayedSkin] = {}
 
-    def touch(self) -> None:
+    def invalidate(self) -> None:
         """Invalidate the skins: something moved."""
         self._known.clear()
 

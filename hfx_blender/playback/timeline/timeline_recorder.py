@@ -65,38 +65,38 @@ class TimelineRecorder:
         """Drop everything: another file, or an undo."""
         self._stop()
         self.__init__()  # type: ignore[misc]
-        self.changed()
+        self.invalidate()
 
     @property
     def valid(self) -> TimelineRecord | None:
         """The newest record, unless something has changed since."""
         return self.result if self.is_fresh else None
 
-    def changed(self) -> None:
+    def invalidate(self) -> None:
         """Mark the record as outdated."""
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
 
-    def notice(self, depsgraph: bpy.types.Depsgraph) -> None:
+    def on_update(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Check the changes that Blender reports."""
-        if not self._is_working and self.changes(depsgraph):
-            self.changed()
+        if not self._is_working and self.has_relevant_update(depsgraph):
+            self.invalidate()
 
     @staticmethod
-    def changes(depsgraph: bpy.types.Depsgraph) -> bool:
+    def has_relevant_update(depsgraph: bpy.types.Depsgraph) -> bool:
         """Test for reported changes that may be felt."""
         return any(type(update.id).__name__ not in _CHANGES_NOTHING for update in depsgraph.updates)
 
-    def look(self, scene: bpy.types.Scene) -> None:
+    def check_settings(self, scene: bpy.types.Scene) -> None:
         """Notice changes of the scene's own settings."""
         key = _key_of(scene)
         if key != self._key:
             self._key = key
-            self.changed()
+            self.invalidate()
 
     @property
-    def wants_time(self) -> bool:
+    def has_work(self) -> bool:
         """Test for work left."""
         return not self._is_settled
 

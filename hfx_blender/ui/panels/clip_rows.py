@@ -49,7 +49,7 @@ def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
         strip = _strip(row)
         if strip is not None:
             setattr(strip, of_strip, value * _frames())
-            preview.check_soon()
+            preview.schedule_check()
             push_undo_soon()
 
     return FloatProperty(
@@ -77,7 +77,7 @@ def _start(_manager: object) -> float:
 
 def _set_start(manager: object, value: float) -> None:
     clips.shift_times(active_group(), (value - _start(manager)) * _frames())
-    preview.check_soon()
+    preview.schedule_check()
     push_undo_soon()
 
 
@@ -98,10 +98,10 @@ def register() -> None:
         get=_start,
         set=_set_start,
     )
-    preview.after_looking.append(refresh)
+    preview.on_scene_checked.append(refresh)
 
 
 def unregister() -> None:
-    preview.after_looking.remove(refresh)
+    preview.on_scene_checked.remove(refresh)
     del bpy.types.WindowManager.hfx_group_start
     del bpy.types.WindowManager.hfx_clips

@@ -79,7 +79,7 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     def set_all(row: HfxEffectRow, value: bool) -> None:
         for effect in _effects_of_row(row):
             setattr(effect.hfx, name, value)
-        preview.check_soon()
+        preview.schedule_check()
         push_undo_soon()
 
     return set_all
@@ -210,10 +210,10 @@ def register() -> None:
     bpy.types.WindowManager.hfx_row = IntProperty(
         name="Effect", description="Select the effect", get=_active_row, set=_select_row
     )
-    preview.after_looking.append(refresh)
+    preview.on_scene_checked.append(refresh)
 
 
 def unregister() -> None:
-    preview.after_looking.remove(refresh)
+    preview.on_scene_checked.remove(refresh)
     del bpy.types.WindowManager.hfx_row
     del bpy.types.WindowManager.hfx_rows

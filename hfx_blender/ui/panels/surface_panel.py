@@ -100,7 +100,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             column.label(text=label)
 
 
-class _OfSurface(HfxPanel):
+class SurfacePanel(HfxPanel):
     """A part of the panel of an object that is a surface already."""
 
     bl_parent_id = "HFX_PT_surface"
@@ -110,7 +110,7 @@ class _OfSurface(HfxPanel):
         return active_surface(context) is not None
 
 
-class HFX_PT_surface_files(_OfSurface, bpy.types.Panel):
+class HFX_PT_surface_files(SurfacePanel, bpy.types.Panel):
     """A surface from a picture, a scan or a file of maps, and back"""
 
     bl_label = "Files"
@@ -127,7 +127,7 @@ class HFX_PT_surface_files(_OfSurface, bpy.types.Panel):
         row.operator("hfx.export_texture", icon="EXPORT")
 
 
-class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
+class HFX_PT_surface_felt(SurfacePanel, bpy.types.Panel):
     """Rendering of the surface as vibration"""
 
     bl_label = "Felt As"
@@ -153,7 +153,7 @@ class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
         layout.prop(settings, "sound")
 
 
-class HFX_PT_surface_calibration(_OfSurface, bpy.types.Panel):
+class HFX_PT_surface_calibration(SurfacePanel, bpy.types.Panel):
     """Calibration of the strength of fabrics, for you and for a device"""
 
     bl_label = "Calibration"

@@ -127,7 +127,7 @@ def test_the_viewport_is_coloured_by_points_and_not_by_curves(vector: Any) -> No
     assert preview.layers("PAPER") == [] and not preview.fault
     bpy.ops.hfx.add_spot(modality="vibration")
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     preview.describe(bpy.context)
     (layer,) = preview.layers("PAPER")
     shown = layer.positions[layer.shown.colours[:, 3] > 0]

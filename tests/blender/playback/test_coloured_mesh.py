@@ -99,7 +99,7 @@ def touch(scene: Any) -> Any:
 
 def now(preview: Preview, *recorded: Any) -> list[Layer]:
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     preview.describe(bpy.context)
     return preview.layers("PAPER", *recorded)
 
@@ -172,7 +172,7 @@ def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
                 assert np.array_equal(one.colours, other.colours)
     scene.frame_set(4)
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     (other,) = preview.layers("COLOUR_BLIND", found, 4)
     assert not np.array_equal(other.shown.colours, live[4][0].colours)
     assert now(preview, recorded(scene), 4)[0].shown is not other.shown
@@ -187,7 +187,7 @@ def test_colours_of_ones_own_are_taken_when_they_change(
     now(preview)
     for colour in ((1.0, 1.0, 0.0), (0.0, 1.0, 1.0)):
         monkeypatch.setitem(PALETTES["OWN"], "pressure", colour)  # type: ignore[arg-type]
-        preview.touch()
+        preview.invalidate()
         (layer,) = preview.layers("OWN", found, 5)
         assert layer.shown.colours[:, :3].max(axis=0).tolist() == [255 * each for each in colour]
         (discs,) = preview.discs("OWN", found, 5)

@@ -286,7 +286,7 @@ def test_a_frame_is_evaluated_once_for_devices_and_preview(
 ) -> None:
     play(log)
     preview = Preview()
-    preview.touch()
+    preview.invalidate()
     preview.describe(bpy.context)
     calls: list[float] = []
     runs = LiveScene.runs
@@ -296,7 +296,7 @@ def test_a_frame_is_evaluated_once_for_devices_and_preview(
         return runs(self)
 
     monkeypatch.setattr(LiveScene, "runs", counted)
-    preview.touch()  # its handler comes first
+    preview.invalidate()  # its handler comes first
     go(16)
     assert preview.layers("PAPER")
     assert calls == [16]
@@ -422,7 +422,7 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
     assert uncompensated(scene) == ""
     until_on_time()
     bpy.data.objects["Box"].hfx.amplitude = 3.0  # an edit while it plays
-    viewport_preview.look()
+    viewport_preview.check_scene()
     bpy.context.view_layer.update()
     assert recorder.valid is None
     until_at(10, False, False)
@@ -451,7 +451,7 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # for no other test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
-    assert live_setup.search.look() == [port.name]
+    assert live_setup.search.run() == [port.name]
     names = [each.device for each in live_setup.search.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}

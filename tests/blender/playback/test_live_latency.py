@@ -97,7 +97,7 @@ def test_after_an_edit_nothing_is_compensated(ball: Any) -> None:
     recorder.update_now(bpy.context.scene)
     streams = moment_header(live_scene().description).streams
     assert recorded_runs({100.0: 12.0}, streams)
-    recorder.changed()
+    recorder.invalidate()
     assert recorded_runs({100.0: 12.0}, streams) == {}
 
 
@@ -142,8 +142,8 @@ def test_a_scene_that_must_be_stepped_is_compensated_after_update_values(
     ball.constraints.new("COPY_LOCATION")
     bpy.context.view_layer.update()
     scene = bpy.context.scene
-    recorder.changed()
-    while recorder.wants_time:
+    recorder.invalidate()
+    while recorder.has_work:
         recorder.work(scene)
     assert recorder.valid is None and "Press Update Values" in uncompensated(scene)
     assert bpy.ops.hfx.update_values() == {"FINISHED"}

@@ -48,7 +48,7 @@ class Whole:
 
 def now(preview: Preview, palette: str = "PAPER") -> list[Whole]:
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     preview.describe(bpy.context)
     return [whole(layer) for layer in preview.layers(palette)]
 

@@ -54,7 +54,7 @@ projection = Matrix(((2, 0, 0, 0), (0, 2, 0, 0), (0, 0, -0.1, 0), (0, 0, 0, 1)))
 
 def picture():
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     preview.describe()
     with buffer.bind():
         frame = gpu.state.active_framebuffer_get()

@@ -40,15 +40,15 @@ def following(scene: Any) -> Iterator[Any]:
 
 def redraw() -> None:
     """What Blender does at a redraw and after it: timers, evaluation of what is tagged, drawing."""
-    preview.check_soon()
+    preview.schedule_check()
     idle()
 
 
 def idle() -> None:
     for _ in range(3):
-        if is_waiting(preview.look):
-            remove_timers(preview.look)
-            preview.look()
+        if is_waiting(preview.check_scene):
+            remove_timers(preview.check_scene)
+            preview.check_scene()
         bpy.context.view_layer.update()
 
 

@@ -83,7 +83,7 @@ def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
 
 def shares(preview: Preview, *now: Any) -> np.ndarray:
     """Strength of the actuators' glow."""
-    preview.touch()
+    preview.invalidate()
     (discs,) = preview.discs("PAPER", *now)
     return discs.rows[: len(discs.looks.radii), 0, 3]
 
@@ -115,7 +115,7 @@ def test_actuators_are_drawn_anew_only_if_something_moved(squeeze: Any, scene: A
     preview.describe(bpy.context)
     first = preview.discs("PAPER")
     assert preview.discs("PAPER") is first, "what is on the graphics card is drawn again"
-    preview.touch()
+    preview.invalidate()
     assert preview.discs("PAPER") is not first
 
 
@@ -126,7 +126,7 @@ def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scen
     body = squeeze.hfx.body
     body.location.x = 3.0
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     (before,), (after,) = first, preview.discs("PAPER")
     assert len(places(before)) == 32, "the vest has 32 bladders"
     assert places(after) - places(before) == pytest.approx(np.tile([3.0, 0, 0], (32, 1)), abs=1e-4)
@@ -143,7 +143,7 @@ def test_discs_of_a_scaled_body_keep_their_size_and_height(squeeze: Any, scene: 
     preview.describe(bpy.context)
     squeeze.hfx.body.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.update()
-    preview.touch()
+    preview.invalidate()
     (discs,) = preview.discs("PAPER")
     assert discs.scale == pytest.approx(2.0)
     assert discs.above * discs.scale == pytest.approx(0.004)
@@ -208,7 +208,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def until_done(updates: TimelineRecorder, scene: Any) -> None:
     end = time.monotonic() + 30.0
-    while updates.wants_time and time.monotonic() < end:
+    while updates.has_work and time.monotonic() < end:
         updates.work(scene)
 
 
@@ -216,14 +216,14 @@ def test_values_are_recorded_once_and_anew_after_a_change(
     squeeze: Any, scene: Any, soon: None
 ) -> None:
     updates = TimelineRecorder()
-    updates.look(scene)
+    updates.check_settings(scene)
     until_done(updates, scene)
     assert updates.is_fresh and updates.count == 1
-    updates.look(scene)
+    updates.check_settings(scene)
     until_done(updates, scene)
     assert updates.count == 1, "nothing has changed"
     scene.frame_end = 60
-    updates.look(scene)
+    updates.check_settings(scene)
     assert not updates.is_fresh and updates.result is not None, "the old one is shown meanwhile"
     until_done(updates, scene)
     assert updates.count == 2 and len(updates.result.frames) == 61
@@ -234,7 +234,7 @@ def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
 ) -> None:
     squeeze.driver_add("hfx.intensity").driver.expression = "0.5 + 0.0 * frame"
     updates = TimelineRecorder()
-    updates.changed()
+    updates.invalidate()
     until_done(updates, scene)
     assert updates.must_step and not updates.is_fresh
     updates.update_now(scene)
@@ -244,14 +244,14 @@ def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
 def test_deleting_what_is_being_recorded_is_no_error(squeeze: Any, scene: Any, soon: None) -> None:
     scene.frame_end = 400
     updates = TimelineRecorder()
-    updates.changed()
+    updates.invalidate()
     updates.work(scene)
     bpy.data.objects.remove(squeeze)
     for _ in range(100):
         updates.work(scene)
-        if not updates.wants_time:
+        if not updates.has_work:
             break
-    updates.changed()
+    updates.invalidate()
     until_done(updates, scene)
     assert updates.result is None and not updates.is_fresh
 
@@ -329,14 +329,14 @@ def test_update_values_is_valid_until_an_edit(
     moved(scene, *ball_and_guide)
     bpy.context.view_layer.update()
     scene.frame_set(3)
-    recorder.changed()
+    recorder.invalidate()
     until_done(recorder, scene)
     assert recorder.must_step and recorder.valid is None, "idle time sets no frames"
     assert scene.frame_current == 3 and not stepping.is_stepping()
     assert bpy.ops.hfx.update_values() == {"FINISHED"}
     for frame in (3, 4, 1):
         scene.frame_set(frame)
-        preview.look()
+        preview.check_scene()
         bpy.context.view_layer.update()
         assert recorder.valid is not None
     effects.bodies_of(scene)[0].location.z = 0.1
