@@ -17,7 +17,7 @@ from bpy.props import (
 )
 
 from ..blender import events
-from ..engine.texture.surface_texture import DRIVE_PER_M, FABRICS, MATERIAL_TITLES
+from ..engine.texture.surface_names import DRIVE_PER_M, FABRICS, MATERIAL_TITLES
 
 SOURCES = (
     ("MATERIAL", "Material", "Displacement, bump, normals and roughness, baked with Cycles"),

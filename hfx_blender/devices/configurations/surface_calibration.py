@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 
-from ...engine.texture.surface_texture import DRIVE_PER_M
+from ...engine.texture.surface_names import DRIVE_PER_M
 from ...errors import InputError
 from ...files import resources
 from ...files.atomic import amend_json

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64
 from .height_field import HeightField
-from .surface_texture import MATERIAL_TITLES
+from .surface_names import MATERIAL_TITLES
 from .weave import Weave, woven
 
 Recipe = Callable[[np.random.Generator, int, float], F64]

@@ -5,41 +5,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final
 
 import numpy as np
 
 from ...errors import InputError
 from .haptic_map import DeviceRange, HapticMap
 from .height_field import HeightField
-
-MATERIAL_TITLES: Final = {
-    "gravel-fine": ("gravel", "Fine gravel"),
-    "gravel-coarse": ("gravel", "Coarse gravel"),
-    "gravel-pebbles": ("gravel", "Pebbles"),
-    "gravel-sharp": ("gravel", "Crushed stone"),
-    "metal-brushed": ("metal", "Brushed metal"),
-    "metal-satin": ("metal", "Satin metal"),
-    "metal-cast": ("metal", "Cast metal"),
-    "metal-hammered": ("metal", "Hammered metal"),
-    "fabric-shirting": ("fabric", "Shirting"),
-    "fabric-denim": ("fabric", "Denim"),
-    "fabric-twill": ("fabric", "Twill"),
-    "fabric-basket": ("fabric", "Basket weave"),
-    "fabric-satin": ("fabric", "Satin"),
-    "fabric-corduroy": ("fabric", "Corduroy"),
-    "wood-oak": ("wood", "Oak"),
-    "wood-pine": ("wood", "Pine"),
-    "wood-weathered": ("wood", "Weathered planks"),
-    "wood-veneer": ("wood", "Veneer"),
-}
-"""Kind and title of each procedural material, in the order in which they are offered."""
-
-FABRICS: Final = ("shirting", "denim", "costume")
-"""Reference cloths, from smooth to rough."""
-
-DRIVE_PER_M: Final = 1.0e4
-"""Default of c_v: 50 micrometres RMS drive a device at one half."""
+from .surface_names import DRIVE_PER_M
 
 
 class SurfaceRenderer(Enum):

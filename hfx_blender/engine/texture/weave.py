@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64
 from .height_field import HeightField
-from .surface_texture import FABRICS
+from .surface_names import FABRICS
 
 # Where the warp lies over the weft: one row a weft thread, one column a warp thread.
 DRAFTS: Final[dict[str, tuple[str, ...]]] = {
