@@ -7,18 +7,16 @@ import atexit
 
 from . import cli, operators, ui
 from .authoring import handlers
-from .blender import events, registration
+from .blender import events
 from .playback.live import live
 from .playback.preview import preview
 from .playback.timeline import timeline_clips
 from .processes.blender_session import inside_blender
 from .properties import objects, preferences
 
-_register, _unregister = registration.of_modules(
-    lambda: (
-        *(events, preferences, objects, operators, ui, handlers),
-        *(preview, timeline_clips, live, cli),
-    )
+_MODULES = (
+    *(events, preferences, objects, operators, ui, handlers),
+    *(preview, timeline_clips, live, cli),
 )
 
 
@@ -28,7 +26,8 @@ def register() -> None:
     Blender's Python module takes itself down after Python. What is still registered then hangs or
     crashes 4.5, so a script that only ends takes it back; a whole Blender does so by itself.
     """
-    _register()
+    for module in _MODULES:
+        module.register()
     if not inside_blender():
         atexit.register(unregister)
 
@@ -36,4 +35,5 @@ def register() -> None:
 def unregister() -> None:
     """Unregister every module, in reverse order."""
     atexit.unregister(unregister)
-    _unregister()
+    for module in reversed(_MODULES):
+        module.unregister()

@@ -128,6 +128,7 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     values = []
     for offset in sorted(times):
         value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, offset))
+        # Drawn fades replace the linear ones.
         if influence is not None:
             value *= influence.evaluate(start + offset)
         else:
@@ -167,6 +168,7 @@ def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
         for key in curve.keyframe_points
         if strip.action_frame_start <= key.co[0] <= strip.action_frame_end
     ]
+    # A strip stretches its action by scale, and may end within a repetition.
     timed = [(strip.frame_start + strip.scale * offset, value) for offset, value in offsets]
     return [key for key in timed if key[0] <= strip.frame_end]
 
@@ -175,6 +177,7 @@ def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
     """Frame in a strip's action, ``past`` frames after the strip's start."""
     length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
     played = offset / max(strip.scale, 1e-6)
+    # The last repetition may be cut; its end belongs to itself, not to a next one.
     repetition = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
     offset_in_action = min(played - repetition * length, length)
     if strip.use_reverse:
@@ -255,6 +258,7 @@ def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | No
     if strip.mute or strip.extrapolation != "NOTHING":
         return None
     start, end = played_span(scene, strip.frame_start, strip.frame_end)
+    # An end beyond the scene by less than one sample is not cut.
     sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
     # The scene ends one frame after the start of its last frame.
     return outside(start, end, scene.frame_start, scene.frame_end + 1, sample)

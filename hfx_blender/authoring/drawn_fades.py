@@ -93,6 +93,7 @@ def follow_clips(effect: bpy.types.Object) -> bool:
     for strip in _drawn_strips(effect):
         span = strip.frame_start, strip.frame_end
         old = stored_spans.get(strip.name)
+        # A new or renamed clip has no stored span.
         if old is None or tuple(old) == span or _is_half(effect, strip):
             continue
         _fit(curve_of(strip), old, span)
@@ -136,6 +137,7 @@ def _is_half(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
 def _fit(curve: bpy.types.FCurve, old: Sequence[float], new: Sequence[float]) -> None:
     if old[1] <= old[0]:
         return
+    # Blender moves the strip, not the curve: frames are mapped linearly from old to new span.
     scale = (new[1] - new[0]) / (old[1] - old[0])
     for point in curve.keyframe_points:
         for name in _HANDLES:

@@ -43,6 +43,7 @@ def _after_loading(*_: object) -> None:
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object):
+            # Updates name evaluated copies.
             changed = update.id.original
             if drawn_fades.has_drawn_fades(changed) and drawn_fades.follow_clips(changed):
                 changed.update_tag()

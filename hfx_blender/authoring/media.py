@@ -30,6 +30,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
+    # Strips of one channel cannot overlap.
     used_channels = [s.channel for s in strips if s.frame_final_start <= frame < s.frame_final_end]
     try:
         strip = strips.new_sound(path.name, str(path), max(used_channels, default=0) + 1, frame)
@@ -92,6 +93,7 @@ def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.type
         user = f'nodes["{bpy.utils.escape_identifier(texture.name)}"].image_user'
         _play(scene, image, frame, world, world.node_tree, user)
     links.new(texture.outputs["Color"], background.inputs["Color"])
+    # A world without users would be lost on saving.
     if scene.world is not None and START not in scene.world:
         scene.world.use_fake_user = True
     scene.world = world

@@ -99,6 +99,7 @@ def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
     if not 0 <= to < count:
         return
     effect.hfx.response.move(index, to)
+    # order[new] is the old index; renumber needs the inverse.
     order = list(range(count))
     order.insert(to, order.pop(index))
     renumber(effect, [order.index(k) for k in range(count)])

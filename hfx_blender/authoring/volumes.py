@@ -41,6 +41,7 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
         return Sphere()
     if hfx.shape == "CYLINDER":
         return Cylinder()
+    # A capsule's unit shape keeps the ratio of cylinder and caps.
     radius, height = limited(hfx, "radius"), limited(hfx, "height")
     return Capsule(max(height / 2 - radius, 0.0) / max(radius, 1e-30))
 
@@ -88,40 +89,44 @@ def refresh_display(effect: bpy.types.Object) -> None:
 
 
 def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
+    """Points and edges of a volume's wireframe, the object's local space."""
     if hfx.shape == "CUBOID":
         x, y, z = (edge / 2 for edge in hfx.size)
         points = [(a * x, b * y, c * z) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
         edges = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
         return points, edges
-    r = hfx.radius
+    r, half = hfx.radius, hfx.height / 2
     if hfx.shape == "SPHERE":
-        return _join([_ring(r, axes) for axes in ("xy", "yz", "zx")])
-    half = hfx.height / 2
-    if hfx.shape == "CYLINDER":
-        rings = [_ring(r, "xy", z) for z in (-half, half)]
-        return _join([*rings, _struts(r, half)])
-    half = max(half - r, 0.0)
-    rings = [_ring(r, "xy", z) for z in (-half, half)]
-    return _join([*rings, _outline(r, half, "x"), _outline(r, half, "y")])
+        loops = [_ring(r, axes) for axes in ("xy", "yz", "zx")]
+    elif hfx.shape == "CYLINDER":
+        loops = [_ring(r, "xy", z) for z in (-half, half)]
+        for x, y in ((r, 0.0), (0.0, r), (-r, 0.0), (0.0, -r)):
+            loops.append([(x, y, -half), (x, y, half)])
+    else:
+        half = max(half - r, 0.0)
+        loops = [_ring(r, "xy", z) for z in (-half, half)]
+        loops += [_outline(r, half, axis) for axis in "xy"]
+    points: list[_Point] = []
+    edges: list[_Edge] = []
+    for loop in loops:
+        count = len(loop) if len(loop) > 2 else 1  # two points are a single edge
+        first = len(points)
+        edges += [(first + k, first + (k + 1) % len(loop)) for k in range(count)]
+        points += loop
+    return points, edges
 
 
-def _ring(radius: float, axes: str, height: float = 0.0) -> tuple[list[_Point], list[_Edge]]:
+def _ring(radius: float, axes: str, height: float = 0.0) -> list[_Point]:
     points = []
     for k in range(_SEGMENTS):
         point = dict.fromkeys("xyz", height)
         point[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
         point[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
         points.append((point["x"], point["y"], point["z"]))
-    return points, [(k, (k + 1) % _SEGMENTS) for k in range(_SEGMENTS)]
+    return points
 
 
-def _struts(radius: float, half: float) -> tuple[list[_Point], list[_Edge]]:
-    feet = [(radius, 0.0), (0.0, radius), (-radius, 0.0), (0.0, -radius)]
-    points = [(x, y, z) for x, y in feet for z in (-half, half)]
-    return points, [(0, 1), (2, 3), (4, 5), (6, 7)]
-
-
-def _outline(radius: float, half: float, axis: str) -> tuple[list[_Point], list[_Edge]]:
+def _outline(radius: float, half: float, axis: str) -> list[_Point]:
     """Outline of a capsule in the plane of ``axis`` and Z."""
     points = []
     for k in range(_SEGMENTS + 2):
@@ -129,13 +134,4 @@ def _outline(radius: float, half: float, axis: str) -> tuple[list[_Point], list[
         angle = 2 * pi * (k if upper else k - 1) / _SEGMENTS
         across, along = radius * cos(angle), radius * sin(angle) + (half if upper else -half)
         points.append((across, 0.0, along) if axis == "x" else (0.0, across, along))
-    return points, [(k, (k + 1) % len(points)) for k in range(len(points))]
-
-
-def _join(parts: list[tuple[list[_Point], list[_Edge]]]) -> tuple[list[_Point], list[_Edge]]:
-    points: list[_Point] = []
-    edges: list[_Edge] = []
-    for part_points, part_edges in parts:
-        edges += [(a + len(points), b + len(points)) for a, b in part_edges]
-        points += part_points
-    return points, edges
+    return points

@@ -77,6 +77,7 @@ def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
 def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
     """Name of the bone that carries a mesh by parenting; None for a deformed or loose mesh."""
     obj: bpy.types.Object | None = mesh
+    # A piece may hang on a bone by a chain of parents; a deformed parent ends the chain.
     while obj is not None and armature_of(obj) is None:
         if obj.parent == armature and obj.parent_type == "BONE" and obj.parent_bone:
             return str(obj.parent_bone)
@@ -110,6 +111,7 @@ def choosing_skin(
 
     if len(meshes) < 2:
         return list(meshes)
+    # Reading takes about half of the time.
     targets = []
     for number, mesh in enumerate(meshes):
         yield 0.5 * number / len(meshes)
@@ -138,7 +140,11 @@ def layer_of(armature: bpy.types.Object) -> Layer:
 def _without_accessories(
     armature: bpy.types.Object, targets: dict[bpy.types.Object, TargetAvatar], mapping: BoneMapping
 ) -> dict[bpy.types.Object, TargetAvatar]:
-    """Leave out rigid accessories (swords, hats); of a robot, keep rigid pieces on mapped bones."""
+    """Leave out rigid pieces that hang on bones: accessories such as swords and hats.
+
+    If most limb bones have no skin, the body itself is rigid (a robot): its pieces on mapped bones
+    and their parents stay. Returns all targets if there is no skin at all.
+    """
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
     skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}
     skinned = {
@@ -146,6 +152,7 @@ def _without_accessories(
     }
     limbs = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")
     limb_bones = {mapping.bones.get(f"{limb}.{side}") for limb in limbs for side in "LR"} - {None}
+    # Skin on more than half of the limb bones is a body; rigid pieces are extras.
     if not rigid or len(limb_bones & skinned) > 0.5 * len(limb_bones):
         return skin or targets
     bones = armature.data.bones
@@ -201,7 +208,10 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 
 def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
-    """Visible vertices (n, 3) with a weight above 0.5 on a bone, armature rest space, by bone."""
+    """Visible vertices (n, 3) with a weight above 0.5 on a bone, by bone, armature rest space.
+
+    The armature's visible meshes are read; meshes with errors are skipped.
+    """
     import numpy as np
 
     pieces: dict[str, list[np.ndarray]] = {}
@@ -249,6 +259,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         if group.name in bones and bones[group.name].use_deform
     }
     names = tuple(groups)
+    # A rigid piece follows its bone with all of its vertices.
     carrier = bone_of(armature, mesh_object)
     shape = mesh_copies.steady_shape(mesh_object.data)
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
@@ -278,6 +289,7 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
     while obj.parent != armature or obj.parent_type != "BONE":
         matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
         obj = obj.parent
+    # Blender places children of a bone at its tail.
     bone = armature.data.bones[obj.parent_bone]
     along = Matrix.Translation((0.0, compat.place_along_parent_bone(obj) * bone.length, 0.0))
     # With Relative Parenting a child keeps its place in the armature while the bone rests.
@@ -335,6 +347,7 @@ def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
             for element in vertex.groups
             if element.group in column and element.weight > 0.0
         )
+        # Blender normalises the weights of deform groups in the same way.
         total = sum(weight for _, weight in row)
         bones += [bone for bone, _ in row]
         values += [weight / total for _, weight in row]

@@ -189,26 +189,19 @@ def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector
     cursor = context.scene.cursor.location
     context.view_layer.update()
     avatar_objects = {armature, *armature.children_recursive}
-    taken = [
-        _box(o) for o in context.visible_objects if o.type == "MESH" and o not in avatar_objects
-    ]
-    low, high = _box(armature.children[0])
-    width = high[0] - low[0]
+    obstacles = set(context.visible_objects) - avatar_objects
+    taken = [mesh_arrays.world_box(obj) for obj in obstacles if obj.type == "MESH"]
+    avatar = mesh_arrays.world_box(armature.children[0])
+    width = avatar[1, 0] - avatar[0, 0]
     for step in range(40):
         offset = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
         shift = cursor + Vector((offset, 0.0, 0.0))
-        if not any(_overlap((low + shift, high + shift), box) for box in taken):
+        if not any(_overlap(avatar + shift, box) for box in taken):
             return shift
     return cursor.copy()
 
 
-def _box(obj: bpy.types.Object) -> tuple[F64, F64]:
-    """Lowest and highest corner of an object's bounding box in the world."""
-    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
-    return corners.min(axis=0), corners.max(axis=0)
-
-
-def _overlap(a: tuple[F64, F64], b: tuple[F64, F64]) -> bool:
+def _overlap(a: F64, b: F64) -> bool:
     """Test for boxes that overlap by more than 2 cm: a floor under the feet does not count."""
     return bool((a[0] < b[1] - _INSIDE_M).all() and (b[0] < a[1] - _INSIDE_M).all())
 
@@ -234,6 +227,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         skeleton.bone_names, skeleton.parents, skeleton.rest, skeleton.lengths_m, strict=True
     ):
         bone = armature.data.edit_bones.new(bone_name)
+        # A new bone has no length, and bones without length are removed.
         bone.length = length
         bone.matrix = Matrix(rest.tolist())
         bone.length = length - (_INSIDE_M if bone_name == "head" else 0.0)
@@ -300,6 +294,7 @@ def add_walk(
     distance = float(lengths.sum())
     if not 0.0 < distance < np.inf:
         raise InputError(f"Body '{armature.name}': the places of a walk are all the same.")
+    # Constant speed: keyframes are spaced by distance.
     frames = frame_start + (frame_end - frame_start) * np.append(0, np.cumsum(lengths)) / distance
 
     data = armature.animation_data or armature.animation_data_create()
@@ -307,6 +302,7 @@ def add_walk(
     _key_cycle(armature, cycle, walk)
     strip = data.nla_tracks.new().strips.new("Walk", frame_start, cycle)
     strip.action_frame_start, strip.action_frame_end = 0, len(walk.rotations)
+    # One repetition advances by one stride, so feet do not slide.
     strip.repeat = distance / walk.stride_m
     strip.frame_start, strip.frame_end = frame_start, frame_end
 
@@ -335,6 +331,7 @@ def _key_cycle(armature: bpy.types.Object, action: bpy.types.Action, walk: WalkC
             curve = compat.new_fcurve(armature, action, path, axis)
             compat.set_keys(curve, zip(frames, turns[:, axis], strict=True))
     root = armature.data.bones[0]
+    # Locations of a pose bone are in its rest axes.
     to_bone = np.array(root.matrix_local.to_3x3().inverted(), np.float64)
     offsets = np.append(walk.root_offset_m, walk.root_offset_m[:1], axis=0) @ to_bone.T
     for axis in range(3):

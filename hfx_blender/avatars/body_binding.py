@@ -173,6 +173,7 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
         if modifier.show_viewport and modifier not in exact:
             suspects[modifier.name] = f"modifier '{modifier.name}' deforms it too"
     keys = mesh.data.shape_keys
+    # A key at 0 without animation has no effect.
     if keys is not None and any(
         not key.mute and (key.value != 0.0 or keys.animation_data is not None)
         for key in keys.key_blocks[1:]
@@ -219,6 +220,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
     tree = BVHTree.FromPolygons(vertices.tolist(), triangles.tolist(), all_triangles=True)
     to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
     places = [to_avatar @ Vector(vertex) for vertex in model.vertices]
+    # The canonical armature needs no fit: model and mesh coincide in rest pose.
     nearest = [tree.find_nearest(place)[2] for place in places]
     corners = triangles[nearest].astype(np.int32)
     shape = vertices.astype(np.float64)[corners]
@@ -229,6 +231,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
 def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
     """Join the vertices of several meshes in the local space of the first."""
     joined = [vertices[0]]
+    # Anchors refer to one surface, in the space of the main mesh.
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
         to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)
         joined.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
@@ -245,6 +248,7 @@ def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.n
     products = along @ along.transpose(0, 2, 1)
     onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
     area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
+    # Dividing by infinity sets degenerate triangles to their first corner.
     flat = np.where(area > 0.0, area, np.inf)
     # Cramer's rule on the normal equations of point = corner + u * edge 1 + v * edge 2.
     u = (products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat
@@ -285,6 +289,7 @@ def read_surface(
     """
     points = mesh_arrays.positions(evaluated.data)
     surface, count = evaluated_skin.last_surface_map(body, mesh), len(mesh.data.vertices)
+    # Vertex numbers identify vertices only if their count is that of the measurement.
     is_known = len(points) == count if surface is None else surface.fits(len(points))
     if not is_known:
         raise InputError(

@@ -134,6 +134,7 @@ def _state(body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str
     places = mesh_arrays.values(mesh.data.vertices, "co", 3)
     keys = mesh.data.shape_keys
     moving = sorted(mesh_copies.animated_paths(mesh)), sorted(mesh_copies.animated_keys(mesh.data))
+    # All RNA values, as any of them may change the result; execution_time changes by itself.
     settings = [
         [
             str(getattr(modifier, prop.identifier))
@@ -153,10 +154,17 @@ def measure(
     suspects: Mapping[str, str],
     shape: Mapping[str, float],
 ) -> SkinMeasurement:
-    """Measure the effect of suspected modifiers and shape keys; parameters of the cached one."""
+    """Measure suspected modifiers and shape keys on copies, without the cache.
+
+    The reason is that of the first suspect that moves skin away from the bones' pose, or changes
+    with time or with other objects; None if there is none. The surface map is made if there is a
+    reason, or if the body follows the surface by choice. For parameters see
+    :func:`cached_measurement`.
+    """
     all_suspects = frozenset(suspects)
     with mesh_copies.scratch() as datablocks:
         copies = _Copies(datablocks, body, mesh, shape)
+        # Cheapest test first: a changing modifier needs no evaluation.
         deforming = (
             name
             for name in suspects
@@ -221,6 +229,7 @@ class _Copies:
     ) -> None:
         self._made, self._body, self._mesh, self._shape = datablocks, body, mesh, shape
         self._cache: dict[tuple[frozenset[str], float], _Evaluated] = {}
+        # Numbers are added before the Mirror modifier, which copies them to the mirrored half.
         data = mesh_copies.with_vertex_numbers(mesh.data)
         rest = mesh_copies.at_rest(datablocks, mesh, data, shape)
         self._numbers = mesh_copies.original_vertices(rest)
@@ -234,10 +243,12 @@ class _Copies:
             self._plain.modifiers.new("Armature", "ARMATURE").object = self._rigs[0]
         self._full = mesh_copies.copy_into(datablocks, mesh, data)
         self._full.show_only_shape_key = mesh.show_only_shape_key
+        # Modifiers refer to the user's body and mesh; the copies must refer to each other.
         for modifier in self._full.modifiers:
             for put, target in list(mesh_copies.objects_of(modifier)):
                 if target in (body, mesh):
                     put(self._rigs[1] if target == body else self._full)
+        # The tolerance scales with the rig, in the local space of the mesh.
         heads = np.array([bone.head_local for bone in body.data.bones], np.float64)
         size = np.ptp(heads, axis=0).max() if len(heads) > 1 else body.data.bones[0].length
         to_mesh = mesh.matrix_world.inverted_safe() @ body.matrix_world
@@ -248,6 +259,7 @@ class _Copies:
         data.animation_data_clear()
         data.pose_position = "POSE"
         rig = mesh_copies.copy_into(self._made, self._body, data)
+        # Constraints and bendy bones would pose the two rigs differently from matrix_basis alone.
         for bone in rig.pose.bones:
             for constraint in list(bone.constraints):
                 bone.constraints.remove(constraint)
@@ -255,10 +267,15 @@ class _Copies:
         return rig
 
     def _enable(self, on: frozenset[str]) -> None:
-        """Enable the given suspects, disable further suspects, and keep unsuspected settings."""
+        """Enable the given suspects on the full copy, and disable further suspects.
+
+        Mirrors and the body's first Armature modifier, as a plain one, stay enabled.
+        """
         armatures = 0
         for modifier, own in zip(self._full.modifiers, self._mesh.modifiers, strict=True):
             is_enabled = own.name in on or own.name in self._mirrors
+            # The first Armature modifier always stays, as the comparison is with bones; without the
+            # suspect "armature" it deforms like the plain copy.
             if own.type == "ARMATURE" and own.object == self._body and own.show_viewport:
                 armatures += 1
                 is_enabled = armatures == 1 or "armature" in on
@@ -276,6 +293,7 @@ class _Copies:
         if keys is not None:
             moving = mesh_copies.animated_keys(self._mesh.data)
             for key, own in zip(keys.key_blocks, own_keys.key_blocks, strict=True):
+                # An animated key may reach its maximum at any time.
                 used = own.slider_max if own.name in moving else own.value
                 key.mute = own.mute and "keys" in on
                 key.value = used if "keys" in on else self._shape.get(own.name, 0.0)
@@ -285,6 +303,8 @@ class _Copies:
         self._enable(on)
         for rig in self._rigs:
             for number, bone in enumerate(rig.pose.bones):
+                # Alternating signs bend every joint; varying axes avoid rotations without any
+                # effect.
                 sign = 1 - 2 * (len(bone.bone.parent_recursive) % 2)
                 axis = Vector((1.0, 0.5 + 0.1 * (number % 5), 0.3)).normalized()
                 bone.matrix_basis = Matrix.Rotation(sign * angle, 4, axis)
@@ -302,7 +322,7 @@ class _Copies:
         return any(self._has_deviation(self._cached(on, angle)) for angle in (0.0, _BEND))
 
     def _cached(self, on: frozenset[str], angle: float) -> _Evaluated:
-        """Copies in a pose, evaluated once; the cache holds one set of suspects."""
+        """Copies in a pose, evaluated once. Results of a single set of suspects are cached."""
         if (on, angle) not in self._cache:
             self._cache = {key: posed for key, posed in self._cache.items() if key[0] == on}
             self._cache[on, angle] = self._evaluated(on, angle)
@@ -310,6 +330,7 @@ class _Copies:
 
     def _has_deviation(self, posed: _Evaluated) -> bool:
         """Test for more deviating vertices in a pose than the tolerated share."""
+        # Own vertices without an evaluated match (-1) are not compared here.
         own = self._nearest_duplicates(posed)
         offset = posed.points[own] - posed.skinned if len(posed.points) else posed.skinned
         to_mean = self._neighbour_means(posed.skinned) - posed.skinned
@@ -324,6 +345,7 @@ class _Copies:
             # Merging vertices slides their neighbours along the skin, which is no deviation.
             distance = self._off_skin(posed, posed.points[own[deviates]])
             deviates[deviates] = distance > limit[deviates]
+        # Remesh: no vertex is traced, so distances to the bones-only surface are compared.
         elif not (own >= 0).any() and len(posed.triangles):  # a new mesh, as fine as its edges
             corners = posed.points[posed.triangles]
             edge = np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
@@ -378,6 +400,7 @@ class _Copies:
         references = [(replace, target) for replace, target in references if target not in copies]
         for replace, target in references:
             before = self._cached(frozenset({name}), _BEND).points
+            # A changed shape of the other object shows as well as a changed place.
             data = None if target.data is None else target.data.copy()
             if hasattr(data, "transform"):
                 data.transform(Matrix.Diagonal((1.1, 1.2, 1.1, 1.0)))
@@ -399,6 +422,7 @@ class _Copies:
         corners = np.repeat(own[:, None], 3, axis=1).astype(np.int32)
         weights = np.tile((1.0, 0.0, 0.0), (len(own), 1))
         offsets = np.zeros((len(own), 3))
+        # Unmatched vertices keep their offset from the nearest matched triangle, in its own axes.
         if (unmatched := np.flatnonzero(own < 0)).size:
             complete = self._triangles[(own[self._triangles] >= 0).all(axis=1)]
             points, triangles, evaluated = rest.skinned, complete, own

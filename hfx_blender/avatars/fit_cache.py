@@ -55,6 +55,7 @@ def key_of(
 def _code_hash() -> bytes:
     """SHA-256 digest of the avatar, its shape fields and the source code of fitting."""
     digest = hashlib.sha256(load_avatar().content_hash.encode())
+    # A changed algorithm must not return earlier results.
     engine = Path(shape_fields.__file__).parent
     parts = (*sorted(engine.glob("*.py")), Path(__file__).with_name("fitting.py"))
     for path in (resources.body_models() / shape_fields.SHAPES_FILE, *parts):

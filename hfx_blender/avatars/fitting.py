@@ -50,6 +50,7 @@ def fitting(
     rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
     names, layer = [mesh.name for mesh in meshes], avatar_meshes.layer_of(armature)
     hashes = [load_model(model_id).content_hash for model_id in model_ids()]
+    # The key covers everything that the fit depends on, so that a cached fit is exact.
     key = fit_cache.key_of("fit", targets, mapping, names, rigid, layer, hashes)
     fit = _read_cached(key)
     if fit is None:
@@ -76,7 +77,8 @@ def _fitting_models(
 ) -> Generator[float, None, Fit]:
     """Fit all models to the surface, or to the bones alone if the surface is unusable, in steps.
 
-    Meshes and notes of the result are empty.
+    Unusable are surfaces that fail the target's check, are mostly rigid pieces, or miss a body
+    part; the warning says why. Meshes and notes of the result are empty.
     """
     avatar, target = load_avatar(), skin_parts.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"

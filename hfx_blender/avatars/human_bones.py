@@ -40,6 +40,7 @@ def human_bones_of(armature: bpy.types.Object) -> dict[str, str]:
 def _valid_rows(armature: bpy.types.Object, pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
     """Human bones by bone name, from (human bone, bone) rows. Unknown names and repetitions go."""
     bones: dict[str, str] = {}
+    # Custom properties hold anything, so every value is checked.
     for human_bone, bone in pairs:
         if isinstance(human_bone, str) and isinstance(bone, str) and bone in armature.data.bones:
             if _HUMAN_BONE.fullmatch(_key(human_bone)) and bone not in bones.values():
@@ -61,12 +62,14 @@ def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
         if (group := _stored(bone)) is not None
     }
     tables = {}
+    # The add-on stores tables of both versions; only one may be filled.
     for version in "10":
         bones = _field(extension, f"vrm{version}", "humanoid", "human_bones")
         if bones is None:
             continue
         if version == "1":
-            rows = [(name, _field(bones, name)) for name in _fields(bones)]
+            fields = bones.bl_rna.properties if hasattr(bones, "bl_rna") else bones
+            rows = [(name, _field(bones, name)) for name in fields.keys()]
         else:
             rows = [(_field(row, "bone"), row) for row in bones]
         tables[version] = [
@@ -130,11 +133,6 @@ def _field(holder: Any, *path: str) -> Any:
         else:
             holder = holder.get(name) if hasattr(holder, "get") else None
     return holder
-
-
-def _fields(holder: Any) -> list[str]:
-    """Names of the properties or dictionary keys of a value."""
-    return list(holder.bl_rna.properties.keys() if hasattr(holder, "bl_rna") else holder.keys())
 
 
 def _json(value: Any) -> Any:

@@ -44,6 +44,7 @@ def copy_into(
     copy = source.copy()
     datablocks += [new for new in (copy, data) if new is not None and new not in datablocks]
     copy.data = data
+    # Nothing may move the copy: no animation, constraint or parent.
     copy.animation_data_clear()
     copy.constraints.clear()
     copy.parent = None
@@ -76,6 +77,7 @@ def _check_numbers(numbers: I64) -> I64:
 def original_vertices(mesh: bpy.types.Mesh) -> I64:
     """Original vertex of each evaluated vertex, (E,) int64; -1 for a new vertex."""
     columns = []
+    # A modifier may drop the attribute, or change its type: then no vertex is traced.
     for name in (_VERTEX, _CHECK):
         attribute = mesh.attributes.get(name)
         if attribute is None or (attribute.domain, attribute.data_type) != ("POINT", "INT"):
@@ -111,6 +113,7 @@ def at_rest(
     """
     copy = copy_into(datablocks, mesh, data)
     mirror_names = {modifier.name for modifier in mirrors_of(mesh)}
+    # Only Mirror modifiers change the set of vertices before the armature.
     for modifier in list(copy.modifiers):
         if modifier.name not in mirror_names:
             copy.modifiers.remove(modifier)
@@ -169,6 +172,7 @@ def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
     keys = mesh.shape_keys
     if keys is None or not keys.use_relative:
         return {}
+    # Animated keys are expressions, unanimated ones are the person's shape.
     moving = animated_keys(mesh)
     return {
         key.name: float(key.value)
@@ -194,6 +198,7 @@ def hidden_vertices(mesh: bpy.types.Object, triangles: I64, points: F64) -> npt.
         if m.type != "ARMATURE" and m not in mirrors
     ):
         return hidden
+    # Armature and particles hide nothing, and would only cost time.
     with scratch() as datablocks:
         rest = with_vertex_numbers(at_rest(datablocks, mesh, mesh.data.copy(), {}))
         visible = copy_into(datablocks, mesh, rest)

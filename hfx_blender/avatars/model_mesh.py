@@ -90,6 +90,7 @@ def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     places = mesh_arrays.positions(posed.data).ravel()
     obj.modifiers.clear()
     obj.vertex_groups.clear()
+    # Weight Paint mirrors strokes by the rest shape, which stays the basis.
     obj.shape_key_add(name="Basis", from_mix=False)
     pose = obj.shape_key_add(name="Pose", from_mix=False)
     pose.data.foreach_set("co", places)

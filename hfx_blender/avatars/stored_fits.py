@@ -69,6 +69,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
     if armature.override_library is not None:  # ID properties of an override are not saved
         owner = armature.hfx.fit_kept or bpy.data.meshes.new(f".HFX Fit of {armature.name}")
         armature.hfx.fit_kept = owner
+    # Names are joined, as ID properties have no lists of strings.
     owner[FIT] = {
         "rest": _rest_of(armature),
         "all_bones": _names_of(armature),
@@ -77,7 +78,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
         "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
         "shapes": json.dumps([mesh_copies.steady_shape(mesh.data) for mesh in fit.meshes]),
         "bones": "\n".join(fit.models[0].bone_names),
-        "models": {model.model_id: _stored(model) for model in fit.models},
+        "models": {m.model_id: {"hash": m.model_hash, **arrays_of(m)} for m in fit.models},
         "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
         "warnings": "\n".join(fit.warnings),
         "notes": "\n".join(fit.notes),
@@ -151,11 +152,6 @@ def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, fl
     shapes: list[dict[str, float]] = json.loads(fit["shapes"])
     number = meshes.index(mesh)
     return shapes[number] if number < len(shapes) else {}
-
-
-def _stored(fitted: FittedModel) -> dict[str, object]:
-    """Dictionary of a fitted model for an ID property."""
-    return {"hash": fitted.model_hash, **arrays_of(fitted)}
 
 
 def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
@@ -241,6 +237,7 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
     _check_meshes(armature, fit, again)
     model = load_model(model_id)
     stored = fit["models"].get(model_id)
+    # Vertex numbers of another edition mean other skin.
     if stored is None or stored["hash"] != model.content_hash:
         raise InputError(
             f"Body '{armature.name}': it was fitted for another edition of '{model_id}'{again}"
@@ -284,6 +281,7 @@ def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
     if fit["all_bones"] != _names_of(armature):
         return True
     before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
+    # Leaving Edit Mode may change positions by rounding.
     return not np.allclose(before, now, rtol=0.0, atol=1e-4 * np.ptp(before))
 
 

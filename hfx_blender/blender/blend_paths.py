@@ -112,6 +112,7 @@ def _opened(blend: Path) -> BinaryIO:
 def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
     """Yield code, structure number and content of DNA1 and of blocks of the given structures."""
     magic = _exactly(file, 12)
+    # Blender 5: 64-bit block sizes, in another order of fields.
     if magic == b"BLENDER17-01":
         _exactly(file, 5)
         header, order = struct.Struct("<4siQqq"), (0, 1, 3)
@@ -129,6 +130,7 @@ def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes,
             raise ValueError("negative block size")
         if code == b"DNA1" or (number in structures and size <= _LARGEST):
             yield code, number, _exactly(file, size)
+        # Decompressed streams cannot seek: unused blocks are read and dropped.
         elif file.seekable():
             file.seek(size, os.SEEK_CUR)
         else:
@@ -154,6 +156,7 @@ class _Structure(NamedTuple):
 
 def _structures(dna: bytes) -> dict[int, _Structure]:
     """Structures of :data:`_TITLES` by number, from the content of DNA1."""
+    # SDNA: names of fields, names of types, sizes of types, then structures by number.
     file = io.BytesIO(dna[4:])
     names = _strings(file, b"NAME")
     types = _strings(file, b"TYPE")
@@ -172,6 +175,7 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
         offset = 0
         for type_number, name_number in struct.iter_unpack("<HH", members):
             name = names[name_number]
+            # Names include stars of pointers and sizes of arrays.
             size = pointer if name.startswith(("*", "(")) else sizes[type_number]
             size *= math.prod(map(int, re.findall(r"\[(\d+)\]", name)))
             if types[type_number] == "char" and size >= _SHORTEST and not name.startswith("*"):
@@ -203,6 +207,7 @@ def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
 def _raw_paths(content: bytes, structure: _Structure) -> Iterator[bytes]:
     """Non-empty paths of unpacked files in the structures of a block."""
     for start in range(0, len(content) - structure.size + 1, structure.size):
+        # A pointer other than 0 means packed data; its first four bytes suffice.
         if any(
             content[start + offset : start + offset + 4] != bytes(4) for offset in structure.packed
         ):

@@ -65,6 +65,7 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
     if data is None:
         return []
     strips = [strip for track in data.nla_tracks for strip in with_grouped(track.strips)]
+    # A strip and the datablock may share an action and slot.
     collections: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
     for user in (data, *strips):
         action, slot = user.action, getattr(user, "action_slot", None)
@@ -195,6 +196,7 @@ def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
     for path in bpy.utils.blend_paths(absolute=True, packed=True):
         if path not in owned and bpy.data.objects:
             raw = bpy.path.relpath(path) if bpy.data.filepath else path
+            # Paths outside of the .blend's folder are given as absolute paths.
             is_below = raw.startswith("//") and not raw.startswith("//..")
             paths.setdefault(bpy.data.objects[0], set()).add(raw if is_below else path)
     return paths

@@ -43,6 +43,7 @@ def call_soon(
     """
     if is_waiting(function):
         return
+    # Blender does not report the end of a timer.
     for ended in [timed for timed in _timers if not is_waiting(timed)]:
         del _timers[ended]
     bpy.app.timers.register(function, first_interval=delay_s, persistent=outlives_load)
@@ -69,6 +70,7 @@ def push_undo_soon() -> None:
 
 
 def _push_undo() -> float | None:
+    # Each change postpones the undo step, so that a drag is one step.
     wait = _changed_s + _UNDO_S - time.monotonic()
     if wait > 0.0:
         return wait

@@ -38,6 +38,7 @@ def linked_files() -> dict[str, LinkedFile]:
     files: dict[str, LinkedFile] = {}
     for owner, raw, must_be in _paths():
         path = Path(bpy.path.abspath(raw, library=owner.library))
+        # A sequence names one file of many; the digits become a placeholder.
         if _is_sequence(owner, path):
             path = path.with_name(re.sub(r"\d+(?=\D*$)", FRAMES, path.name, count=1))
         user = f"{owner.bl_rna.name.lower()} '{owner.name}'"
@@ -88,6 +89,7 @@ def _is_missing(path: Path) -> bool:
     """Test for a path without a file, or a sequence or tiles without any file."""
     if path.exists():
         return False
+    # A sequence or tiled image exists if any of its files does.
     start = re.split(f"{FRAMES}|<UDIM>|<UVTILE>", path.name)[0]
     if start == path.name:
         return True
@@ -110,13 +112,19 @@ def _paths() -> Iterator[_Path]:
 
 
 def _paths_listed_by_blender() -> Iterator[_Path]:
+    # Blender lists bake folders too, which need not exist.
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj in bpy.data.objects
         for raw in _folders_of(obj)
     }
     for owner, paths in compat.file_path_map().items():
-        if isinstance(owner, bpy.types.Text) or _is_packed(owner):
+        is_packed = getattr(owner, "packed_file", None) is not None
+        if (
+            isinstance(owner, bpy.types.Text)
+            or is_packed
+            or len(getattr(owner, "packed_files", ()))
+        ):
             continue  # the .blend contains the data
         for raw in paths:
             path = bpy.path.abspath(raw, library=owner.library)
@@ -179,11 +187,6 @@ def _folders_of(obj: bpy.types.Object) -> set[str]:
         if system.point_cache.use_external:
             folders.add(system.point_cache.filepath)
     return folders - {""}
-
-
-def _is_packed(owner: bpy.types.ID) -> bool:
-    files = getattr(owner, "packed_files", ())
-    return getattr(owner, "packed_file", None) is not None or len(files) > 0
 
 
 def _is_sequence(owner: bpy.types.ID, path: Path) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import numpy.typing as npt
+from mathutils import Vector
 
 
 def values(
@@ -34,6 +35,12 @@ def points(mesh: bpy.types.Mesh) -> npt.NDArray[np.float64]:
     return positions(mesh).astype(np.float64)
 
 
+def world_box(obj: bpy.types.Object) -> npt.NDArray[np.float64]:
+    """Lowest and highest corner (2, 3) of an object's bounding box, world axes."""
+    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+
 def triangles(mesh: bpy.types.Mesh, name: str = "vertices") -> npt.NDArray[np.int32]:
     """Vertex indices, or another property such as "loops", of a mesh's triangles, (F, 3)."""
     mesh.calc_loop_triangles()
@@ -52,6 +59,7 @@ def mesh_of(
     mesh.loops.add(int(corners.sum()))
     mesh.loops.foreach_set("vertex_index", faces[is_corner].astype(np.int32))
     mesh.polygons.add(len(faces))
+    # Blender derives the size of a face from the start of the next one.
     mesh.polygons.foreach_set("loop_start", (np.cumsum(corners) - corners).astype(np.int32))
     mesh.update(calc_edges=True)
     return mesh

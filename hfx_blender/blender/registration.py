@@ -14,24 +14,6 @@ Registration = tuple[Callable[[], None], Callable[[], None]]
 """Functions ``register`` and ``unregister``."""
 
 
-def of_modules(modules: Callable[[], Iterable[ModuleType]]) -> Registration:
-    """Functions ``register`` and ``unregister`` for modules that define both.
-
-    ``modules`` imports and returns them in order. It is called by ``register``, not before:
-    importing the package must not import ``bpy``.
-    """
-
-    def register() -> None:
-        for module in modules():
-            module.register()
-
-    def unregister() -> None:
-        for module in reversed([*modules()]):
-            module.unregister()
-
-    return register, unregister
-
-
 def of_package(name: str, path: Iterable[str]) -> Registration:
     """Functions ``register`` and ``unregister`` for all modules of a package, sorted by name.
 
@@ -41,6 +23,7 @@ def of_package(name: str, path: Iterable[str]) -> Registration:
     """
 
     def modules() -> list[ModuleType]:
+        # Sorted by name, so that the order is the same on every file system.
         infos = walk_packages(path, f"{name}.")
         return [import_module(name) for name in sorted(i.name for i in infos if not i.ispkg)]
 

@@ -43,6 +43,7 @@ class BadValue:
 
 def bad_values(owner: bpy.types.ID) -> list[BadValue]:
     """Values of ``owner.hfx`` and its nested groups that are not allowed."""
+    # Reading through RNA would clamp or erase the value.
     stored = compat.stored_properties(owner).get("hfx")
     if stored is None:
         return []
@@ -79,6 +80,7 @@ def _bad_of(
         if name == "rna_type" or name not in stored:
             continue
         value, path = stored[name], prefix + name
+        # One branch per kind of property; a nested group recurs.
         if kind in _NUMBERS:
             bad = _bad_number(definition, value, path)
             if bad is not None:
@@ -114,6 +116,7 @@ def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadVal
     """Fault of a stored number, array or menu item; None if it is allowed."""
     allowed = _allowed(definition)
     count = 0 if definition.type == "ENUM" else definition.array_length
+    # Blender stores an array with its element type.
     if count:
         if getattr(value, "typecode", "none") not in _ARRAYS[definition.type]:
             return BadValue(path, _described(value), f"{count} times {allowed}", None)

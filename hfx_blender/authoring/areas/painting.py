@@ -144,6 +144,7 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
     size = len(effects.model_of(effect))
+    # Selections of Edit Mode reach the mesh only on request.
     canvas.update_from_editmode()
     if len(canvas.data.vertices) != size:
         raise InputError(_edited_message(canvas, size))
@@ -308,6 +309,7 @@ def _read_saved() -> dict[str, Any]:
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
     """Replace the painted weights of a canvas, in any mode."""
     group = canvas.vertex_groups[GROUP].index
+    # Edit Mode has its own mesh; writing to the stored mesh would be lost.
     in_edit_mode = canvas.mode == "EDIT"
     mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()
     if not in_edit_mode:

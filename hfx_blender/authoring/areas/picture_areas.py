@@ -14,6 +14,7 @@ from ...engine.body import areas
 from ...engine.scene import SurfaceAnchors
 from ...errors import InputError
 from ..effects import effects
+from ..surfaces import surface_uv
 from ..surfaces.image_values import pixels_of
 
 
@@ -72,7 +73,7 @@ def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:
         mesh = obj.data
-        at_loops = mesh_arrays.values(_uv_layer(obj, uv_map).uv, "vector", 2)
+        at_loops = mesh_arrays.values(surface_uv.layer_of(mesh, uv_map, obj.name).uv, "vector", 2)
         vertices = mesh_arrays.triangles(mesh)
         uv = at_loops[mesh_arrays.triangles(mesh, "loops")].astype(np.float64)
         vertex_uvs = np.full((len(mesh.vertices), 2), np.nan)
@@ -82,6 +83,7 @@ def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray
         of_vertex.append(vertex_uvs)
         first += len(mesh.vertices)
     all_corners, uv = np.concatenate(corners), np.concatenate(uvs)
+    # Anchors name corners, not triangles: sorted corners are the key of a triangle.
     rows = {tuple(key): row for row, key in enumerate(np.sort(all_corners, axis=1).tolist())}
     corner_uvs = np.concatenate(of_vertex)[needed]
     for vertex, key in enumerate(np.sort(needed, axis=1).tolist()):
@@ -90,16 +92,3 @@ def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray
             order = [int(np.flatnonzero(all_corners[row] == c)[0]) for c in needed[vertex]]
             corner_uvs[vertex] = uv[row, order]
     return corner_uvs
-
-
-def _uv_layer(obj: bpy.types.Object, uv_map: str) -> bpy.types.MeshUVLoopLayer:
-    layers = obj.data.uv_layers
-    if uv_map:
-        if uv_map not in layers:
-            names = ", ".join(f"'{layer.name}'" for layer in layers) or "none"
-            raise InputError(f"Mesh '{obj.name}' has no UV map '{uv_map}'; it has: {names}.")
-        return layers[uv_map]
-    rendered = next((layer for layer in layers if layer.active_render), None)
-    if rendered is None:
-        raise InputError(f"Mesh '{obj.name}' has no UV map. Unwrap it first.")
-    return rendered

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
-from mathutils import Vector
 
 from ...avatars import avatar_meshes
 from ...blender.scene_info import metres_of
@@ -81,9 +80,8 @@ def _distance(obj: bpy.types.Object, point: Sequence[float]) -> float:
     """Distance of a point from an object's bounding box, world axes; 0 inside."""
     import numpy as np
 
-    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
+    from ...blender import mesh_arrays
+
     position = np.array(point, np.float64)
-    outside = np.maximum(
-        np.maximum(corners.min(axis=0) - position, position - corners.max(axis=0)), 0.0
-    )
-    return float(np.linalg.norm(outside))
+    box = mesh_arrays.world_box(obj)
+    return float(np.linalg.norm(position - np.clip(position, box[0], box[1])))

@@ -71,6 +71,7 @@ def place_sensation(
 
     Raises InputError: a body is missing, or an area was painted on another model.
     """
+    # All checks come first, as a failed effect must not leave others behind.
     for effect in sensation.effects:
         _check_recipe(effect, body)
     fps = fps_of(scene)
@@ -230,6 +231,7 @@ def sensation_of(
     starts += [
         system.settings.frame_start for obj in chosen for _, system in swarms.emitters(scene, obj)
     ]
+    # Time 0 of the file is the first event of the selection.
     first = min(starts, default=0.0)
     origin_m = [x * metres_of(scene) for x in origin]
     recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
@@ -321,6 +323,7 @@ def _volume_recipe(
     location, rotation, scale = effect.matrix_world.decompose()
     moves = [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
     curves = {curve.array_index: curve for curve in moves}
+    # A path has one list of times; axes without a keyframe at a time are evaluated.
     times = sorted({key.co[0] for curve in moves for key in curve.keyframe_points})
     path = tuple(
         (

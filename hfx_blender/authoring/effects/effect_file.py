@@ -59,6 +59,7 @@ _SHAPES: Final = {
     "CYLINDER": ("radius_m", "height_m"),
     "CAPSULE": ("radius_m", "height_m"),
 }
+_VOLUME_MEMBERS: Final = ("falloff", "falloff_share", "location_m", "rotation_deg")
 
 
 @dataclass(frozen=True)
@@ -375,10 +376,7 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "points_m": where.path.points_m,
             "path": where.path.kind,
             "closed": int(where.path.is_closed),
-            "radius_m": where.radius_m,
-            "falloff": where.falloff,
-            "falloff_share": where.falloff_share,
-            "position": where.position,
+            **{key: value for key, value in vars(where).items() if key != "path"},
             **({"motion": where.path.motion} if where.path.motion else {}),
         }
     elif isinstance(where, ActuatorsRecipe):
@@ -396,11 +394,7 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
     else:
         document["volume"] = {
             "shape": where.shape,
-            **{key: getattr(where, key) for key in _SHAPES[where.shape]},
-            "falloff": where.falloff,
-            "falloff_share": where.falloff_share,
-            "location_m": where.location_m,
-            "rotation_deg": where.rotation_deg,
+            **{key: getattr(where, key) for key in (*_SHAPES[where.shape], *_VOLUME_MEMBERS)},
         }
         if where.response:
             document["volume"]["response"] = response_document(where.response)
@@ -411,16 +405,7 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
                 {"time_s": time, "location_m": place} for time, place in where.path
             ]
     document["clips"] = [
-        {
-            "name": clip.name,
-            "start_s": clip.start_s,
-            "duration_s": clip.duration_s,
-            "fade_in_s": clip.fade_in_s,
-            "fade_out_s": clip.fade_out_s,
-            "repeat": clip.repeat,
-            **({"profile": clip.profile} if clip.profile else {}),
-            **({"drawn_fades": clip.drawn_fades} if clip.drawn_fades else {}),
-        }
+        {"name": clip.name, **{key: value for key, value in vars(clip).items() if value != ()}}
         for clip in effect.clips
     ]
     return document

@@ -48,6 +48,7 @@ def directions(world: F64) -> F64:
     """
     axis = world[..., :3, 2]
     lengths = np.linalg.norm(axis, axis=-1, keepdims=True)
+    # Division by 1 instead of 0 avoids warnings; the result is replaced below.
     is_valid = (lengths > 0.0) & np.isfinite(lengths)
     return np.where(is_valid, axis / np.where(is_valid, lengths, 1.0), 0.0)
 
@@ -108,6 +109,7 @@ class ShapeCache:
     def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh, part: int) -> MeshVolume:
         positions = mesh_arrays.positions(mesh)
         self.counters.meshes_read += 1
+        # Equal positions count as an unchanged mesh.
         content = positions.tobytes()
         key = effect.name_full, part
         cached = self._meshes.get(key)

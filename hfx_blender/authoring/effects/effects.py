@@ -176,6 +176,7 @@ def volume_from_mesh(
     copy.animation_data_clear()
     for constraint in list(copy.constraints):
         copy.constraints.remove(constraint)
+    # As a child without offset it moves with the source.
     copy.parent = source
     copy.matrix_parent_inverse.identity()
     copy.matrix_basis.identity()
@@ -355,6 +356,7 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
     name has it, and each further one a derived id, equal on each run.
     """
     used = {obj.hfx.uid or obj.name for obj in objects}
+    # Sorted by name, the original ("Ball") precedes its copies ("Ball.001").
     counts: dict[str, int] = {}
     ids: dict[str, str] = {}
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):

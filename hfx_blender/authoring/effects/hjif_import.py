@@ -72,6 +72,7 @@ def _with_ticks(envelope: Envelope) -> Envelope:
     if envelope.frequency_hz is None:
         return envelope
     strength, pitch = envelope.strength, envelope.frequency_hz
+    # Effects have one curve each, so transients are mixed into the envelope.
     pieces = [
         Piece(float(strength.times_s[0]), float(strength.times_s[-1]), strength, pitch),
         *(
@@ -95,6 +96,7 @@ def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
     """Ids of perceptual models identical to a mesh of the file."""
     model_ids = set()
     for avatar in document["avatars"]:
+        # Only a file next to the HJIF file is opened, never another path.
         file = unquote(avatar.get("mesh", ""))
         if not file or file != Path(file).name or not (folder / file).is_file():
             continue
@@ -119,6 +121,7 @@ def _add_effects(
     """Add one effect; two for a temperature both above and below neutral."""
     model = load_model(effects.model_id_for(modality))
     vertices = _vertices(envelope, model, is_own)
+    # Strength is unsigned: warmth and cold are separate effects.
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
     created = []
     for sign in signs:

@@ -105,6 +105,7 @@ def update_all() -> list[str]:
             weights = transferred_area(hfx.model_id, hfx.model_hash, *effects.area(effect))
         except (HfxError, ModuleNotFoundError, TypeError):  # an export reports the fault
             continue
+        # An area on another modality's model is left unchanged.
         if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
             effects.store_weights(effect, weights)
             names.append(effect.name)

@@ -68,6 +68,7 @@ def add_rain(
     path, shares = paths.skin().traced(knots)
     times = sorted(generator.uniform(0.0, duration_s) for _ in range(count))
     drops = [(time, generator.choice(shares.tolist())) for time in times]
+    # Drops are dealt out in turn, so that each effect has time between its drops.
     number = ceil(count / max(floor(_MOST_BUSY * duration_s / (_DROP_S + _PAUSE_S)), 1))
     created = []
     for k in range(number):
@@ -127,6 +128,7 @@ def _add_clip(
 def _nearest_order(model: PerceptualModel, vertices: list[int]) -> list[int]:
     """Order vertices so that each is followed by the nearest remaining one."""
     ordered, remaining = vertices[:1], vertices[1:]
+    # Short jumps keep the path, and so its storage, short.
     while remaining:
         distances = np.linalg.norm(model.vertices[remaining] - model.vertices[ordered[-1]], axis=1)
         ordered.append(remaining.pop(int(np.argmin(distances))))
@@ -147,6 +149,7 @@ def remove(body: bpy.types.Object, name: str) -> int:
 
 def _draw_vertices(model: PerceptualModel, count: int, generator: random.Random) -> list[int]:
     """Draw different vertices, weighted by projected area; fewer if fewer face the sky."""
+    # Upward area: cosine of the normal with the sky, times the area of the vertex.
     sky_area = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
     sky_area[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0
     if not sky_area.any():

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import bpy
-from mathutils import Vector
 
 from ...blender.scene_info import scene_objects
 from . import effects
@@ -95,11 +94,10 @@ def swarm_recipe(
 
 def _extent(emitter: bpy.types.Object) -> tuple[list[float], list[float]]:
     """Centre and half edge lengths of an object's bounding box, world axes."""
-    corners = [emitter.matrix_world @ Vector(corner) for corner in emitter.bound_box]
-    lowest = [min(corner[axis] for corner in corners) for axis in range(3)]
-    highest = [max(corner[axis] for corner in corners) for axis in range(3)]
-    middle = [0.5 * (a + b) for a, b in zip(lowest, highest, strict=True)]
-    return middle, [0.5 * (b - a) for a, b in zip(lowest, highest, strict=True)]
+    from ...blender import mesh_arrays  # needs numpy, which Blender's start does not
+
+    lowest, highest = mesh_arrays.world_box(emitter)
+    return (0.5 * (lowest + highest)).tolist(), (0.5 * (highest - lowest)).tolist()
 
 
 def add_swarm(
@@ -139,6 +137,7 @@ def add_swarm(
     settings = system.settings
     settings.count = swarm.count
     # Blender clamps each frame by the other one, so the end is set before and after the start.
+    # Cache frames must include all births and lifetimes.
     settings.frame_end = max(frame + swarm.born_until_s * fps, settings.frame_start)
     settings.frame_start = frame + swarm.born_from_s * fps
     settings.frame_end = frame + swarm.born_until_s * fps

@@ -141,6 +141,7 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
     if not 0 < len(path) <= MAX_POINTS or not np.isfinite(path).all():
         raise InputError(f"Effect '{effect.name}': a path has 1 to {MAX_POINTS} places.")
     effect[PATH] = path.ravel().tolist()
+    # A new path has no extension.
     if OWN in effect:
         del effect[OWN]
     effect[KNOTS] = np.asarray(path if knots is None else knots, np.float64).ravel().tolist()
@@ -164,6 +165,7 @@ def draw(
     Raises InputError: a point is not on the body.
     """
     knots, path = through(places, kind, closed)
+    # The control points allow drawing again with another method.
     set_path(effect, path, knots)
     effect[KIND], effect[CLOSED] = kind, int(closed)
     return length_m(effect)
@@ -232,12 +234,12 @@ def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
 
 
 def reverse(effect: bpy.types.Object) -> None:
-    """Reverse the path. The keyframes are unchanged, so the motion runs backwards."""
+    """Reverse path and control points. Keyframes are unchanged: the motion runs backwards."""
     set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Mirror the path to the opposite side of the body."""
+    """Mirror path and control points to the opposite side of the body, x -> -x."""
     import numpy as np
 
     mirrored = np.array([-1.0, 1.0, 1.0])

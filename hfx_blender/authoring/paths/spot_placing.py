@@ -61,6 +61,7 @@ def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_pat
     if not tools.use_keyframe_insert_auto:
         return False
     curve = compat.fcurve_of(effect, data_path)
+    # Replace Only needs an existing keyframe, Only Insert Available an existing F-curve.
     if curve is None:
         only_replaces = tools.auto_keying_mode == "REPLACE_KEYS"
         return not (only_replaces or edit.use_keyframe_insert_available)
@@ -84,9 +85,10 @@ def key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
 def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_keyed: bool) -> None:
     """Move a point to a position (3,) on the skin at the current frame; rest space, metres.
 
-    A keyed point gets the shortest paths to its neighbouring keyframes; other parts of the path are
-    unchanged. Raises InputError: the position is not on the body, the effect belongs to another
-    file, or its position is driven or animated by an NLA strip.
+    Without keyframes, the point's path is bent. With keyframes, ``is_keyed`` inserts one, with
+    shortest paths to its neighbours; otherwise the move lasts until the frame changes. Raises
+    InputError: the position is not on the body, the effect belongs to another file, or its position
+    is driven or animated by an NLA strip.
     """
     paths.check_editable(effect)
     check_keyable(effect, paths.POSITION, "position")
@@ -107,9 +109,10 @@ def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_ke
 
 
 def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
-    """Move a point to a share of its own path at the current frame; the path is unchanged.
+    """Move a point to a share of its path at the current frame; key it if ``is_keyed``.
 
-    Raises InputError: its position is driven or animated by an NLA strip.
+    The path is unchanged but for a temporary extension, which is removed. Raises InputError: the
+    position is driven or animated by an NLA strip.
     """
     check_keyable(effect, paths.POSITION, "position")
     remove_extension(effect)
@@ -137,6 +140,7 @@ def share_nearest(path: F64, place: F64) -> float:
     """Share of a path's length at its point nearest to ``place`` (3,); 0 for a single point."""
     if len(path) < 2:
         return 0.0
+    # Projection onto each segment, clipped to its ends.
     starts, edges = path[:-1], np.diff(path, axis=0)
     squares = np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-18)
     along = np.clip(np.einsum("ij,ij->i", place - starts, edges) / squares, 0.0, 1.0)
@@ -169,6 +173,7 @@ def rerouted(
     """
     places = places_on(path, shares)
     before, after = at, at if new else at + 1
+    # Legs between unchanged keyframes are cut from the old path; at most two are new.
     legs: list[F64] = [between(path, *shares[k : k + 2]) for k in range(before - 1)]
     if before > 0:
         legs.append(connect(places[before - 1], place))
@@ -178,6 +183,7 @@ def rerouted(
     if not legs:
         return place[None].copy(), np.zeros(1)
     route = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
+    # Legs share their end points, which counts once.
     ends = np.cumsum([0, *(len(leg) - 1 for leg in legs)])
     lengths = lengths_along(route)
     if lengths[-1] <= 0.0:
@@ -190,6 +196,7 @@ def between(path: F64, first: float, last: float) -> F64:
     lengths = lengths_along(path)
     low, high = sorted((np.clip(first, 0.0, 1.0), np.clip(last, 0.0, 1.0)))
     ends = places_on(path, np.array([low, high]))
+    # Points within rounding of the cut would make zero-length segments.
     inside = (lengths > low * lengths[-1] + 1e-9) & (lengths < high * lengths[-1] - 1e-9)
     part: F64 = np.concatenate([ends[:1], path[inside], ends[1:]])
     return part if first <= last else part[::-1]
@@ -225,6 +232,7 @@ def _extend_to(effect: bpy.types.Object, place: F64) -> None:
     extended = np.concatenate([path, place[None]])
     effect[paths.OWN] = len(path)
     effect[paths.PATH] = extended.ravel().tolist()
+    # Keyframes must keep their positions although the path is longer now.
     scale = float(length / lengths_along(extended)[-1])
     curve = paths.motion_of(effect)
     assert curve is not None

@@ -120,6 +120,7 @@ def load(path: str) -> bpy.types.Image:
         image = bpy.data.images.load(path)
     except RuntimeError as error:
         raise InputError(f"{path}: Blender cannot read it as an image.") from error
+    # A truncated JPEG loads without an error.
     if image.size[0] and not jpeg.is_cut_off(Path(path)):
         return image
     is_empty = not image.size[0]

@@ -34,6 +34,7 @@ def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
 
 def _all_trees(trees: list[bpy.types.NodeTree]) -> Iterator[bpy.types.NodeTree]:
     visited: set[bpy.types.NodeTree] = set()
+    # Groups may contain groups, and may be used several times.
     while trees:
         tree = trees.pop()
         if tree in visited:

@@ -48,9 +48,10 @@ class ReliefNodes:
 
 
 def prepare(material: bpy.types.Material, name: str) -> None:
-    """Give a material nodes if it has none; ``name`` is the name for messages.
+    """Give a material without nodes a shader with its colour and roughness.
 
-    Raises InputError: the material has no output for Cycles.
+    ``name`` is the material's name for messages. Raises InputError: the material has no output for
+    Cycles.
     """
     if material.node_tree is None:  # before 5.0 a material can be without nodes
         colour, roughness = tuple(material.diffuse_color), material.roughness
@@ -89,6 +90,7 @@ def relief_of(material: bpy.types.Material) -> ReliefNodes:
         is_bent = any(node.type in _BENDS for node in nodes_of(tree))
         return ReliefNodes(_sum(tree, heights), is_surface_bent=is_bent)
     source = _source(shader.inputs["Normal"]) if "Normal" in shader.inputs else None
+    # Chained Bump nodes add their heights; another source of normals ends the chain.
     while source is not None and source.node.type == "BUMP":
         heights.append(_bump_height(tree, source.node))
         source = _source(source.node.inputs["Normal"])
@@ -135,6 +137,7 @@ def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
 
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
     """Rewire a material to emit a value; return the undo function."""
+    # Emission passes values on unlit, so a bake reads them exactly.
     node = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(value, bpy.types.NodeSocket):
         material.node_tree.links.new(value, node.inputs["Color"])
@@ -265,6 +268,7 @@ def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
 
 
 def _along_normal(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket) -> Value:
+    # Displacement vectors count as height along the normal only.
     node = tree.nodes.new("ShaderNodeVectorMath")
     node.operation = "DOT_PRODUCT"
     tree.links.new(vector, node.inputs[0])

@@ -60,6 +60,7 @@ class ReliefEstimation:
         Raises InputError: the estimation failed.
         """
         try:
+            # A refusal is a message of the worker; an exit code is a crash.
             refusal = self._worker.receive()
             if refusal is not None or self._worker.wait():
                 reason = (

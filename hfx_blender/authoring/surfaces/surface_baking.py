@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...avatars import mesh_copies
 from ...blender import mesh_arrays
 from ...blender.scene_info import metres_of
 from ...engine.arrays import F32, F64, Bool
@@ -75,8 +76,12 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
             "Baking a material needs Cycles, which is switched off; enable the add-on 'Cycles "
             "Render Engine' in the preferences."
         )
-    with _scratch_copy(obj) as scratch:
-        return _bake(scratch, obj.name, width, height, uv_map)
+    if obj.type != "MESH":
+        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+    with mesh_copies.scratch() as datablocks:
+        return _bake(_Scratch(datablocks, obj), obj.name, width, height, uv_map)
 
 
 def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -> BakedMaterial:
@@ -102,6 +107,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     if not np.isfinite(pixels[..., 0]).all():
         raise InputError(f"The material of '{owner}' has heights that are not finite numbers.")
     heights = pixels[..., 0].astype(np.float64) * unit
+    # Heights of displacement and bump are exact; normals are integrated, and added.
     if any(relief.has_normal for relief in reliefs):
         texel_m = tile_m[0] / width, tile_m[1] / height
         normals = scratch.normals(reliefs)
@@ -132,6 +138,7 @@ def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
     scratch.new_image(_COVERAGE, _COVERAGE)
+    # Rendered coverage below the summed area means overlapping faces.
     share = float((scratch.emitted([1.0] * len(scratch.materials))[..., 3] > 0.5).mean())
     overlap = 1.0 - share / charts.uv_area
     return f"covers {overlap:.0%} of its area twice" if overlap > _OVERLAP else ""
@@ -152,51 +159,32 @@ def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> 
     scratch.make_tile(charts)
 
 
-@contextmanager
-def _scratch_copy(obj: bpy.types.Object) -> Iterator[_Scratch]:
-    """Yield a scratch scene with a copy of the evaluated object, and remove it at the end."""
-    if obj.type != "MESH":
-        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
-    if obj.mode == "EDIT":
-        obj.update_from_editmode()
-    scratch = _Scratch()
-    try:
-        scratch.fill(obj)
-        yield scratch
-    finally:
-        # scenes.remove() crashes Blender 4.3 within ``blender --command``.
-        bpy.data.batch_remove(scratch.datablocks)
-
-
 class _Scratch:
-    """Scratch scene with a copy of one object, for bakes with Cycles."""
+    """Scratch scene with a copy of one evaluated object, for bakes with Cycles."""
 
-    def __init__(self) -> None:
-        self.datablocks: list[bpy.types.ID] = []
+    def __init__(self, datablocks: list[bpy.types.ID], obj: bpy.types.Object) -> None:
+        self.scene, self._datablocks = datablocks[0], datablocks
         self.materials: list[bpy.types.Material] = []
         self._image: bpy.types.Image | None = None
-
-    def fill(self, obj: bpy.types.Object) -> None:
         graph = bpy.context.evaluated_depsgraph_get()
         evaluated = obj.evaluated_get(graph)
         mesh = bpy.data.meshes.new_from_object(
             evaluated, preserve_all_data_layers=True, depsgraph=graph
         )
-        self.datablocks.append(mesh)
-        mesh.name = _NAME
+        self._add(mesh).name = _NAME
         self._slots = [slot.material for slot in evaluated.material_slots]
         self.copy = self._add(bpy.data.objects.new(_NAME, mesh))
         self.copy.matrix_world = evaluated.matrix_world
-        self.scene = self._add(bpy.data.scenes.new(_NAME))
         self.scene.collection.objects.link(self.copy)
         self.scene.render.engine = "CYCLES"
         cycles = self.scene.cycles
+        # One sample suffices: emission and normals have no noise.
         cycles.samples, cycles.device = 1, "CPU"
         cycles.use_denoising = cycles.use_adaptive_sampling = False
         self.scene.view_layers[0].update()
 
     def _add(self, datablock: bpy.types.ID) -> bpy.types.ID:
-        self.datablocks.append(datablock)
+        self._datablocks.append(datablock)
         return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
@@ -204,6 +192,7 @@ class _Scratch:
         mesh = self.copy.data
         new_slots: dict[int, int] = {}
         last = len(self._slots) - 1
+        # Faces beyond the last slot show its material, as in Blender.
         for slot in charts.used_slots:
             material = self._slots[min(slot, last)] if last >= 0 else None
             if material is None:
@@ -248,6 +237,7 @@ class _Scratch:
         """
         with _wired(self.materials, material_relief.diffuse, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
+        # Cycles stores normals as colours, 0 to 1; below half length there is no face.
         normals = colours * 2.0 - 1.0
         lengths = np.linalg.norm(normals, axis=2, keepdims=True)
         return np.divide(normals, lengths, out=np.full_like(normals, np.nan), where=lengths > 0.5)

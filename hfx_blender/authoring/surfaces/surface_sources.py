@@ -103,6 +103,7 @@ def estimate_channels(estimate: EstimatedRelief) -> list[npt.NDArray[np.floating
 
     The slope is that of a unit square of height 1, so that it scales with size and height.
     """
+    # Stored relative to height and size, so that both can be changed afterwards.
     height_m = float(estimate.field.heights_m.max()) or 1.0
     width, length = estimate.field.size_m
     slope = estimate.slope * np.float32(np.sqrt(width * length) / height_m)

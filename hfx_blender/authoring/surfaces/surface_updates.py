@@ -63,6 +63,7 @@ def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
     """React to an edit. Called at each update of the scene, so it must be quick."""
     if bpy.app.background or not is_material_update(graph):
         return
+    # Each edit delays the bake, so that a slider is dragged without a bake per step.
     note_painted(graph)
     last_edit_s[0] = time.monotonic()
     call_soon(bake_outdated, BAKE_DELAY_S)
@@ -101,6 +102,7 @@ def check() -> list[bpy.types.Object]:
         if painted and painted & material_hash.images_of(obj):
             settings.material_state = _PAINTED
         is_outdated = surfaces.has_edited_material(obj)
+        # Assigning an equal value would cause another update.
         if is_outdated != settings.is_outdated:
             settings.is_outdated = is_outdated
         if is_outdated:

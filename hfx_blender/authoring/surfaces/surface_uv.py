@@ -42,7 +42,8 @@ class Charts:
     @property
     def uv_area(self) -> float:
         """Sum of the triangles' areas, in UV units."""
-        return float(_uv_areas(self.uv).sum())
+        a, b = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
+        return float((0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])).sum())
 
 
 def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
@@ -52,7 +53,7 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
     there is no such UV map, or the map has no area.
     """
     points, areas = _triangles(mesh, owner, world)
-    layer = _layer(mesh, uv_map, owner)
+    layer = layer_of(mesh, uv_map, owner)
     loops = mesh_arrays.triangles(mesh, "loops")
     slots = mesh_arrays.values(mesh.loop_triangles, "material_index", kind=np.int32)
     uv = mesh_arrays.values(layer.uv, "vector", 2).astype(np.float64)[loops]
@@ -85,13 +86,15 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
     Raises InputError: the object has no size.
     """
     points, _ = _triangles(mesh, owner, world)
+    # The two axes other than the main axis are the coordinates.
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     main_axis = np.abs(normals).argmax(axis=1)
     plane_axes = np.array([[1, 2], [0, 2], [0, 1]])[main_axis]
     return np.take_along_axis(points, plane_axes[:, None, :], axis=2)
 
 
-def _layer(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
+def layer_of(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
+    """UV map of a mesh by name, or the one active for rendering; InputError if it is missing."""
     layers = mesh.uv_layers
     if not len(layers):
         raise InputError(f"'{owner}' has no UV map. Unwrap it first (in Edit Mode: U).")
@@ -101,11 +104,6 @@ def _layer(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoo
         names = ", ".join(f"'{layer.name}'" for layer in layers)
         raise InputError(f"'{owner}' has no UV map '{uv_map}'; it has: {names}.")
     return layers[uv_map]
-
-
-def _uv_areas(uv: F64) -> F64:
-    first_edge, second_edge = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return 0.5 * np.abs(first_edge[:, 0] * second_edge[:, 1] - first_edge[:, 1] * second_edge[:, 0])
 
 
 def _tile(points: F64, uv: F64) -> tuple[float, float] | None:

@@ -86,7 +86,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
 
 
 def remove_surface(obj: bpy.types.Object) -> None:
-    """Remove the surface of an object, with images that have no further user."""
+    """Reset an object's haptic role and surface settings; remove images without further users."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
     for name in settings.bl_rna.properties.keys():
@@ -127,6 +127,7 @@ def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
     if obj.mode == "EDIT":  # the mesh is outdated in Edit Mode
         raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
+        # Roughness and heights are made only if their settings or material changed.
         if settings.source not in _FIXED and (anew or settings.made_of != _relief_key(obj)):
             start_s = time.monotonic()
             _store_relief(obj, surface_sources.relief_of(obj))
@@ -260,6 +261,7 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 
     from . import image_values
 
+    # NaN fails both comparisons, and so counts as invalid.
     values = image_values.pixels_of(image)[..., 0]
     invalid_count = int(np.count_nonzero(~((values >= -_ROUNDING) & (values <= 1.0 + _ROUNDING))))
     if invalid_count:
