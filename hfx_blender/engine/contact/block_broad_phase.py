@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Per-block broad phase on whole-body and whole-volume boxes.
+"""Broad phase of a block: boxes of whole bodies against boxes of whole volumes.
 
-A volume whose box, over all times of a block, keeps clear of a body's box costs a few numbers;
-clusters are bounded only where some volume comes near.
+A volume that keeps clear of a body over all times of a block costs a few comparisons; clusters are
+bounded only near volumes.
 """
 
 from __future__ import annotations
@@ -22,23 +22,21 @@ from ..skin.surface_posing import PointwiseModel
 from .reachable_bounds import ReachableBounds, bounds_of, box_of
 
 FEWEST_PAIRS: Final = 32
-"""Volumes times rows from which looking at whole boxes first pays."""
+"""Least number of volumes times rows for which tests of whole boxes pay."""
 
 _ROUNDING: Final = 1e-12
 
 _BEND_M: Final = 0.05
-"""Largest distance of skin from the box of all rows on a bent way between two, metres."""
+"""Largest distance of skin from the box of all rows on a curved path between two rows, metres."""
 
 
 class BlockBroadPhase:
-    """Broad-phase data of a block's volumes and bodies, each computed once.
+    """Boxes of a block's volumes and bodies, each computed on first use.
 
     Parameters
     ----------
-    block : AnimationBlock
     bodies : sequence of BodyDescription
-        Those of the block's poses, in their order.
-    skins : BoundSkins
+        Bodies of the block's poses, in the same order.
     """
 
     def __init__(
@@ -54,13 +52,13 @@ class BlockBroadPhase:
         self._boxes: _VolumeBoxes | None = None
 
     def posed(self, body: BodyDescription) -> I64:
-        """Rows at which the pose of a body is known."""
+        """Rows (n,) with a known pose of a body, ascending."""
         if body.id not in self._posed:
             self._posed[body.id] = posed_rows(self._block.poses[self._number[body.id]])
         return self._posed[body.id]
 
     def bounds(self, body: BodyDescription, model_id: str) -> ReachableBounds:
-        """Boxes of a model's clusters on a body, wherever its pose is known."""
+        """Cluster boxes of a model on a body at all rows with a known pose."""
         key = (body.id, model_id)
         if key not in self._bounds:
             pose = self._block.poses[self._number[body.id]]
@@ -75,14 +73,15 @@ class BlockBroadPhase:
         *,
         is_bent: bool = False,
     ) -> bool:
-        """Test that a volume surely touches no skin of a model on a body, at any time of the block.
+        """Test that a volume certainly touches no skin of a model on a body in the block.
 
-        A volume that is flattened or not a number is never clear: it is to be told of. Without the
-        compiled library nothing is. ``is_bent``: nor on a way between two rows that is bent, where
-        it leaves the box of all rows by no more than that is long.
+        False without the library, for few volumes, and for unusable placements, which need a
+        warning. With ``is_bent`` the volume must also stay clear on a curved path between two rows
+        that leaves the box of all rows by at most this box's size.
         """
         if not library.is_there():
             return False
+        # Volumes without shapes have no number; unsure boxes count as near in ``meet``.
         boxes = self._boxes
         if boxes is None:
             boxes = self._boxes = _VolumeBoxes(self._block)
@@ -95,7 +94,7 @@ class BlockBroadPhase:
         return not self._near[key][number]
 
     def _largest_turn(self, body: BodyDescription) -> float:
-        """Largest rotation of a body from one row to the next, radians."""
+        """Largest rotation of a body between successive rows, radians; needs two rows."""
         if body.id not in self._turns:
             pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
             angles = turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]])
@@ -103,16 +102,17 @@ class BlockBroadPhase:
         return self._turns[body.id]
 
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
-        """Lowest and highest corner of all that a body is and moves through in the block, (3,)."""
+        """Lowest and highest corner (3,) of all skin of a model during the block, metres."""
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
         skin = self._skins.of(body, model_id)
         if isinstance(skin.surface, PointwiseModel):
             low, high = box_of(skin, pose, rows)
-        else:  # clusters that bones move cost no more than a box of their own
+        else:  # for skin on bones, boxes of clusters cost no more
             low, high = self.bounds(body, model_id).of_rows.transpose(1, 0, 2)
         origins = pose.to_world[rows, :3, 3]
         swing = 0.0
         if len(rows) > 1:
+            # Between two rows a turning body leaves the box of both by the sagitta of its arc.
             angle = self._largest_turn(body)
             arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
             arm = float(np.sqrt(np.square(arms).sum(axis=1).max()))
@@ -122,27 +122,27 @@ class BlockBroadPhase:
 
 
 class _VolumeBoxes:
-    """World boxes of a block's volumes, each around all that the volume moves through."""
+    """World boxes of a block's volumes, each over all rows."""
 
     def __init__(self, block: AnimationBlock) -> None:
-        volumes = [each for each in block.effects if each.matrices is not None and each.shapes]
-        self.number = {each: k for k, each in enumerate(volumes)}
+        volumes = [e for e in block.effects if e.matrices is not None and e.shapes]
+        self.number = {volume: k for k, volume in enumerate(volumes)}
         self.size = len(volumes) * len(block.indices)
         if self.size < FEWEST_PAIRS:
             return
-        matrices = np.concatenate([each.matrices for each in volumes if each.matrices is not None])
-        levels = np.concatenate([each.levels for each in volumes])
+        matrices = np.concatenate([e.matrices for e in volumes if e.matrices is not None])
+        levels = np.concatenate([volume.levels for volume in volumes])
         shape = len(volumes), len(block.indices)
         self._low, self._high, self._sure = native.volume_boxes(
             matrices.reshape(*shape, 4, 4), levels.reshape(shape), _bounds(volumes)
         )
 
     def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
-        """Volumes that may meet a box, (number of volumes,) bool."""
+        """Volumes that may meet a box, one bool for each volume; True where a box is unknown."""
         spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
         meets = ((self._low - spare <= high) & (self._high + spare >= low)).all(axis=1)
-        found: list[bool] = (meets | ~self._sure).tolist()
-        return found
+        near: list[bool] = (meets | ~self._sure).tolist()
+        return near
 
 
 def _bounds(volumes: list[EffectBlock]) -> F64:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broad phase of contact: clusters of skin that a volume can reach; ``broad_phase.c``."""
+"""Broad phase of one volume and one body: clusters of skin within reach; ``broad_phase.c``."""
 
 from __future__ import annotations
 
@@ -19,44 +19,44 @@ NOT: Final = 0
 COVERED: Final = 1
 BY_VERTEX: Final = 2
 WHOLE: Final = 3
-"""Kind of test for the cells of a pair."""
+"""Tests of a pair's cells: none, share of covered skin, vertices only, entirely inside."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Cluster-row pairs, ascending, with the kind of test for each.
 
-    Where a pair is followed, the one before it is the same cluster at the row before.
+    With ``steps`` above 0 a pair follows the pair of the same cluster at the row before.
     """
 
     clusters: I64  # (p,)
     rows: I64  # (p,)
     how: U8  # (p,) NOT, COVERED, BY_VERTEX or WHOLE
-    steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
-    found: Any = None  # ``hfx_pairs`` where the library has filled them in
+    steps: I64  # (p,) straight steps of tracking from the row before; 0: untracked
+    filled: Any = None  # ``hfx_pairs`` filled by the library
 
     @property
     def pointers(self) -> Any:
-        """``hfx_pairs``."""
-        if self.found is not None:
-            return self.found
+        """Structure ``hfx_pairs`` of these arrays."""
+        if self.filled is not None:
+            return self.filled
         arrays = self.clusters, self.rows, self.how, self.steps
         return structure("hfx_pairs")(len(self.clusters), *arrays)
 
 
 class SurfacePlaces:
-    """Places of skin that no bones move, in the body's own space; ``hfx_surface_places``.
+    """Positions of skin that no bones move, in body space; ``hfx_surface_places``.
 
     Parameters
     ----------
     places : (m, P, 3) float64
-        Of the skin, at some rows.
+        Positions of the skin's places at m rows.
     own : (m, cells, 3) float64 or None
-        Of the cells' vertices, where these are others.
+        Positions of the cells' vertices; None where they are places of the skin.
     at : (n,) int64
-        Which of these the rows of the volume are.
+        Index among the m rows of each row of the volume.
     starts : (clusters + 1,) int64
-        Each cluster's first place.
+        First place of each cluster.
     """
 
     def __init__(self, places: F64, own: F64 | None, at: I64, starts: I64) -> None:
@@ -69,39 +69,40 @@ class Reached:
     """Result of the broad phase: cluster-row pairs for the narrow phase."""
 
     pairs: Pairs
-    clusters: I64  # each of them once
-    wide: I64  # those whose skin is sampled or tracked
-    by_vertex: I64  # those whose vertices suffice
+    clusters: I64  # unique
+    wide: I64  # clusters with sampled or tracked skin
+    by_vertex: I64  # clusters for which vertices suffice
     most_steps: int  # of any pair
-    bones: PosedBones | None  # to shape space; only bones that move any of these clusters
-    surface: SurfacePlaces | None  # where there are none
+    bones: PosedBones | None  # to shape space; only bones of these clusters
+    surface: SurfacePlaces | None  # without bones
 
 
 class CompiledBroadPhase:
-    """Broad phase of one volume and one body: clusters that can be reached, row by row.
+    """Broad phase of one volume and one body.
+
+    Call :meth:`overlaps` first, then :meth:`reach` or :meth:`reach_surface` once.
 
     Parameters
     ----------
-    target : PlacedTarget
     outline : Outline or None
-        Of the body's clusters, where bones move them.
+        Outline of the body's clusters; None for skin that no bones move.
     rows : (m,) int64
-        Of the block, ascending; those of the target are among them.
+        Rows of the block with boxes, ascending; contain the target's rows.
     boxes : tuple
-        The clusters' world boxes at these; see :meth:`..native.cluster_bounds.Outline.bounds`.
+        World boxes of clusters; see :meth:`..native.cluster_bounds.Outline.bounds`.
     follows, reported : (n,) bool
-        See :func:`.contacts.begin`.
+        See :class:`.contact_query.ContactQuery`.
     edge_m : float
-        How far off the edge of a contact may be.
+        Accepted error of a contact's edge.
     is_split : bool
-        Whether cells have samples.
+        Cells have samples.
     is_always : bool
-        Whether all that may pass is followed, however slowly.
+        Track all skin that may pass, however slow.
 
     Attributes
     ----------
     at : (n,) int64
-        Which of the boxes' rows those of the target are.
+        Index into ``rows`` of each row of the target; valid after :meth:`overlaps`.
     """
 
     def __init__(
@@ -128,31 +129,31 @@ class CompiledBroadPhase:
         )
 
     def overlaps(self) -> I64:
-        """Clusters whose boxes the volume's meets anywhere, ascending; to be called first."""
+        """Clusters whose boxes meet the volume's box at any row, ascending."""
         met = np.empty(len(self._near), np.int64)
         count = loaded().hfx_overlaps(self._pointers, self._target.pointers, met)
         return met[:count]
 
     @property
     def near_count(self) -> int:
-        """Number of clusters that may be met at any row, or between."""
+        """Number of clusters within reach at any row or between two rows."""
         count: int = self._pointers.near_count
         return count
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
-        """Finish the broad phase; to be called once.
+        """Finish the broad phase of a body with bones.
 
         Parameters
         ----------
         posed : (T, B, 3, 4) float64
-            Rest space to posed armature space, at each row of the block.
+            Rest to posed armature space, at each row of the block.
         used : UsedBones
-            Of all clusters.
+            Bones of all clusters.
         own : Outline or None
-            Of the clusters' own vertices where the skin has others.
+            Outline of the cells' vertices; None where they are units of the skin.
         groups : array of ``hfx_groups`` or None
-            See :meth:`..skin.cell_coverage.BodySkin.cell_groups`, for the clusters that are met;
-            None where nothing falls off or amplitudes must be exact.
+            Bounds of cell sizes, see :meth:`..skin.cell_coverage.BodySkin.cell_groups`; None
+            without falloff or where amplitudes must be exact.
         """
         count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):
@@ -163,7 +164,7 @@ class CompiledBroadPhase:
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
 
     def reach_surface(self, surface: SurfacePlaces) -> Reached:
-        """Finish the broad phase of a body that no bones move; to be called once."""
+        """Finish the broad phase of a body that no bones move."""
         return self._reached(None, surface, (None, None, None, surface.pointers), None)
 
     def _reached(
@@ -173,6 +174,7 @@ class CompiledBroadPhase:
         body: tuple[Any, ...],
         groups: Any,
     ) -> Reached:
+        """Run ``hfx_reach`` with arrays for all near clusters at all rows."""
         near, count = self.near_count, self._target.count
         clusters, rows, steps = np.empty((3, near * count), np.int64)
         how = np.empty(near * count, np.uint8)
@@ -184,7 +186,7 @@ class CompiledBroadPhase:
             *(pairs, lists, counts),
         )
         *numbers, most_steps = counts.tolist()
-        every, wide, by_vertex = (each[:some] for each, some in zip(lists, numbers, strict=True))
+        every, wide, by_vertex = (ids[:n] for ids, n in zip(lists, numbers, strict=True))
         total = pairs.count
-        known = Pairs(clusters[:total], rows[:total], how[:total], steps[:total], pairs)
-        return Reached(known, every, wide, by_vertex, most_steps, bones, surface)
+        reached = Pairs(clusters[:total], rows[:total], how[:total], steps[:total], pairs)
+        return Reached(reached, every, wide, by_vertex, most_steps, bones, surface)

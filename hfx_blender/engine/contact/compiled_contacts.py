@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts by the compiled library: one way for every volume and every body.
+"""Contacts by the compiled library, for all kinds of volumes and bodies.
 
-Broad phase: boxes of vertex clusters against boxes of volumes, in the world (``broad_phase.c``).
-Narrow phase: only the clusters that a volume can reach are posed, straight into the volume's shape
-space, and looked at cell by cell (``narrow_phase.c``).
+The broad phase compares boxes of clusters with boxes of volumes in the world (``broad_phase.c``).
+The narrow phase poses only clusters within reach, directly into shape space, and tests their cells
+(``narrow_phase.c``).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .narrow_phase import drift_of
 
 
 def placed(query: ContactQuery) -> PlacedTarget:
-    """The query's volume and body at its rows."""
+    """Place the query's volume and body at its rows."""
     effect, tolerance = query.effect, query.skin.skin.tolerance
     assert effect.matrices is not None
     return PlacedTarget(
@@ -34,9 +34,9 @@ def placed(query: ContactQuery) -> PlacedTarget:
 
 
 def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
-    """Begin the contacts of a body with a volume, which is usable at all rows.
+    """Begin the contacts of a body with a volume that is usable at all rows.
 
-    As :func:`.contacts.begin`.
+    Returns a function as :func:`.contacts.begin`.
     """
     falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
@@ -52,7 +52,9 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     met = broad.overlaps()
     if not broad.near_count:
         return _nothing
+    # Meshes are prepared only now, after the boxes have met.
     target.find_meshes(bool(query.follows.any()))
+    # Bounds of cell sizes allow testing vertices alone; without falloff the share of skin counts.
     groups = None
     if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0 and bound:
         groups = skin.cell_groups(met)
@@ -70,12 +72,12 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     weights = gathering.no_weights(table, len(rows), len(columns), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
     drifts = _drifts(target, pairs.steps[pairs.steps > 1]) if reached.most_steps > 1 else {}
-    looked = native.narrow_phase(
+    narrow = native.narrow_phase(
         *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )
 
-    def found() -> Contacts:
-        counters.vertices_posed += looked()
+    def collect() -> Contacts:
+        counters.vertices_posed += narrow()
         own_sets = query.own_sets or arrays is not None
         felt = gathering.gathered(table, weights, columns, query.reported, own_sets)
         at, sets, offsets, vertices, values = felt
@@ -85,18 +87,18 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
             details = arrays.of(row, column)
         return Contacts(rows[at], sets, offsets, vertices, values, details)
 
-    return found
+    return collect
 
 
 def _drifts(target: PlacedTarget, steps: I64) -> dict[int, tuple[F64, F64]]:
-    """Relative motion between rows, by the number of steps."""
+    """Drift matrices of :func:`.narrow_phase.drift_of`, by number of steps."""
     volume, body = target.part("matrices"), target.part("to_world")
     ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
     return {number: drift_of(*ways, number) for number in np.unique(steps).tolist()}
 
 
 def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
-    """Source of positions for the library; fills in skin that is covered or followed."""
+    """Source of positions for the library; fills in skin of sampled and tracked clusters."""
     skin, table = query.skin, query.skin.skin.table
     if len(reached.wide):
         table.need(reached.wide)
@@ -107,12 +109,15 @@ def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
-        asked = reached.clusters if query.asks_details else reached.by_vertex
-        own = skin.vertices.native_clusters(asked)
+        clusters = reached.clusters if query.asks_details else reached.by_vertex
+        own = skin.vertices.native_clusters(clusters)
     return native.Posing(skin.surface.native_clusters(reached.clusters), own, reached.bones)
 
 
 def _nothing() -> Contacts:
-    none = np.zeros(0, np.int64)
-    nowhere = DetailArrays.empty(0, 0).of(none, none)
-    return Contacts(none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), nowhere)
+    """Contacts of no skin at all."""
+    empty = np.zeros(0, np.int64)
+    details = DetailArrays.empty(0, 0).of(empty, empty)
+    return Contacts(
+        empty, empty, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), details
+    )

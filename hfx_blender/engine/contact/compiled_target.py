@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes, and their placement relative to a body; ``placement.c``, ``broad.h``."""
+"""Volumes placed relative to a body; ``placement.c``, ``broad.h``."""
 
 from __future__ import annotations
 
@@ -24,23 +24,26 @@ _KINDS: Final[dict[type[Shape], int]] = {
     MeshVolume: _MESH,
 }
 _SWEPT_PARTS: Final = 8
-"""Parts of the way of a turning mesh; see ``broad_phase.c``."""
+"""Parts of a turning mesh's path between two rows; see ``broad_phase.c``."""
 
 
 def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
-    """Kinds, halves of segments, and boxes (n, 2, 3) in shape space."""
+    """Kinds (n,), half segments (n,) and boxes (n, 2, 3) of shapes, shape space.
+
+    Cached for analytic shapes, which compare by value.
+    """
     if any(isinstance(shape, MeshVolume) for shape in shapes):
-        return _made_formulas(shapes)
-    return _kept_formulas(shapes)
+        return _compute_formulas(shapes)
+    return _cached_formulas(shapes)
 
 
-def _made_formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
+def _compute_formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
     halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
     boxes = np.array([shape.bounds for shape in shapes], np.float64).reshape(-1, 2, 3)
     return i64([_KINDS[type(shape)] for shape in shapes]), f64(halves), boxes
 
 
-_kept_formulas = lru_cache(maxsize=256)(_made_formulas)
+_cached_formulas = lru_cache(maxsize=256)(_compute_formulas)
 
 
 _ROW: Final[dict[str, tuple[int, ...]]] = {
@@ -54,34 +57,31 @@ _ROW: Final[dict[str, tuple[int, ...]]] = {
     "turns": (2,),
     "meshes": (),
 }
-"""Fields of ``hfx_target`` for each row, in this order: shapes of arrays."""
+"""Shapes of the arrays of ``hfx_target`` for one row, in the order of its fields."""
 
 _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.values())]).tolist()
 
 
 class PlacedTarget:
-    """Volume and body, placed at some rows of a block.
+    """Volume and body, placed at some rows of a block; ``hfx_target``.
 
     Parameters
     ----------
-    shapes : tuple of Shape
     shape_index : (T,) int32 or None
-        The shape at each row of the block; None: always the first.
+        Shape at each row of the block; None for the first at all rows.
     matrices, to_world : (T, 4, 4) float64
-        Shape space to the world; the body's own space to the world.
+        Shape space to world; body space to world.
     rows : (n,) int64
-        Of the block, ascending.
-    falloff : Falloff
+        Rows of the block, ascending.
     amplitude : float
-        Change of weight that need not be sampled.
+        Largest change of weight that may remain unsampled.
     farthest : float
-        No entry of a matrix is larger.
+        Largest usable entry of a matrix.
 
     Attributes
     ----------
     is_usable : (n,) bool
-        At which rows it is: nothing is flattened, endless or not a number. What else is found
-        is for the case that it is at all of them.
+        Neither flattened, infinite nor NaN. All other results require usable rows throughout.
     """
 
     def __init__(
@@ -104,24 +104,24 @@ class PlacedTarget:
         self.pointers = structure("hfx_target")(
             *(count, *places[:4], *rises, amplitude, *places[4:], None, self.is_usable)
         )
-        self.pointers.kept += [self.room, shapes]  # of which it has addresses alone
-        shortest = min(len(each) for each in (matrices, to_world, shape_index) if each is not None)
+        self.pointers.kept += [self.room, shapes]  # the structure holds addresses only
+        shortest = min(len(a) for a in (matrices, to_world, shape_index) if a is not None)
         if count and not 0 <= rows[0] <= rows[-1] < shortest:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")
         self._shapes, self._falloff = shapes, falloff
         self._which = np.zeros(count, np.int64) if shape_index is None else shape_index[rows]
-        known = rows, matrices, to_world, shape_index, *_formulas(shapes)
-        loaded().hfx_place(self.pointers, *known, len(shapes), farthest)
+        inputs = rows, matrices, to_world, shape_index, *_formulas(shapes)
+        loaded().hfx_place(self.pointers, *inputs, len(shapes), farthest)
 
     @property
     def shapes(self) -> list[Shape]:
-        """The shape at each row."""
+        """Shape at each row."""
         return [self._shapes[k] for k in self._which.tolist()]
 
     def find_meshes(self, with_ways: bool) -> None:
-        """Hand meshes to the library: they are prepared only where skin is near them.
+        """Prepare meshes for the library; call once skin is near.
 
-        With ``with_ways`` also how far they reach between rows, where they turn.
+        With ``with_ways`` also store the boxes that turning meshes sweep between rows.
         """
         is_mesh = self.part("kinds").view(np.int64) == _MESH
         if not is_mesh.any():
@@ -130,13 +130,14 @@ class PlacedTarget:
         boxes = self.part("boxes")
         turning = is_mesh & (self.part("turns")[0] > 0.0) & with_ways
         if turning.any():
-            # The ends of half a turn do not show how little a blade passes through.
+            # The boxes at both ends of half a turn miss what a blade sweeps, so boxes in between
+            # count.
             low, high = boxes[:, 0].copy(), boxes[:, 1].copy()
             low[1:], high[1:] = np.minimum(low[1:], low[:-1]), np.maximum(high[1:], high[:-1])
         for k in np.unique(self._which[is_mesh]).tolist():
             shape, mine = self._shapes[k], self._which == k
             assert isinstance(shape, MeshVolume)
-            mesh = shape.compiled(not self._falloff.is_flat)  # which the shape keeps
+            mesh = shape.compiled(not self._falloff.is_flat)  # cached by the shape
             meshes[mine] = ctypes.addressof(mesh.pointers)
             rows = np.flatnonzero(turning & mine)
             motion = Motion.between(matrices[rows - 1], matrices[rows])
@@ -148,8 +149,7 @@ class PlacedTarget:
             self.pointers.put("swept", np.stack([low, high], axis=1))
 
     def part(self, name: str) -> F64:
-        """``to_shape``, ``to_world``, ``matrices`` or ``body_to_shape`` (n, 4, 4), ``boxes``
-        (n, 2, 3) or ``turns`` (2, n); see ``hfx_target``."""
+        """Values of a field by row: ``turns`` (2, n), else (n, ...) as in ``_ROW``; a view."""
         number, shape = list(_ROW).index(name), _ROW[name]
         flat = self.room[self.count * _ENDS[number] : self.count * _ENDS[number + 1]]
         return flat.reshape((*shape, -1) if name == "turns" else (-1, *shape))

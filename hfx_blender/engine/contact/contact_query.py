@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ContactQuery:
-    """One volume and one body at some rows of a block, and what is asked about their contacts."""
+    """One volume and one body at some rows of a block, and the requested details."""
 
     effect: EffectBlock  # of a volume
     falloff: Falloff
@@ -30,38 +30,38 @@ class ContactQuery:
     pose: PoseBlock
     bounds: ReachableBounds
     counters: Counters
-    rows: I64  # (n,) at which the volume is active, ascending, a subset of ``bounds.rows``
-    follows: Bool  # (n,) the row before is the sample before: what passed in between is felt, too
-    reported: Bool  # (n,) the others are only there to be followed from
-    own_sets: bool = False  # rows share no vertex sets
-    with_details: bool = False  # places of contacts
-    with_impact: bool = False  # how contacts began, however slowly
-    threads: Executor | None = None  # for the compiled part, which works while this one goes on
+    rows: I64  # (n,) rows with an active volume, ascending, a subset of ``bounds.rows``
+    follows: Bool  # (n,) the row before is the sample before, so contacts in between count
+    reported: Bool  # (n,) other rows only start tracking
+    own_sets: bool = False  # one vertex set for each row
+    with_details: bool = False  # record places of contacts
+    with_impact: bool = False  # record beginnings of contacts, however slow
+    threads: Executor | None = None  # for the narrow phase, parallel to the caller
     title: str = "a volume"  # in warnings
 
     @property
     def asks_details(self) -> bool:
-        """Test for anything that needs :class:`ContactDetails`."""
+        """Test for a request that needs :class:`ContactDetails`."""
         return self.with_details or self.with_impact
 
 
 @dataclass(frozen=True, eq=False)
 class ContactDetails:
-    """Details of each contact, in shape space.
+    """Place and beginning of each contact, shape space.
 
-    The *place* of a contact is the vertex where that is inside, else the deepest sample of its
-    skin; of a contact that is over when the sample is taken, the deepest halfway through.
+    The *place* is the vertex if that is inside, else the deepest sample of its skin. For a contact
+    that ended before the sample, the place is the deepest one halfway through the passage.
     """
 
     places: F64  # (3, total)
-    since: F64  # (total,) when it began, a share of the time since the sample before; else NaN
-    entries: F64  # (3, total) where skin entered first
-    ways: F64  # (3, total) how it moved then, for a whole time between samples
+    since: F64  # (total,) begin as share of the time since the sample before; NaN: earlier
+    entries: F64  # (3, total) first point of entry
+    ways: F64  # (3, total) motion at entry, per sample interval
 
 
 @dataclass(frozen=True, eq=False)
 class DetailArrays:
-    """Details of all contacts that may be, to be filled in row by row."""
+    """Details of all possible contacts, filled in row by row."""
 
     places: F64  # (rows, columns, 3)
     since: F64  # (rows, columns)
@@ -74,7 +74,7 @@ class DetailArrays:
         return cls(vectors[0], np.full(shape, np.nan), vectors[1], vectors[2])
 
     def of(self, rows: I64, columns: I64) -> ContactDetails:
-        """Details of some contacts, by their rows and columns."""
+        """Details of contacts, by their rows and columns."""
         return ContactDetails(
             self.places[rows, columns].T,
             self.since[rows, columns],
@@ -85,16 +85,16 @@ class DetailArrays:
     def place_deepest(
         self, samples: F64, contacts: I64, shapes: Sequence[Shape], matrices: F64
     ) -> None:
-        """Place contacts whose vertex is outside at their deepest sample.
+        """Set places of contacts whose vertex is outside to their deepest sample.
 
         Parameters
         ----------
         samples : (n, 3) float64
-            That are inside, shape space.
+            Samples inside, shape space.
         contacts : (n,) int64
             Row times the number of columns, plus column.
         shapes, matrices : (rows,), (rows, 4, 4)
-            The volume at each row, and its place in the world.
+            Shape and placing matrix at each row.
         """
         rows, columns = np.divmod(contacts, max(self.since.shape[1], 1))
         for row in np.unique(rows).tolist():
@@ -107,11 +107,11 @@ class DetailArrays:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of a body with a volume over some times; equal successive sets are stored once."""
+    """Contacts of a body with a volume at some rows; equal successive sets are stored once."""
 
-    rows: I64  # (n,) rows of the block at which anything is inside, ascending
-    sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
+    rows: I64  # (n,) rows of the block with contact, ascending
+    sets: I64  # (n,) vertex set of each row, from 0, rising by 0 or 1
     offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
     vertices: I32  # (total,) ascending within a set
     weights: Weights  # (total,) in (0, 1]
-    details: ContactDetails | None  # where asked for; each row has its own set then
+    details: ContactDetails | None  # on request; then each row has a set of its own

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of bodies with volumes: vertices whose skin is inside, and the share of it.
+"""Contact of bodies with volumes: vertices with skin inside, and the share of that skin.
 
-The compiled library finds them, :mod:`.compiled_contacts`; without it they are computed as
-:mod:`..reference` defines them.
+The compiled library computes contacts (:mod:`.compiled_contacts`); without it the definition in
+:mod:`..reference` is evaluated.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from . import compiled_contacts
 from .contact_query import ContactQuery, Contacts, DetailArrays
 
 _BULGE: Final = 0.1
-"""No skin is farther from its triangle than this share of the diagonal of the triangle's box:
-its three edges bulge by a quarter of its size at most, each by a ninth of that in the middle."""
+"""Bound of the distance of skin from its triangle, as a share of the diagonal of the triangle's
+box: three edges bulge by at most a quarter of its size, each by a ninth of that in the middle."""
 
 
 def begin(query: ContactQuery) -> Callable[[], Contacts]:
@@ -36,8 +36,9 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
     Returns
     -------
     callable
-        Waits for it and gives the :class:`Contacts`. What is on the boundary is inside; what
-        falloff weakens to nothing is left out.
+        Waits for the :class:`Contacts` and returns them. The boundary counts as inside; contacts
+        with a weight of 0 are left out. Rows with an unusable placement are left out, with a
+        warning.
     """
     if library.is_there():
         target = compiled_contacts.placed(query)
@@ -50,7 +51,7 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
-    """The query at the rows (n,) bool at which its volume is usable; the others are warned of."""
+    """Restrict a query to rows with a usable volume, mask (n,) bool; warns of the rest."""
     if usable.all():
         return query
     query.counters.warn(
@@ -64,20 +65,21 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
 
 
 def _by_definition(query: ContactQuery) -> Contacts:
+    """Contacts of a query by :mod:`..reference`."""
     matrices = query.effect.matrices
     assert matrices is not None
     usable = inverse_placement(matrices[query.rows])[1]
     usable = usable & (np.abs(matrices[query.rows]) <= FARTHEST).all(axis=(1, 2))
     query = _usable(query, usable)
     rows = query.rows
-    found = list(_contacts_at(query, rows, query.follows, query.reported))
-    columns = np.flatnonzero(sum((each.weights > 0.0 for _, each in found), np.False_))
+    by_row = list(_contacts_at(query, rows, query.follows, query.reported))
+    columns = np.flatnonzero(sum((row.weights > 0.0 for _, row in by_row), np.False_))
     weights: Weights = np.zeros((len(rows), len(columns)), query.falloff.precision)
     details = DetailArrays.empty(*weights.shape) if query.asks_details else None
-    for k, felt in found:
-        weights[k] = felt.weights[columns]
-        for each in () if details is None else fields(details):
-            getattr(details, each.name)[k] = getattr(felt.details, each.name)[..., columns].T
+    for k, row in by_row:
+        weights[k] = row.weights[columns]
+        for field in () if details is None else fields(details):
+            getattr(details, field.name)[k] = getattr(row.details, field.name)[..., columns].T
     return _gathered(rows, columns.astype(np.int32), weights, details, query.own_sets)
 
 
@@ -88,32 +90,34 @@ def _gathered(
     details: DetailArrays | None,
     own_sets: bool,
 ) -> Contacts:
-    felt = weights.any(axis=1)
-    rows, weights = rows[felt], weights[felt]
+    """Contacts from dense weights (n, C); equal successive rows share a set unless ``own_sets``."""
+    is_touched = weights.any(axis=1)
+    rows, weights = rows[is_touched], weights[is_touched]
     is_new = np.ones(len(rows), np.bool_)
     if not own_sets:
         is_new[1:] = (weights[1:] != weights[:-1]).any(axis=1)
-    owners, felt_columns = np.nonzero(weights[is_new])
+    owners, touched_columns = np.nonzero(weights[is_new])
     return Contacts(
         rows,
         np.cumsum(is_new) - 1,
         np.searchsorted(owners, np.arange(np.count_nonzero(is_new) + 1)),
-        columns[felt_columns],
-        weights[is_new][owners, felt_columns],
-        None if details is None else details.of(np.flatnonzero(felt)[owners], felt_columns),
+        columns[touched_columns],
+        weights[is_new][owners, touched_columns],
+        None
+        if details is None
+        else details.of(np.flatnonzero(is_touched)[owners], touched_columns),
     )
 
 
 def _contacts_at(
     query: ContactQuery, rows: I64, follows: Bool, reported: Bool
 ) -> Iterator[tuple[int, Contact]]:
-    """Contacts at the ``reported`` of some rows, at all of which the volume is usable: places among
-    the rows, and contacts, where the volume comes near the skin at all.
+    """Yield (index, contact) for ``reported`` rows at which the volume comes near the skin.
 
     Parameters
     ----------
     rows, follows, reported : (n,) int64, bool, bool
-        As in the query.
+        As in the query; the volume is usable at all rows.
     """
     skin, volume = query.skin.skin, Volume(query.effect, query.falloff)
     of_model = Skin.of(skin.model, skin.finer)
@@ -132,7 +136,7 @@ def _contacts_at(
 
 
 def _fineness(skin: SkinCoverage) -> Fineness | None:
-    """Samples as dense as a tolerance asks for; None where vertices alone are tested."""
+    """Density of samples for a tolerance; None where only vertices are tested."""
     if not skin.is_split:
         return None
     share, distance_m = skin.tolerance.spacing_share, skin.tolerance.distance_m
@@ -140,34 +144,34 @@ def _fineness(skin: SkinCoverage) -> Fineness | None:
 
 
 def _cells_near(body: Body, volume: Volume, row: int, before: int | None) -> I64:
-    """Cells with any skin that a volume may reach at a row, or since the one before it."""
+    """Ascending cells with skin that a volume may reach at a row or since the row ``before``."""
     surface, rows = body.skin.surface, [row] if before is None else [before, row]
     corners = surface.triangles.T
     if body.fineness is None:
         corners = np.arange(len(surface), dtype=np.int32)[None]
-    points = [world_points(surface, body.binding, body.pose, each) for each in rows]
-    places = np.stack([each[:, corner] for each in points for corner in corners])
+    points = [world_points(surface, body.binding, body.pose, at) for at in rows]
+    places = np.stack([posed[:, corner] for posed in points for corner in corners])
     low, high = places.min(axis=0), places.max(axis=0)
-    shape, matrices = volume.shape(row), np.stack([volume.matrix(each) for each in rows])
+    shape, matrices = volume.shape(row), np.stack([volume.matrix(at) for at in rows])
     boxes = world_bounds(shape, matrices)
     reach = _BULGE * np.sqrt(np.square(high - low).sum(axis=0))
+    # Turning motion leaves the straight path between both rows; the boxes grow by that bound.
     if before is not None:
         corners_of_box = np.stack(np.meshgrid(*shape.bounds.T)).reshape(3, -1)
         reach = reach + _swing(matrices, [corners_of_box])
         frames = body.pose.to_world[rows]
         own = zip(np.linalg.inv(frames), points, strict=True)
-        reach = reach + _swing(frames, [moved(inverse, each) for inverse, each in own])
+        reach = reach + _swing(frames, [moved(inverse, posed) for inverse, posed in own])
     meets = (low - reach <= boxes[:, 1].max(axis=0)[:, None]).all(axis=0)
     meets &= (high + reach >= boxes[:, 0].min(axis=0)[:, None]).all(axis=0)
     return np.unique(body.skin.owner[corners[:, meets]]).astype(np.int64)
 
 
 def _swing(frames: F64, points: list[F64]) -> float:
-    """Bound of the distance of points (3, N) that turn and stretch with a frame, from the straight
-    ways between their ends, metres.
+    """Bound of the distance of points (3, N) from straight paths while their frame turns, metres.
 
-    What is at o in the frames (2, 4, 4) A and B is on its way no farther from both ends than these
-    are from each other, |A o - B o|, but for the origin, which moves straight.
+    A point o in frames A and B (2, 4, 4) stays as near to both ends of its path as the ends are to
+    each other, |A o - B o|, apart from the origin, which moves straight.
     """
     change = frames[1, :3, :3] - frames[0, :3, :3]
     ways = change @ np.concatenate(points, axis=1)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of skin with volumes, at samples and between them; ``narrow_phase.c``.
+"""Narrow phase: contact of skin with volumes at samples and between them; ``narrow_phase.c``.
 
-Continuous collision detection finds contacts between two samples, too fast for either to see:
-samples of skin move straight in the volume's own space, in as many steps as its turning asks for,
-and each step is tested exactly (``continuous_collision.h``), so that no wall is too thin. Slow
-motion is not looked at: what it hides between two samples is nearer to the boundary than the
-tolerance.
+Continuous collision detection finds contacts between two samples. Samples of skin move straight in
+shape space, in as many steps as the volume's rotation requires, and each step is tested exactly
+(``continuous_collision.h``), so thin walls are not missed. Slow motion is untracked: contacts
+hidden between two samples are then nearer to the boundary than the tolerance.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
 
 @dataclass(frozen=True, eq=False)
 class Posing:
-    """Source of the positions of cluster-row pairs: matrices of bones, or known places."""
+    """Source of positions for cluster-row pairs: bone matrices, or known positions."""
 
     clusters: Clusters | None = None
-    own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
+    own: Clusters | None = None  # of the cells' vertices; None: units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
     surface: SurfacePlaces | None = None
 
@@ -56,32 +55,29 @@ def narrow_phase(
     details: DetailArrays | None = None,
     threads: Executor | None = None,
 ) -> Callable[[], int]:
-    """Compute contact weights of cells inside and of passages.
+    """Begin the computation of contact weights of covered cells and of passages.
 
     Parameters
     ----------
-    pairs : Pairs
     table : SkinTableArrays
-        Filled for the clusters that are covered or followed.
-    posing : Posing
-    target : PlacedTarget
+        Filled in for sampled and tracked clusters.
     drifts : mapping
-        How points drift, (steps + 1, n - 1, 4, 4) from before and after, by number of steps; see
-        :func:`drift_of`. Straight ways need none.
+        Number of steps to drift matrices (steps + 1, n - 1, 4, 4) from before and from after, see
+        :func:`drift_of`. Straight paths need none.
     weights : (n, C) float32 or float64
-        Changed in place: a pair's cells get theirs, what passed only raises them.
+        Set in place for the pairs' cells; passages only raise a weight.
     column_of : (cells,) int64
-        The column of each of the table's cells.
+        Column of each of the table's cells.
     details : DetailArrays, optional
-        Filled in, for the same columns.
+        Filled in place, same columns. Computed at once, without threads.
     threads : Executor, optional
-        Threads that compute while this one goes on, each for clusters of its own.
+        Computes parts of the pairs, with whole clusters each; without threads the computation is
+        finished on return.
 
     Returns
     -------
     callable
-        Waits until all is computed, which without threads it is by now; gives the number of
-        places posed.
+        Waits for the end and returns the number of positions posed.
     """
     drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
     shared = posing, target, drift, weights, column_of
@@ -92,56 +88,57 @@ def narrow_phase(
         count = NarrowPhaseCall(pairs, table, *shared).run()
         return lambda: count
     calls = [NarrowPhaseCall(part, table, *shared) for part in _parts(pairs, table)]
-    begun = [threads.submit(call.run) for call in calls]
-    return lambda: sum(each.result() for each in begun)
+    futures = [threads.submit(call.run) for call in calls]
+    return lambda: sum(future.result() for future in futures)
 
 
 _SAMPLES: Final = 1 << 18
-"""Samples of contacts that there is room for at first."""
+"""Initial room for samples of contacts."""
 
 
 def _with_details(
     call: NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
 ) -> int:
+    """Run a call with details, again with more room if the samples did not fit."""
     room = _SAMPLES
     while True:
         samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)
-        made = structure("hfx_details")(
+        arrays = structure("hfx_details")(
             *(details.places, details.since, details.entries, details.ways),
             *(samples, contacts, 0, room),
         )
-        count = call.run(made)
-        if made.count <= room:
+        count = call.run(arrays)
+        if arrays.count <= room:
             break
-        room = made.count
-        weights[:] = 0.0  # what is there already is taken as found
-    found, owners = samples[: made.count], contacts[: made.count]
-    details.place_deepest(found, owners, target.shapes, target.part("matrices"))
+        room = arrays.count
+        weights[:] = 0.0  # the call raises existing weights
+    inside, owners = samples[: arrays.count], contacts[: arrays.count]
+    details.place_deepest(inside, owners, target.shapes, target.part("matrices"))
     return count
 
 
 def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> Any:
+    """Structure ``hfx_drift``: matrices by the exponent of the number of steps, a power of 2."""
     ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
     for number, matrices in drifts.items():
-        for way, each in zip(ways, matrices, strict=True):
-            way[number.bit_length() - 1] = each
+        for way, drift in zip(ways, matrices, strict=True):
+            way[number.bit_length() - 1] = drift
     return structure("hfx_drift")(*ways, intervals)
 
 
 _WORTH: Final = 1 << 17
-"""Places of pairs that pay for a call of their own where threads share the work: some of it takes
-much longer than the rest."""
+"""Positions in the part of a thread; parts differ much in time, so several for each thread."""
 
 
 def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
-    """Split pairs into parts with similar numbers of points, clusters kept whole."""
+    """Split pairs into parts with similar numbers of positions, clusters kept whole."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
     if count < 2:
         return [pairs]
     begins = np.concatenate([[True], pairs.clusters[1:] != pairs.clusters[:-1]]).nonzero()[0]
-    wanted = total[-1] * np.arange(1, count) / count
-    inner = begins[np.minimum(np.searchsorted(total[begins], wanted), len(begins) - 1)]
+    targets = total[-1] * np.arange(1, count) / count
+    inner = begins[np.minimum(np.searchsorted(total[begins], targets), len(begins) - 1)]
     cuts = np.unique(np.concatenate([[0], inner, [len(total)]])).tolist()
     parts = (slice(*ends) for ends in pairwise(cuts))
     return [
@@ -151,7 +148,7 @@ def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
 
 
 class NarrowPhaseCall:
-    """One call of the library for some pairs, with its arguments."""
+    """One call of ``hfx_narrow_phase``, with its arguments kept alive."""
 
     def __init__(
         self,
@@ -168,38 +165,38 @@ class NarrowPhaseCall:
         room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         is_single = weights.dtype == np.float32
-        self._found = structure("hfx_found")(
+        self._results = structure("hfx_found")(
             *(weights, column_of, weights.shape[1], is_single, 0, room, events)
         )
         source = structure("hfx_posing")(
             *(skin, posing.clusters and posing.clusters.table, posing.own and posing.own.table),
             *(posing.bones and posing.bones.pointers, posing.surface and posing.surface.pointers),
         )
-        self._arguments = pairs.pointers, source, target.pointers, drift, self._found
-        self._kept = posing  # whose tables of clusters hold addresses alone
+        self._arguments = pairs.pointers, source, target.pointers, drift, self._results
+        self._posing = posing  # its tables of clusters hold addresses only
 
     def run(self, details: Any = None) -> int:
         """Run the call without the interpreter lock; returns the number of positions posed."""
-        self._found.posed = 0
+        self._results.posed = 0
         loaded().hfx_narrow_phase(*self._arguments, details)
-        count: int = self._found.posed
+        count: int = self._results.posed
         return count
 
 
 def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tuple[F64, F64]:
-    """Relative motion, in a volume's space, of points that rest in a body's frame, in intervals.
+    """Relative motion, in shape space, of points at rest in a body's frame, for some intervals.
 
     Parameters
     ----------
     volume, body : tuple of (n, 4, 4) float64
-        Placing matrices before and after.
+        Placing matrices before and after each interval.
     steps : int
-        Straight ones, of even length.
+        Straight steps of equal length.
 
     Returns
     -------
     from_before, from_after : (steps + 1, n, 4, 4) float64
-        Shape space at the start to the frame's later place; the same from the end.
+        Maps from shape space before, or after, the interval to shape space at each step.
     """
     volumes, bodies = Motion.between(*volume), Motion.between(*body)
     places = []
@@ -207,5 +204,5 @@ def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tupl
         inverses, _ = inverse_placement(volumes.at(k / steps))
         places.append(inverses @ bodies.at(k / steps))
     path = np.stack(places)
-    before, after = (inverse_placement(each)[0] @ volume[k] for k, each in enumerate(body))
+    before, after = (inverse_placement(at)[0] @ volume[k] for k, at in enumerate(body))
     return path @ before, path @ after

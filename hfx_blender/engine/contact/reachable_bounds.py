@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""World boxes of posed skin, and places of skin that no bones move."""
+"""World boxes of posed skin, and positions of skin that no bones move."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ..skin.surface_posing import PointwiseModel
 
 @dataclass(frozen=True, eq=False)
 class ReachableBounds:
-    """World boxes of a posed model's clusters over some rows of a block."""
+    """World boxes of a posed model's clusters at some rows of a block, metres."""
 
     rows: I64  # (n,) rows whose pose is known, ascending
     low: F64  # (n, C, 3)
     high: F64  # (n, C, 3)
     of_rows: F64  # (n, 2, 3) around all clusters at a row
     of_clusters: F64  # (C, 2, 3) around a cluster at all rows
-    places: F64 | None = None  # (n, P, 3) of the skin, the body's space, where no bones move it
-    own: F64 | None = None  # (n, cells, 3) the same of the cells' vertices where these are others
+    places: F64 | None = None  # (n, P, 3) positions of skin without bones, body space
+    own: F64 | None = None  # (n, cells, 3) positions of the cells' own vertices
 
     @property
     def boxes(self) -> tuple[F64, F64, F64, F64]:
-        """Boxes without the rows."""
+        """All boxes, as :meth:`..native.cluster_bounds.Outline.bounds` returns them."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
     @cached_property
     def bends_m(self) -> F64:
-        """Bound of each cluster's distance from the straight way before each row, (n, C) metres."""
+        """Bound of each cluster's distance from a straight path before each row, (n, C) metres."""
         boxes = np.stack([self.low, self.high], axis=2)
         follows = np.diff(self.rows, prepend=-2) == 1
         return bends_m(boxes, follows)
@@ -44,9 +44,9 @@ class ReachableBounds:
     def around(
         cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
     ) -> ReachableBounds:
-        """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
+        """Bounds from the boxes (n, C, 3) of clusters at some rows."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
-        # If one row is not a number, the cluster's other rows still count.
+        # A NaN at one row must not hide the cluster's boxes at all the rest.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
         highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
         of_clusters = np.stack([lowest, highest], axis=1)
@@ -54,10 +54,10 @@ class ReachableBounds:
 
 
 def bends_m(boxes: F64, follows: Bool) -> F64:
-    """Bound of the distance of boxes (n, ..., 2, 3) from the straight way before each row, metres.
+    """Bound of the distance of boxes (n, ..., 2, 3) from a straight path before each row, metres.
 
-    A way that turns is at most half of its second difference beside it. ``follows`` (n,) tells
-    that the row before is the sample before. The bound has shape (n, ...); it is 0 where not known.
+    A curved path deviates by at most half of its second difference. ``follows`` (n,) marks rows
+    whose row before is the sample before. Shape (n, ...); 0 where unknown.
     """
     bends = np.zeros(boxes.shape[:-2])
     known = (follows[1:-1] & follows[2:]).reshape(-1, *[1] * (bends.ndim - 1))
@@ -73,8 +73,8 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
     surface, margins_m = skin.surface, skin.skin.margins_m
     if isinstance(surface, SkinnedModel):
         assert pose.bones is not None
-        found = surface.outline.bounds(pose.bones, rows, to_world, margins_m)
-        return ReachableBounds(rows, *found)
+        boxes = surface.outline.bounds(pose.bones, rows, to_world, margins_m)
+        return ReachableBounds(rows, *boxes)
     assert isinstance(surface, PointwiseModel)
     places, own = surface.places(pose, rows), None
     if skin.is_grouped:
@@ -88,7 +88,7 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
 
 
 def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
-    """World boxes (n, 3), lowest and highest corners, of skin that no bones move at ``rows``."""
+    """World boxes of skin without bones at ``rows``: lowest and highest corners, (n, 3) each."""
     assert isinstance(skin.surface, PointwiseModel)
     to_world = pose.to_world[rows]
     low, high = skin.surface.box(pose, rows, to_world)

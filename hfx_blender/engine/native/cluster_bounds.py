@@ -64,7 +64,6 @@ def outlined(
 
     Parameters
     ----------
-    mesh : SurfaceArrays
     starts : (C + 1,) int64
         First unit of each cluster.
     units : (V,) int32

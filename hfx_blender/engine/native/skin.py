@@ -54,7 +54,6 @@ class PosedBones:
     ----------
     count : int
         Number of rows.
-    bones : UsedBones
     given : int
         Number of bones of the pose; the bone of this index is at rest.
 

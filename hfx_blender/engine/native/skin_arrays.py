@@ -7,9 +7,8 @@ from typing import Any, Final, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import F64, I32, I64
+from ..arrays import F32, F64, I32, I64
 from .declarations import structure
 from .library import loaded
 
@@ -18,9 +17,9 @@ class SurfaceArrays(Protocol):
     """Arrays that the library reads of a :class:`..skin.skin_table.SkinMesh`."""
 
     @property
-    def vertices(self) -> npt.NDArray[np.float32]: ...
+    def vertices(self) -> F32: ...
     @property
-    def triangles(self) -> npt.NDArray[np.int32]: ...
+    def triangles(self) -> I32: ...
 
 
 class SkinTableArrays(Protocol):
@@ -84,7 +83,6 @@ def fill(
 
     Parameters
     ----------
-    table : SkinTableArrays
     mesh : SurfaceArrays
         Surface of the table.
     clusters : (k,) int64

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering samples to the actuators of a device."""
+"""Rendering of samples to the actuators of a device."""
 
 from .device_config import DeviceConfig
 from .raster import Raster, Shortfall, Unrendered, unrendered

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places of a device's actuators on a perceptual model."""
+"""Vertices of a perceptual model that a device's actuators reach."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..body.parts import PARTS, SIDES
 from .device_config import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
 
 MAX_MISS_M = 0.2
-"""Largest distance of an actuator's nearest vertex outside of its radius, metres. Temperature
-vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin is never this far
-from one; a place that is, was not written for this body."""
+"""Largest distance of an actuator's nearest vertex beyond its radius, metres. Temperature vertices
+are 150 mm apart (Danieau et al. 2018, Table 1), so a place on skin is never this far from all
+vertices; a farther place belongs to another body."""
 
 
 def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
 ) -> list[I32]:
-    """Vertices of a model that each of some actuators reaches, on the side that was written.
+    """Vertices of a model that each actuator reaches, on the configured side.
 
     Raises
     ------
     InputError
-        A place does not fit this model.
+        A place does not fit this model; names device and actuator.
     """
     rows = []
     for actuator in actuators:
@@ -42,11 +42,11 @@ def rows_of(
 
 
 def vertices_of(place: Place, model: PerceptualModel) -> I32:
-    """Vertices of ``model`` that a place reaches, ascending.
+    """Vertices of ``model`` that a place reaches, ascending; not to be changed.
 
-    A place on the body always reaches the nearest vertex of its parts, so that an actuator
-    between the vertices of a coarse model is not lost. Vertices that are named one by one
-    are none on a model for which nothing is named.
+    A place on the body always reaches the nearest vertex of its parts, even beyond its radius, so
+    that an actuator between the vertices of a coarse model still plays. Empty for named vertices
+    without a set for this model.
 
     Raises
     ------
@@ -57,36 +57,37 @@ def vertices_of(place: Place, model: PerceptualModel) -> I32:
         return _named(place, model)
     if isinstance(place, RoomPlace):
         return np.flatnonzero(on_parts(place.parts, model)).astype(np.int32)
-    known = _PATCHES.setdefault(model, {})
-    if place not in known:
-        if len(known) >= _MOST_PATCHES:
-            known.clear()
-        known[place] = _patch(place, model)
-        known[place].flags.writeable = False
-    return known[place]
+    patches = _PATCHES.setdefault(model, {})
+    if place not in patches:
+        if len(patches) >= _MOST_PATCHES:
+            patches.clear()
+        patches[place] = _patch(place, model)
+        patches[place].flags.writeable = False
+    return patches[place]
 
 
 _MOST_PATCHES: Final = 4096
 _PATCHES: Final[WeakKeyDictionary[PerceptualModel, dict[BodyPlace, I32]]] = WeakKeyDictionary()
-"""Vertices that places reach: each is asked for by a device's checks, notes and cells."""
+"""Cached patches; a device's checks, notes and cells need each of them."""
 
 
 def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
+    """Mask (V,) of vertices on some parts of the body."""
     return np.isin(model.part, [PARTS.index(part) for part in parts])
 
 
 @lru_cache(maxsize=64)
 def _skin_of(parts: tuple[str, ...], side: str | None, model: PerceptualModel) -> tuple[I32, F64]:
-    """Vertices of a model on some parts and a side, and their places (3, n): a device has many
-    actuators on the same ones."""
+    """Vertices of a model on parts and a side (None: any), and their positions (3, n); cached."""
     allowed = on_parts(parts, model)
     if side is not None:
         allowed &= model.side == SIDES.index(side)
-    found = np.flatnonzero(allowed).astype(np.int32)
-    return found, np.ascontiguousarray(model.vertices[found].T, np.float64)
+    vertices = np.flatnonzero(allowed).astype(np.int32)
+    return vertices, np.ascontiguousarray(model.vertices[vertices].T, np.float64)
 
 
 def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
+    """Vertices of a :class:`BodyPlace`; raises InputError if none is near."""
     candidates, places = _skin_of(place.parts, place.side, model)
     where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
     if not len(candidates):
@@ -108,15 +109,16 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
 
 
 def _named(place: VertexPlace, model: PerceptualModel) -> I32:
-    for each in place.sets:
-        if each.model_id != model.id:
+    """Vertices listed for this model; raises InputError if the model differs."""
+    for named in place.sets:
+        if named.model_id != model.id:
             continue
-        if each.content_hash != model.content_hash:
+        if named.content_hash != model.content_hash:
             raise InputError(
                 f"its vertices were chosen on another '{model.id}' (hash "
-                f"{each.content_hash[:12]}..., this model has {model.content_hash[:12]}...)."
+                f"{named.content_hash[:12]}..., this model has {model.content_hash[:12]}...)."
             )
-        vertices = np.array(each.vertices, np.int32)
+        vertices = np.array(named.vertices, np.int32)
         if vertices[-1] >= len(model):
             raise InputError(
                 f"vertex {vertices[-1]} is not on model '{model.id}', which has {len(model)}."

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The coverage scheme of HFX Studio: an actuator fires for the vertices that it shares.
+"""Coverage scheme of HFX Studio: actuators respond to the vertices that they share with samples.
 
-Danieau et al., VRST 2018, section 3.3: haptic data and devices speak in vertices of the same
-perceptual model; what they share is rendered.
+Danieau et al., VRST 2018, section 3.3: data and devices refer to vertices of the same perceptual
+model; shared vertices are rendered.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..native.library import library
 from .device_config import Statistic
 
 DENSE_ENTRIES = 1 << 18
-"""Weights that are laid out densely at a time: 1 MiB, which stays in the processor's cache."""
+"""Weights laid out densely at a time: 1 MiB, to stay in the processor's cache."""
 
 
 class ActuatorCells:
@@ -28,10 +28,9 @@ class ActuatorCells:
     rows : sequence of (n,) int32
         Vertices of each actuator; may be empty and may overlap.
     vertex_count : int
-        Size of the model.
+        Number of vertices of the model.
     factors : sequence of (n,) float, optional
-        How strongly each of these vertices drives its actuator, for a scheme that pans;
-        fully without.
+        Factor of each vertex, for panning schemes; 1 by default.
     """
 
     def __init__(
@@ -49,14 +48,13 @@ class ActuatorCells:
         self._overlaps = not np.array_equal(self._slots, np.arange(len(reached)))
         self._is_reached = np.zeros(vertex_count, np.bool_)
         self._is_reached[reached] = True
-        self._slot_of = np.cumsum(self._is_reached) - 1  # where it is reached
+        self._slot_of = np.cumsum(self._is_reached) - 1  # valid for reached vertices
 
     def gains(self, offsets: I64, vertices: I32, weights: F32, statistic: Statistic) -> F64:
-        """Gain of each actuator for each of n samples.
+        """Gains (n, A) of the actuators for n samples; 0 where nothing is shared.
 
-        ``strongest`` is the largest weight among the shared vertices; ``mean`` is the mean
-        over all vertices of the actuator, those that are not shared counting as 0. 0 where
-        nothing is shared.
+        ``strongest`` takes the largest weight among the shared vertices, ``mean`` the mean over all
+        vertices of the actuator, with 0 for vertices outside the sample.
 
         Parameters
         ----------
@@ -64,10 +62,6 @@ class ActuatorCells:
             Sample ``k`` has the entries ``slice(offsets[k], offsets[k + 1])``.
         vertices : (total,) int32
         weights : (total,) float32
-
-        Returns
-        -------
-        (n, A) float64
         """
         count = len(offsets) - 1
         if statistic == "strongest" and len(self.reached):
@@ -93,7 +87,7 @@ class ActuatorCells:
 
     @cached_property
     def _by_vertex(self) -> tuple[I64, I32, F32 | None]:
-        """Actuators by vertex: starts (V + 1,), actuator numbers, and factors."""
+        """Actuators by vertex: starts (V + 1,), actuator indices and factors (None: all 1)."""
         every = np.concatenate(self.rows)
         order = np.argsort(every, kind="stable")
         counts = np.bincount(every, minlength=len(self._is_reached))
@@ -102,7 +96,7 @@ class ActuatorCells:
         return np.concatenate(([0], np.cumsum(counts))), owners[order], factors
 
     def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
-        """Weights (n, D) at the reached vertices, 0 where a sample does not have them."""
+        """Weights (n, D) at the reached vertices; 0 for vertices outside the sample."""
         count = len(offsets) - 1
         dense = np.zeros((count, len(self.reached)), np.float32)
         if _is_one_set(offsets, vertices):  # a painted area, or a body well inside a volume
@@ -117,6 +111,7 @@ class ActuatorCells:
         return dense
 
     def _reduce(self, dense: F32, statistic: Statistic) -> F64:
+        """Reduce dense weights (n, D) to gains (n, A)."""
         gains = np.zeros((len(dense), len(self.rows)))
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]
@@ -132,7 +127,7 @@ class ActuatorCells:
 
 
 def _is_one_set(offsets: I64, vertices: I32) -> bool:
-    """Test that all of n > 0 samples have the same vertices."""
+    """Test that n > 0 samples have the same vertices."""
     count = len(offsets) - 1
     size = int(offsets[1] - offsets[0])
     if size == 0 or not (np.diff(offsets) == size).all():

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Description of a haptic device for rendering: facts only, as plain data.
+"""Configuration of a haptic device, for rendering and output: facts as plain data.
 
-The content follows HFX Studio's device configuration (Danieau et al., VRST 2018, section 3.3)
-and Mango's hardware configuration file (Schneider et al., UIST 2015).
-:mod:`hfx_blender.devices.configuration` reads it from a file.
+After HFX Studio's device configuration (Danieau et al., VRST 2018, section 3.3) and Mango's
+hardware configuration file (Schneider et al., UIST 2015). :mod:`hfx_blender.devices.configuration`
+reads it from a file, :mod:`hfx_blender.devices.host.opening` opens its output. Serial ports and log
+files are chosen when a device is connected, never here.
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ NumberFormat = Literal["u8", "u16le", "u16be"]
 Checksum = Literal["none", "xor", "sum"]
 
 DEAD_MAN_MS: Final = 250
-"""Time without valid values after which a board is silent until it is configured anew, ms."""
+"""Time without valid values after which a board stays silent until its next configuration, ms."""
 
 
 @dataclass(frozen=True)
 class ActuatorControl:
-    """Control parameter of an actuator, in the modality's own unit."""
+    """Control parameter of an actuator, in the unit of the modality's parameter."""
 
-    name: str  # of a parameter of the modality
+    name: str  # name of the modality's parameter
     minimum: float  # range of the hardware
     maximum: float
-    lowest: float  # allowed range: the range cut by the configured limits
+    lowest: float  # allowed range: that of the hardware within configured limits
     highest: float
-    neutral: float  # value while nothing is rendered
+    neutral: float  # value in silence
 
     @property
     def reach(self) -> float:
@@ -55,38 +56,36 @@ class ActuatorControl:
 
 @dataclass(frozen=True)
 class ActuatorType:
-    """A kind of actuator; its first control is the modality's strength."""
+    """Kind of actuator; the first control is the modality's strength."""
 
     name: str
     modality: str  # key of modality.MODALITIES
     controls: tuple[ActuatorControl, ...]
     latency_ms: float
     update_interval_ms: float
-    slew_per_s: float = math.inf  # fastest rise of the strength, live
-    maximum_on_s: float = math.inf  # longest that it is on without a rest, live
+    slew_per_s: float = math.inf  # largest rate of the strength, live only
+    maximum_on_s: float = math.inf  # longest time on without a rest, live only
     rest_s: float = 1.0
-    takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
-    waveform: Waveform = "sine"  # of each of these
-    resonance_hz: float | None = None  # plays what has no frequency of its own
-    drive: tuple[DriveCurve, ...] = ()  # measured, by ascending frequency; none: proportional
-    thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
+    takes_waveform: bool = False  # driven as sound by the sum of all vibrations
+    waveform: Waveform = "sine"  # of each vibration
+    resonance_hz: float | None = None  # for effects without a frequency
+    drive: tuple[DriveCurve, ...] = ()  # by ascending frequency; empty: proportional
+    thresholds: tuple[tuple[float, float], ...] = ()  # detection thresholds (Hz, m/s^2)
 
     @property
     def strength(self) -> ActuatorControl:
-        """Control that makes the actuator feel stronger or weaker."""
+        """Control of the modality's strength."""
         return self.controls[0]
 
     def unit(self, control: ActuatorControl) -> str:
-        """Unit of one of the controls."""
+        """Unit of a control."""
         parameters = MODALITIES[self.modality].parameters
-        return next(each.unit for each in parameters if each.name == control.name)
+        return next(known.unit for known in parameters if known.name == control.name)
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """Rendering scheme, from felt intensity on the skin to gains of actuators: a name and its
-    options.
-    """
+    """Rendering scheme, from intensity on the skin to gains of actuators, with its options."""
 
     name: SchemeName = "coverage"
     statistic: Statistic = "strongest"  # coverage
@@ -96,12 +95,12 @@ class Scheme:
 
 @dataclass(frozen=True)
 class Mount:
-    """Mount of a layout of millimetres on the body, in rest space: flat, or bent."""
+    """Placement of a layout in millimetres on the body, rest space: flat or bent to a cylinder."""
 
     origin_m: tuple[float, float, float]
     x_axis: tuple[float, float, float]  # unit, orthogonal
     y_axis: tuple[float, float, float]
-    bend_radius_m: float | None = None  # of the cylinder along y; below 0: hollow; None: flat
+    bend_radius_m: float | None = None  # cylinder along y; negative: hollow; None: flat
 
 
 @dataclass(frozen=True)
@@ -109,43 +108,44 @@ class VertexSet:
     """Vertices of one perceptual model."""
 
     model_id: str
-    content_hash: str  # of the model that the ids were chosen on
+    content_hash: str  # hash of the model with these ids
     vertices: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class VertexPlace:
-    """Vertices that an actuator reaches, named one by one for each model."""
+    """Listed vertices that an actuator reaches, for one or several models."""
 
     sets: tuple[VertexSet, ...]
 
 
 @dataclass(frozen=True)
 class BodyPlace:
-    """A patch of skin: what lies in a ball, on certain parts and one side of the body.
+    """Patch of skin: a ball, restricted to parts and a side of the body.
 
-    A device on which skin strokes, such as a phone, is felt by those parts as well.
+    ``stroked_by`` names parts that stroke over the device, as fingers over a phone, and feel it
+    too.
     """
 
     parts: tuple[str, ...]
     centre_m: tuple[float, float, float]  # rest space
     radius_m: float
     side: str | None = None  # None: any
-    stroked_by: tuple[str, ...] = ()  # all of these parts, on either side
+    stroked_by: tuple[str, ...] = ()  # whole parts, on both sides
 
 
 @dataclass(frozen=True)
 class RoomPlace:
-    """Place in the room that touches no skin; meant for whole parts of the body.
+    """Place in the room for whole parts of the body.
 
-    With a place it reaches what of them is in range and in its cone; without one, all of them.
+    With ``at_m`` only skin within range and cone is reached, without it all of the parts.
     """
 
     parts: tuple[str, ...]
     at_m: tuple[float, float, float] | None = None  # in the play space
-    aim: tuple[float, float, float] | None = None  # unit; None: all round
+    aim: tuple[float, float, float] | None = None  # unit; None: all directions
     range_m: float = math.inf
-    cone_deg: float = 360.0  # full angle round the aim
+    cone_deg: float = 360.0  # full angle about the aim
 
 
 Place = VertexPlace | BodyPlace | RoomPlace
@@ -162,10 +162,10 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Substitution:
-    """Substitution of one modality by another.
+    """Replacement of a modality by another.
 
-    ``strength of target = scale * strength of source``, where the strength of temperature is
-    its deviation from neutral (its magnitude, unless temperature is shown as temperature).
+    ``strength of target = scale * strength of source``. The strength of temperature is its
+    deviation from neutral, as a magnitude unless the target is temperature, too.
     """
 
     source: str
@@ -176,33 +176,33 @@ class Substitution:
 
 @dataclass(frozen=True)
 class Brand:
-    """Brand of the device, and its identification on a bus."""
+    """Maker and model of a device, and its identification on a bus."""
 
     vendor: str
     model: str
     usb: tuple[tuple[int, int], ...] = ()  # vendor id, product id
-    serial: str = ""  # pattern of its serial number, with * and ?; empty: any
+    serial: str = ""  # pattern of serial numbers with * and ?; empty: any
 
 
 @dataclass(frozen=True)
 class ScriptFiles:
-    """Files of a device's script; others decide whether it may run."""
+    """Files of a device's script; whether it may run is decided elsewhere."""
 
     script: Path
     configuration: Path
-    device: Path  # as the device is loaded anew: with the side that it is worn on
+    device: Path  # configuration with the side on which the device is worn
 
 
 @dataclass(frozen=True)
 class SerialTransport:
-    """A serial port, chosen when the device is connected."""
+    """Serial port, chosen when the device is connected."""
 
     baud: int
 
 
 @dataclass(frozen=True)
 class UdpTransport:
-    """Datagrams to a host of this computer or its own network."""
+    """Datagrams to a host: this computer or its own network."""
 
     host: str
     port: int
@@ -210,7 +210,7 @@ class UdpTransport:
 
 @dataclass(frozen=True)
 class WebsocketTransport:
-    """A program on this computer or its own network that answers over a websocket."""
+    """Websocket server on this computer or its own network."""
 
     host: str
     port: int
@@ -221,24 +221,24 @@ Transport = SerialTransport | UdpTransport | WebsocketTransport
 
 @dataclass(frozen=True)
 class WireEncoder:
-    """The protocol of our own firmware (``docs/wire-protocol.md``)."""
+    """Protocol of the project's firmware (``docs/wire-protocol.md``)."""
 
 
 @dataclass(frozen=True)
 class BytesEncoder:
-    """Binary frames: header, one number for each channel, checksum of the numbers, footer."""
+    """Binary frames: header, a number for each channel, checksum of the numbers, footer."""
 
     header: bytes
     number: NumberFormat
-    full_scale: int  # encoded value of the end of a control's range; its beginning becomes 0
+    full_scale: int  # encoded maximum of a control's range; the minimum is 0
     checksum: Checksum
     footer: bytes
-    stop: bytes | None  # None: the frame of all neutral values
+    stop: bytes | None  # None: a frame of neutral values
 
 
 @dataclass(frozen=True)
 class TextEncoder:
-    """Lines of decimal numbers, as simple sketches read them."""
+    """Lines of decimal numbers for simple sketches."""
 
     start: str
     separator: str
@@ -248,18 +248,18 @@ class TextEncoder:
 
 @dataclass(frozen=True)
 class OscEncoder:
-    """OSC 1.0 messages, one float for each channel."""
+    """OSC 1.0 messages, a float for each channel."""
 
-    addresses: tuple[str, ...]  # one template for all channels, or one for each
-    is_fraction: bool  # 0..1 of the control's range; else the control's own unit
-    is_bundle: bool  # all in one datagram
+    addresses: tuple[str, ...]  # one template for all channels, or an address for each
+    is_fraction: bool  # 0..1 of the control's range, else in its unit
+    is_bundle: bool  # all messages in one datagram
 
 
 @dataclass(frozen=True)
 class ButtplugEncoder:
-    """Commands for one device of a Buttplug v4 server such as Intiface."""
+    """Commands for a device of a Buttplug v4 server such as Intiface."""
 
-    device_name: str  # how the server's name of the device begins; empty: the first that fits
+    device_name: str  # prefix of the server's name; empty: first fitting device
     outputs: tuple[tuple[int, str], ...]  # for each actuator: feature, output type
 
 
@@ -277,7 +277,7 @@ class BhapticsEncoder:
     dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
 
     def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
-        """Dots of a device on the side that it is worn on."""
+        """Dots of the device on its right or, if mirrored, opposite side."""
         if not is_mirrored:
             return self.dots
         return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
@@ -296,7 +296,7 @@ class OutputConfig:
 
 @dataclass(frozen=True, eq=False)
 class DeviceConfig:
-    """Configuration of one haptic device."""
+    """Configuration of a haptic device."""
 
     id: str
     name: str
@@ -305,31 +305,31 @@ class DeviceConfig:
     actuators: tuple[Actuator, ...]
     scheme: Scheme
     substitutions: Mapping[str, Substitution]  # by source modality
-    gain: float  # times every strength, before the limits
-    mount: Mount | None = None  # of the plane in which a flat scheme pans
+    gain: float  # factor of every strength, before limits
+    mount: Mount | None = None  # plane of a flat scheme; None: fitted to the actuators
     brand: Brand | None = None
     width_m: float | None = None
     height_m: float | None = None
-    side: str | None = None  # of the body that it is worn on, if it can change sides
-    is_mirrored: bool = False  # places are written for the other side
-    output: OutputConfig | None = None  # how it is driven live; None: not at all
-    surface_drive_per_m: float | None = None  # c_v that the user set for it; None: the common one
-    script: ScriptFiles | None = None  # beside its configuration; None: it has none
+    side: str | None = None  # side of the body, if it can change
+    is_mirrored: bool = False  # places are written for the opposite side
+    output: OutputConfig | None = None  # live output; None: none
+    surface_drive_per_m: float | None = None  # c_v of this device; None: the common c_v
+    script: ScriptFiles | None = None  # None: no script
 
     def rendered_by(self, scheme: str) -> DeviceConfig:
-        """Same device with another rendering scheme, of default options; empty: its own."""
+        """Device with another scheme of default options; itself for "" or its own scheme."""
         if not scheme or scheme == self.scheme.name:
             return self
         return replace(self, scheme=Scheme(cast(SchemeName, scheme)))
 
     @cached_property
     def controls(self) -> tuple[ActuatorControl, ...]:
-        """Controls of all actuators, one after the other: one for each of its columns."""
+        """Controls of all actuators, actuator by actuator: one for each column of a raster."""
         return tuple(c for actuator in self.actuators for c in actuator.type.controls)
 
     @cached_property
     def actuator_columns(self) -> tuple[slice, ...]:
-        """Columns of each actuator; its strength comes first."""
+        """Columns of each actuator, strength first."""
         stops = accumulate(len(actuator.type.controls) for actuator in self.actuators)
         return tuple(slice(first, stop) for first, stop in pairwise((0, *stops)))
 
@@ -340,10 +340,10 @@ class DeviceConfig:
 
     @property
     def neutral(self) -> F64:
-        """Silence, (columns,), each in its control's unit; a copy that may be changed."""
+        """Neutral value of each column, (columns,); a new array."""
         return np.array([control.neutral for control in self.controls], np.float64)
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        """Modalities of the actuators, without substitutions."""
-        return tuple(dict.fromkeys(each.type.modality for each in self.actuators))
+        """Distinct modalities of the actuators, without substitutions."""
+        return tuple(dict.fromkeys(actuator.type.modality for actuator in self.actuators))

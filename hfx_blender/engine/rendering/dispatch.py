@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dispatch: the actuators of a device that respond to a stream, their gains, and missing ones.
+"""Dispatch: actuators that respond to a stream, their gains, and missing actuators.
 
-Danieau et al., VRST 2018, section 3.3: haptic data goes to a device if the device has the
-modality and shares vertices with it.
+Danieau et al., VRST 2018, section 3.3: haptic data goes to a device with the modality and with
+shared vertices.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ModelLoader = Callable[[str], PerceptualModel]
 
 
 def rendered_modalities(device: DeviceConfig, modality: str) -> set[str]:
-    """Modalities that a device renders for a modality: itself, and its substitution."""
+    """Actuator modalities that render a modality: itself, and the target of its substitution."""
     substitution = device.substitutions.get(modality)
     return {modality} if substitution is None else {modality, substitution.target}
 
@@ -36,15 +36,16 @@ class ActuatorGroup:
 
     Attributes
     ----------
-    modality : str
     members : list of int
-        Places of the actuators among those of the device.
+        Indices of the actuators in the device.
     strength_columns : (A,) int64
-        Where their strengths stand among all controls of the device; the frequency of
-        a vibration actuator stands right of its strength.
+        Columns of their strengths in the device's raster; a vibration's frequency is the next
+        column.
     takes_waveform : (A,) bool
     neutral, lowest, highest : (A,) float64
         Of the strength.
+    play_space : PlaySpace
+        The world until it is set.
     """
 
     def __init__(self, device: DeviceConfig, modality: str, models: ModelLoader) -> None:
@@ -55,17 +56,17 @@ class ActuatorGroup:
         self._focus: dict[str, FocusPanning | None] = {}
         self.members = [k for k, a in enumerate(device.actuators) if a.type.modality == modality]
         self._actuators = [device.actuators[k] for k in self.members]
-        self._standing = [k for k, each in enumerate(self._actuators) if has_place(each)]
+        self._standing = [k for k, a in enumerate(self._actuators) if has_place(a)]
         self.play_space = PlaySpace.of_settings({})
         self.strength_columns: I64 = device.strength_columns[self.members]
         self.takes_waveform: Bool = np.array([a.type.takes_waveform for a in self._actuators])
-        strengths = [each.type.strength for each in self._actuators]
-        self.neutral: F64 = np.array([each.neutral for each in strengths], np.float64)
-        self.lowest: F64 = np.array([each.lowest for each in strengths], np.float64)
-        self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
+        strengths = [a.type.strength for a in self._actuators]
+        self.neutral: F64 = np.array([control.neutral for control in strengths], np.float64)
+        self.lowest: F64 = np.array([control.lowest for control in strengths], np.float64)
+        self.highest: F64 = np.array([control.highest for control in strengths], np.float64)
 
     def renders(self, modality: str) -> bool:
-        """Test that the actuators render a modality: their own, or one that they substitute."""
+        """Test that the actuators render a modality, their own or by substitution."""
         return self.modality in rendered_modalities(self._device, modality)
 
     def cells_on(self, model_id: str) -> ActuatorCells:
@@ -74,7 +75,7 @@ class ActuatorGroup:
         Raises
         ------
         InputError
-            A place of the device does not fit the model.
+            A place does not fit this model.
         """
         if model_id not in self._cells:
             self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
@@ -102,9 +103,7 @@ class ActuatorGroup:
         return gains
 
     def notes(self) -> Iterator[str]:
-        """Notes on parts of the device's configuration without effect on the models that were
-        played.
-        """
+        """Notes on settings of the device without effect on the models rendered so far."""
         ids = [each.id for each in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
@@ -119,9 +118,7 @@ class ActuatorGroup:
                 )
 
     def _reach(self, run: SampleRun, gains: F64) -> None:
-        """Restrict the gains of actuators that stand in the room to the samples within
-        their reach.
-        """
+        """Restrict the gains of actuators in the room, in place, to samples within reach."""
         model = self._models(run.stream.model_id)
         points = self.play_space.local(run)
         for column in self._standing:
@@ -130,7 +127,7 @@ class ActuatorGroup:
             gains[:, column] = room_gains(place, on_parts(place.parts, model), run, points)
 
     def panning_on(self, model_id: str) -> FocusPanning | None:
-        """Panning of a spot on a model by the actuators, cached; None if they do not pan."""
+        """Panning of spots on a model, cached; None without panning."""
         if model_id not in self._focus:
             model = self._models(model_id)
             layout = panned_layout(self._device, self._actuators, model)
@@ -142,22 +139,22 @@ class ActuatorGroup:
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
-        """Mask (n,) of samples that drive actuators (n, A), but each below its threshold.
+        """Mask (n,) of samples that drive actuators (n, A) only below their detection thresholds.
 
-        Only where it is known of all of them what is felt.
+        Actuators without thresholds count as felt.
         """
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
-        if not any(each.type.thresholds for each in self._actuators):
+        if not any(a.type.thresholds for a in self._actuators):
             return np.zeros(len(run), np.bool_)
         amplitudes = gains * (run.levels * run.parameters[:, 0])[:, None]
         hz = run.parameters[:, 1]
         thresholds = np.stack(
             [
-                np.interp(hz, *np.array(each.type.thresholds).T)
-                if each.type.thresholds
+                np.interp(hz, *np.array(a.type.thresholds).T)
+                if a.type.thresholds
                 else np.zeros(len(run))
-                for each in self._actuators
+                for a in self._actuators
             ],
             axis=1,
         )
@@ -167,42 +164,42 @@ class ActuatorGroup:
         )
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
-        """Mask (n,) of samples whose frequency a driven actuator (n, A) cannot play."""
+        """Mask (n,) of samples with a frequency out of range of a driven actuator (n, A)."""
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
-        controls = [each.type.controls[1] for each in self._actuators]
+        controls = [a.type.controls[1] for a in self._actuators]
         frequencies = run.parameters[:, 1:2]
-        is_outside = frequencies < np.array([each.lowest for each in controls])
-        is_outside |= frequencies > np.array([each.highest for each in controls])
+        is_outside = frequencies < np.array([control.lowest for control in controls])
+        is_outside |= frequencies > np.array([control.highest for control in controls])
         return np.asarray((fires & is_outside).any(axis=1))
 
 
 class MissingActuators:
-    """Collects them run by run, for one device."""
+    """Actuators that effects drive but a device lacks, collected run by run."""
 
     def __init__(self, device: DeviceConfig) -> None:
         self._device = device
-        self._found: dict[str, dict[str, None]] = {}  # by effect, each once
+        self._missing: dict[str, dict[str, None]] = {}  # ids by effect, as an ordered set
 
     def add(self, run: SampleRun) -> None:
-        """Take the next samples of an effect."""
+        """Add the next samples of an effect; effects of further devices are left to shortfalls."""
         drive = run.drive
         if drive is None or drive.device_id != self._device.id:
-            return  # that an effect is of another device is a shortfall of its own
+            return
         shown = rendered_modalities(self._device, run.stream.modality)
-        there = {each.id for each in self._device.actuators if each.type.modality in shown}
+        present = {a.id for a in self._device.actuators if a.type.modality in shown}
         is_on = (drive.values > 0.0).any(axis=0).tolist()
-        found = self._found.setdefault(run.stream.effect_id, {})
+        missing = self._missing.setdefault(run.stream.effect_id, {})
         for name, is_driven in zip(drive.actuators, is_on, strict=True):
-            if is_driven and name not in there:
-                found[name] = None
+            if is_driven and name not in present:
+                missing[name] = None
 
     def notes(self, header: TrackHeader) -> Iterator[str]:
-        """A sentence for each effect that drives any."""
+        """Yield a sentence for each effect with missing actuators."""
         for effect in header.effects:
             text = (
                 f"device '{self._device.id}' has not all {effect.modality} actuators that effect "
                 f"'{effect.name}' drives; missing"
             )
-            found = self._found.get(effect.id, {})
-            yield from counted([name for name in effect.actuators if name in found], text)
+            missing = self._missing.get(effect.id, {})
+            yield from counted([name for name in effect.actuators if name in missing], text)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders one moment: the present values of a device's actuators.
+"""Rendering of single moments: present values of a device's actuators.
 
-It is the rendering of an export with one row; only the update interval is not held, as there
-is nothing before or after.
+A moment is a track of one row. Update intervals are not held, and latency is not compensated: the
+caller passes later samples to :meth:`MomentRenderer.ahead`.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, fram
 
 
 def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
-    """Track header of a scene's moments, as plain data."""
+    """Track header of a scene's moments."""
     used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
     return of_one_moment(TrackHeader.of(scene, used, settings={}, tools={}))
 
 
 def of_one_moment(header: TrackHeader) -> TrackHeader:
-    """Header of a recording's single moments."""
+    """Header of a recording, for single moments."""
     return replace(header, time=_ONE_ROW)
 
 
 class MomentRenderer:
-    """Renders moments of one scene for one device.
+    """Renderer of a scene's moments for one device.
 
     Parameters
     ----------
@@ -48,12 +48,17 @@ class MomentRenderer:
     models : callable
         Loads a perceptual model by its id.
     body_id : str, optional
-        Who wears the device; may be left out if the scene has one body.
+        Body that wears the device; optional for a scene with one body.
+
+    Attributes
+    ----------
+    body_id : str
+        The wearer.
 
     Raises
     ------
     InputError
-        The wearer is not known.
+        The wearer is unknown.
     """
 
     def __init__(
@@ -66,11 +71,10 @@ class MomentRenderer:
     ) -> None:
         header = scene if isinstance(scene, TrackHeader) else moment_header(scene, models)
         self.device = device
-        # A moment has no rows before or after it: whoever plays it provides later samples.
         self._renderer = Renderer(
             header, device, models, body_id=body_id, compensates_latency=False
         )
-        self.body_id = self._renderer.body_id  # of the wearer
+        self.body_id = self._renderer.body_id
         self._effects = header.effects
         self._late: dict[float, tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]] = {}
         sounding = [a for a in device.actuators if a.type.takes_waveform]
@@ -80,11 +84,11 @@ class MomentRenderer:
                 for actuator, part in zip(device.actuators, device.actuator_columns, strict=True)
                 if actuator.type.latency_ms == latency_ms
             ]
-            is_its = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
-            self._late[latency_ms] = np.concatenate(columns), is_its
+            is_late = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
+            self._late[latency_ms] = np.concatenate(columns), is_late
 
     def prepare(self) -> None:
-        """Compute expensive tables now, not at the first contact.
+        """Compute expensive tables now instead of at the first contact.
 
         Raises
         ------
@@ -99,17 +103,17 @@ class MomentRenderer:
                         group.panning_on(effect.model_id)
 
     def move_play_space(self, matrix: F64) -> None:
-        """Set the play space from now on: (4, 4) to the world, metres."""
+        """Set the pose of the play space, (4, 4) to world, metres."""
         for group in self._renderer.groups:
             group.play_space.move(matrix)
 
     def values(self, runs: Sequence[SampleRun]) -> F64:
-        """Values (columns,) within the device's limits; neutral without any sensation.
+        """Values (columns,) within the device's limits; neutral without sensations.
 
         Parameters
         ----------
         runs : sequence of SampleRun
-            At most one sample each, all of index 0.
+            With at most one sample each, of index 0.
 
         Raises
         ------
@@ -121,40 +125,41 @@ class MomentRenderer:
         return self._renderer.first_row()
 
     def tones(self) -> list[Partial]:
-        """Tones of the last moment at the W actuators that take a waveform.
+        """Sines of the last rendered moment, one for each effect, at the W waveform actuators.
 
-        One for each effect, with one row; together within the device's limits.
+        With one row each; together within the device's limits.
         """
         return list(self._renderer.partials())
 
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones, each actuator's at the time at which it responds.
+        """Values and tones, for each actuator of the time at which it will respond.
 
         Parameters
         ----------
         now : sequence of SampleRun
-            What is felt now.
+            Samples of the present moment.
         later : mapping
-            What is felt after some milliseconds, for latencies that are to be compensated.
+            Latency in milliseconds to the samples that much later; other latencies are not
+            compensated.
         """
         values, tones = self.values(now), self.tones()
-        for latency_ms, (columns, is_its) in self._late.items():
+        for latency_ms, (columns, is_late) in self._late.items():
             if latency_ms not in later:
                 continue
             values[columns] = self.values(later[latency_ms])[columns]
-            if is_its.any():
-                tones = [_only(tone, ~is_its) for tone in tones]
-                tones += [_only(tone, is_its) for tone in self.tones()]
+            if is_late.any():
+                tones = [_only(tone, ~is_late) for tone in tones]
+                tones += [_only(tone, is_late) for tone in self.tones()]
         return values, tones
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
-        """Samples on the wearer, with their gains at each actuator (A,), in 0..1."""
-        mine = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
-        return [(run, self._renderer.gains(run)[0]) for run in mine]
+        """Samples on the wearer, each with its gains at the actuators (A,), in 0..1."""
+        on_wearer = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
+        return [(run, self._renderer.gains(run)[0]) for run in on_wearer]
 
 
 def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
-    """Restrict a tone to some of the actuators; silent at the others."""
+    """Tone at some of the actuators; silent at the rest."""
     return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A layout on its mount: flat, or bent to a cylinder on which distances along the curve are kept.
+"""Layout on its mount: flat, or bent to a cylinder that preserves distances along its arcs.
 
-The cylinder touches the mount's plane along its y axis; x is an arc's length. Seen from outside,
-with x to the right and y up, ``x_axis`` times ``y_axis`` leads out of the body, so the cylinder of
-a positive radius has its axis on the body's side.
+The cylinder touches the mount's plane along the y axis; x is an arc length. Seen from outside, with
+x to the right and y up, ``x_axis`` times ``y_axis`` points away from the body, so a cylinder with a
+positive radius has its axis on the body's side.
 """
 
 from __future__ import annotations
@@ -18,15 +18,12 @@ from .device_config import Mount
 _TURN: Final = 2.0 * np.pi
 
 _CLOSED_SPACINGS: Final = 3.0
-"""A gap opposite to the layout is open if its middle is this many spacings from any actuator.
-
-What is felt is faded out two spacings from a layout, measured on skin, which is a bit nearer than
-the cylinder or farther.
-"""
+"""Distance, in spacings, of the middle of an open gap from the nearest actuator. Gains fade out two
+spacings from a layout, measured on skin, whose distances differ a little from the cylinder's."""
 
 
 def place_on(mount: Mount, at_m: F64) -> F64:
-    """Rest-space places (n, 3) of the layout's own coordinates (n, 2), metres."""
+    """Rest-space positions (n, 3) of layout coordinates (n, 2), metres."""
     axes = np.array([mount.x_axis, mount.y_axis])
     radius = mount.bend_radius_m
     if radius is None:
@@ -38,11 +35,10 @@ def place_on(mount: Mount, at_m: F64) -> F64:
 
 
 def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
-    """The layout's own coordinates (n, 2) of rest-space points (n, 3), metres.
+    """Layout coordinates (n, 2) of rest-space points (n, 3), metres.
 
-    What is off the mount's plane counts where it is straight below or above it; on a bent mount,
-    as seen from the cylinder's axis. There x is unrolled from one turn before the angle
-    ``seam_rad`` up to it; the origin is at angle 0.
+    Points are projected straight onto a flat mount, radially onto a bent mount. There x is unrolled
+    over the turn that ends at the angle ``seam_rad``; the origin is at angle 0.
     """
     axes = np.array([mount.x_axis, mount.y_axis])
     offsets = points - np.array(mount.origin_m)
@@ -57,20 +53,20 @@ def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
 
 
 class Pad:
-    """The unrolled layout of some actuators.
+    """Unrolled layout of actuators.
 
     Parameters
     ----------
     centres : (A, 3) float64
-        Of the actuators, rest space, metres.
+        Positions of the actuators, rest space, metres.
     spacing_m : float
-        Between neighbouring actuators.
+        Distance of neighbouring actuators.
 
     Attributes
     ----------
     closed_m : float or None
-        The circumference, if the layout goes all the way round, so that both of its ends are
-        neighbours; None: it has two ends.
+        Circumference of a layout that surrounds the cylinder, with both ends adjacent; None for a
+        layout with two ends.
     """
 
     def __init__(self, mount: Mount, centres: F64, spacing_m: float) -> None:
@@ -81,6 +77,7 @@ class Pad:
         if radius is not None:
             angles = np.sort(on_mount(mount, centres)[:, 0] / radius)
             gaps = np.diff(angles, append=angles[0] + _TURN)
+            # The seam lies in the middle of the widest gap, where it separates no neighbours.
             widest = int(np.argmax(gaps))
             self._seam_rad = float(np.mod(angles[widest] + 0.5 * gaps[widest], _TURN))
             half_gap_m = 2.0 * abs(radius) * np.sin(0.25 * gaps[widest])
@@ -88,5 +85,5 @@ class Pad:
                 self.closed_m = _TURN * abs(radius)
 
     def at(self, points: F64) -> F64:
-        """The layout's own coordinates (n, 2) of rest-space points (n, 3), metres."""
+        """Layout coordinates (n, 2) of rest-space points (n, 3), metres."""
         return on_mount(self._mount, points, self._seam_rad)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster: the values of one device's actuators over time.
+"""Raster: values of a device's actuators over time.
 
-After the raster of Mango (Schneider et al., UIST 2015): actuators x time and a row of times.
+After the raster of Mango (Schneider et al., UIST 2015): actuators x time, and a row of times.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from .conditioning.frequency import Partial
 from .device_config import DeviceConfig
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
-"""Reason why something is not rendered as it was felt. ``modality``: the device has no actuator for
-it, nor a substitution; ``place``: none of its actuators is where it was felt; ``device``: it drives
-single actuators of another device; ``frequency``: outside the actuators' range, the nearest
-possible is played; ``limit``: stronger than an actuator may be, cut; ``threshold``: played, but
-weaker at every actuator than is felt there by itself."""
+"""Reason of a shortfall. ``modality``: neither an actuator for the modality, nor a substitution;
+``place``: no actuator at the place; ``device``: the effect drives actuators of another device;
+``frequency``: outside the actuators' range, the nearest frequency is played; ``limit``: cut to the
+actuator's limit; ``threshold``: below the detection threshold at every actuator."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a raster: one parameter of one actuator."""
+    """Column of a raster: a parameter of an actuator."""
 
     actuator: str
     parameter: str
@@ -36,7 +35,7 @@ class Column:
 
 
 def columns_of(device: DeviceConfig) -> tuple[Column, ...]:
-    """Columns of a device's raster: controls of all actuators, one after the other."""
+    """Columns of a device's raster: controls of all actuators, actuator by actuator."""
     return tuple(
         Column(actuator.id, control.name, actuator.type.unit(control))
         for actuator in device.actuators
@@ -46,7 +45,7 @@ def columns_of(device: DeviceConfig) -> tuple[Column, ...]:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """Part of one effect that a device could not render."""
+    """Part of an effect that a device did not render as sampled."""
 
     effect_id: str
     body_id: str
@@ -59,7 +58,7 @@ class Shortfall:
 
 @dataclass(frozen=True, eq=False)
 class FeltStream:
-    """Samples of a stream on the wearer, and the part that the device rendered."""
+    """Samples of a stream on the wearer, and which of them the device rendered."""
 
     stream: Stream
     indices: I64  # (n,) sample indices
@@ -69,7 +68,7 @@ class FeltStream:
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Values for all actuators of a device on the sample clock of a track.
+    """Values of all actuators of a device on the sample clock of a track.
 
     Row ``i`` is sample ``i`` of the track's time base; a value holds until the next row.
     """
@@ -81,10 +80,10 @@ class Raster:
     times_s: F64  # (T,)
     rate_hz: Fraction
     values: F64  # (T, columns) finite and within the device's limits
-    neutral: F64  # (columns,) given while nothing is rendered
+    neutral: F64  # (columns,) silence
     shortfalls: tuple[Shortfall, ...]
     felt: tuple[FeltStream, ...]
-    waveform_actuators: tuple[str, ...] = ()  # that play the sum of all partials
+    waveform_actuators: tuple[str, ...] = ()  # actuators that play the sum of all partials
     partials: tuple[Partial, ...] = ()
 
 
@@ -101,41 +100,41 @@ class Unrendered:
 
 
 def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
-    """Effects that were felt but rendered by none of several devices.
+    """Parts of effects that none of several devices rendered.
 
-    A sample counts as rendered when one actuator of any device fires for it, however small
-    the part of the felt area that it covers.
+    A sample counts as rendered if one actuator of any device responds, however little of its area
+    that actuator covers.
 
     Parameters
     ----------
     rasters : iterable of Raster
-        Of one track; each tells about the body that wears its device.
+        Of one track, each for the body that wears its device.
 
     Returns
     -------
     list of Unrendered
-        Effects of which something is missing, in the order of the rasters' streams.
+        In the order of the rasters' streams; effects without missing samples are left out.
     """
-    found: dict[tuple[str, str], FeltStream] = {}
+    streams: dict[tuple[str, str], FeltStream] = {}
     rates: dict[tuple[str, str], float] = {}
     for raster in rasters:
-        for felt in raster.felt:
-            key = (felt.stream.effect_id, felt.stream.body_id)
-            before = found.get(key)
+        for stream in raster.felt:
+            key = (stream.stream.effect_id, stream.stream.body_id)
+            before = streams.get(key)
             if before is not None:
-                is_rendered = before.is_rendered | felt.is_rendered
-                felt = FeltStream(felt.stream, felt.indices, felt.strengths, is_rendered)
-            found[key], rates[key] = felt, float(raster.rate_hz)
+                is_rendered = before.is_rendered | stream.is_rendered
+                stream = FeltStream(stream.stream, stream.indices, stream.strengths, is_rendered)
+            streams[key], rates[key] = stream, float(raster.rate_hz)
     missing = []
-    for key, felt in found.items():
-        lost = ~felt.is_rendered
+    for key, stream in streams.items():
+        lost = ~stream.is_rendered
         count = int(np.count_nonzero(lost))
         if not count:
             continue
         missing.append(
             Unrendered(
                 *key,
-                felt.stream.modality,
+                stream.stream.modality,
                 samples=count,
                 share=count / len(lost),
                 seconds=count / rates[key],

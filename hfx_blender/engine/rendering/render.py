@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering of tracks for one or several devices, on each body that wears them."""
+"""Rendering of whole tracks for devices, on each body that wears them."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ def render(
     Parameters
     ----------
     runs : iterable of SampleRun
-        Block after block in time; within a block in the order of ``header.streams``, as
-        ``TrackReader.runs()`` and ``Engine.evaluate`` yield them. One block is held at a time.
+        Block after block in time, within a block in the order of ``header.streams``, as from
+        ``TrackReader.runs()`` and ``Engine.evaluate``. Memory holds one block.
     models : callable
         Loads a perceptual model by its id.
     body_id : str, optional
-        Who wears the device; may be left out if the track has one body.
+        Body that wears the device; optional for a track with one body.
 
     Raises
     ------
     InputError
-        The wearer is not known, the device does not fit a model, or a model is not the one
-        that the track was recorded on.
+        The body is unknown, the device does not fit a model, or a model differs from that of the
+        recording.
     """
     renderer = Renderer(header, device, models, body_id=body_id)
     for block in blocks(header, runs):
@@ -52,12 +52,13 @@ def render(
 
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
-    """Cut a track's runs into blocks of time."""
+    """Split a track's runs into blocks of time."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
     last = -1
     for run in runs:
         here = place[run.stream.effect_id, run.stream.body_id]
+        # Within a block streams ascend, so a stream that is not later starts the next block.
         if here <= last:
             yield block
             block = []
@@ -72,12 +73,12 @@ def renderers_of(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """Make a renderer for each device on each body; or on chosen ones, where None is the only one.
+    """Renderers for each device on each body, or on the given bodies; None is the only body.
 
     Raises
     ------
     InputError
-        A body is not in the track, or is not the only one.
+        A body is not in the track, or is not the only body.
     """
     ids = [body.id for body in header.bodies] if body_ids is None else body_ids
     return [
@@ -86,20 +87,20 @@ def renderers_of(
 
 
 def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[str, str]:
-    """Devices whose places do not fit a body model that they are to play: id to a sentence."""
-    on_skin = (each for each in scene.effects if not isinstance(each.area, ActuatorArea))
-    felt = dict.fromkeys((each.modality, each.model_id) for each in on_skin)
-    found: dict[str, str] = {}
+    """Devices with places that do not fit a body model of the scene: device id to a sentence."""
+    on_skin = (e for e in scene.effects if not isinstance(e.area, ActuatorArea))
+    streams = dict.fromkeys((effect.modality, effect.model_id) for effect in on_skin)
+    reasons: dict[str, str] = {}
     for device in devices:
         try:
-            for modality, model_id in felt:
+            for modality, model_id in streams:
                 shown = rendered_modalities(device, modality)
-                actuators = [each for each in device.actuators if each.type.modality in shown]
+                actuators = [a for a in device.actuators if a.type.modality in shown]
                 if actuators:
                     rows_of(device, actuators, load_model(model_id))
         except InputError as error:
-            found[device.id] = f"device '{device.id}' plays nothing: {error}".removesuffix(".")
-    return found
+            reasons[device.id] = f"device '{device.id}' plays nothing: {error}".removesuffix(".")
+    return reasons
 
 
 def renderers_of_track(
@@ -107,7 +108,7 @@ def renderers_of_track(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """Renderers of :func:`renderers_of`, given a whole track, which is read once."""
+    """Renderers as :func:`renderers_of`, with the whole track added in one pass."""
     renderers = renderers_of(track.header, devices, body_ids)
     for block in blocks(track.header, track.runs()) if renderers else ():
         for _, renderer in renderers:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders samples to the values of one device's actuators.
+"""Renderer of samples to the values of a device's actuators.
 
-Order of work: match vertices, combine per modality, substitute, look ahead by each actuator's
-latency, the device's script if it has one, hold between updates, and only then its limits.
+Steps: match vertices, combine effects of a modality, substitute, advance by each actuator's
+latency, run the device's script, hold between updates, limit.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from .room import PlaySpace
 
 @dataclass(eq=False)
 class _Outcome:
-    """Samples of a run, and the outcome of each at any actuator."""
+    """Samples of a run, with the outcome of each sample over all actuators."""
 
     indices: I64  # (n,)
     strengths: F64  # (n,) level times strength parameter (temperature: deviation), >= 0
     is_rendered: Bool  # (n,)
-    is_off: Bool  # (n,) off the actuators' frequency
+    is_off: Bool  # (n,) frequency out of range
     is_over: Bool  # (n,) cut by a limit
-    is_faint: Bool  # (n,) below the threshold of detection
+    is_faint: Bool  # (n,) below the detection threshold
 
     @classmethod
     def none(cls, indices: I64, strengths: F64) -> _Outcome:
-        """Outcome of samples that no group has rendered yet."""
+        """Outcome of samples before rendering."""
         return cls(indices, strengths, *(np.zeros(len(indices), np.bool_) for _ in range(4)))
 
 
 @dataclass(eq=False)
 class _GroupShare:
-    """Contribution of a run to a block, at the actuators of one group."""
+    """A run and its gains at the actuators of one group."""
 
     run: SampleRun
     outcome: _Outcome
@@ -58,20 +58,18 @@ class _GroupShare:
 
 
 class Renderer:
-    """Renders the blocks of one track for one device as they come.
+    """Renderer of a track's blocks, in order of time, for one device.
 
-    Memory is one block's working arrays, the raster (8 bytes per time and column) and 20 bytes per
-    sample.
+    Memory: the arrays of one block, the raster (8 bytes per time and column), 20 bytes per sample.
 
     Parameters
     ----------
     models : callable
         Loads a perceptual model by its id.
     body_id : str, optional
-        Who wears the device; may be left out if the track has one body.
+        Body that wears the device; optional for a track with one body.
     compensates_latency : bool
-        Otherwise values stand at the time at which they are meant to be felt, whatever an
-        actuator's latency.
+        Advance values by each actuator's latency.
 
     Attributes
     ----------
@@ -83,7 +81,7 @@ class Renderer:
     Raises
     ------
     InputError
-        The wearer is not known.
+        The wearer is unknown.
     """
 
     def __init__(
@@ -125,22 +123,21 @@ class Renderer:
         self._missing = MissingActuators(device)
 
     def restart(self) -> None:
-        """Restart, as if nothing had been added; tables of models are kept.
-
-        So is whose frequency actuators play: moments follow each other.
-        """
+        """Discard all blocks; keep model tables and the frequencies that actuators hold."""
         self._partials.forget()
         self._outcomes = {stream: [] for stream in self._outcomes}
         self._values = np.tile(self._neutral, (len(self._values), 1))
         self._next_row = 0
 
     def add(self, runs: Iterable[SampleRun]) -> None:
-        """Render one block: all runs of its times; blocks follow each other in time.
+        """Render the next block: all runs of its times.
 
         Raises
         ------
         InputError
             A place of the device does not fit a model, or a model is not the track's.
+        ValueError
+            The block is not later than the blocks before.
         """
         runs = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         runs = [self._drives.on_device(run) for run in runs]
@@ -154,52 +151,50 @@ class Renderer:
             _Outcome.none(run.indices, run.levels * np.abs(self._strength(run))) for run in runs
         ]
         for group in self.groups:
-            played = [
+            shares = [
                 _GroupShare(run, outcome, np.searchsorted(rows, run.indices), group.gains(run))
                 for run, outcome in zip(runs, outcomes, strict=True)
                 if group.renders(run.stream.modality)
             ]
-            if not played:
+            if not shares:
                 continue
-            is_cut = self._write(group, rows, self._mixed(group, played, rows))
-            for each in played:
-                fires, outcome = each.gains > 0.0, each.outcome
+            is_cut = self._write(group, rows, self._mixed(group, shares, rows))
+            for share in shares:
+                fires, outcome = share.gains > 0.0, share.outcome
                 outcome.is_rendered |= fires.any(axis=1)
-                outcome.is_off |= group.is_off_frequency(each.run, fires)
-                outcome.is_over |= (fires & is_cut[each.positions]).any(axis=1)
-                outcome.is_faint |= group.is_faint(each.run, self._device.gain * each.gains)
+                outcome.is_off |= group.is_off_frequency(share.run, fires)
+                outcome.is_over |= (fires & is_cut[share.positions]).any(axis=1)
+                outcome.is_faint |= group.is_faint(share.run, self._device.gain * share.gains)
         for run, outcome in zip(runs, outcomes, strict=True):
             self._missing.add(run)
             self._outcomes[run.stream].append(outcome)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on differences of the rendering from the device's configuration, after all blocks.
-
-        Tell it before :meth:`raster`, which looks ahead.
-        """
+        """Notes on deviations from the configuration; after all blocks, before :meth:`raster`."""
         name = f"device '{self._device.id}'"
-        found = [note for group in self.groups for note in group.notes()]
-        found += self._missing.notes(self._header)
+        notes = [note for group in self.groups for note in group.notes()]
+        notes += self._missing.notes(self._header)
         late = []
         for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
             rows = self._late_rows(kind)
             if (self._values[:rows, part.start] != self._neutral[part.start]).any():
                 late.append(actuator.id)
         text = f"{name}: what is felt right at the beginning comes late, or not, at actuators"
-        return tuple(dict.fromkeys([*found, *counted(late, f"{text} that answer late")]))
+        return tuple(dict.fromkeys([*notes, *counted(late, f"{text} that answer late")]))
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
 
     def _strength(self, run: SampleRun) -> F64:
-        """The strength parameter of each sample; of temperature, its deviation."""
+        """Strength parameter of each sample, (n,); for temperature the deviation from neutral."""
         if run.stream.modality == "temperature":
             return run.parameters[:, 0] - self._neutral_c(run.stream)
         return run.parameters[:, 0]
 
     def _model(self, model_id: str) -> PerceptualModel:
+        """Load a model; InputError if it differs from the model of the recording."""
         model = self._models(model_id)
-        recorded = next(each for each in self._header.models if each.id == model_id)
+        recorded = next(m for m in self._header.models if m.id == model_id)
         if recorded.content_hash != model.content_hash:
             raise InputError(
                 f"The track was recorded on body model '{model_id}' with the hash "
@@ -208,14 +203,15 @@ class Renderer:
             )
         return model
 
-    def _mixed(self, group: ActuatorGroup, played: Sequence[_GroupShare], rows: I64) -> Mixed:
+    def _mixed(self, group: ActuatorGroup, shares: Sequence[_GroupShare], rows: I64) -> Mixed:
+        """Combined strengths of the group's actuators at ``rows``, substitutions included."""
         mixes = []
-        vibrations: list[tuple[str, F64, F64]] = []  # who, (R, A) m/s^2, (R,) Hz
+        vibrations: list[tuple[str, F64, F64]] = []  # effect, (R, A) m/s^2, (R,) Hz
         for modality in MODALITIES:
-            mine = [each for each in played if each.run.stream.modality == modality]
-            if not mine:
+            matching = [s for s in shares if s.run.stream.modality == modality]
+            if not matching:
                 continue
-            contributions = [self._contribution(each, len(rows)) for each in mine]
+            contributions = [self._contribution(share, len(rows)) for share in matching]
             mixed = mix(modality, contributions)
             if modality != group.modality:
                 mixed = substituted(mixed, self._device.substitutions[modality])
@@ -223,16 +219,18 @@ class Renderer:
             if group.modality != "vibration":
                 continue
             if modality == "vibration":
-                names = [each.run.stream.effect_id for each in mine]
+                names = [share.run.stream.effect_id for share in matching]
                 vibrations += [
-                    (name, each.strengths * each.parameters[:, :1], each.parameters[:, 1])
-                    for name, each in zip(names, contributions, strict=True)
+                    (name, c.strengths * c.parameters[:, :1], c.parameters[:, 1])
+                    for name, c in zip(names, contributions, strict=True)
                 ]
             elif mixed.frequencies_hz is not None:
                 vibrations.append((modality, mixed.strengths, mixed.frequencies_hz[:, 0]))
         mixed = mixes[0] if len(mixes) == 1 else merged(group.modality, mixes)
         if group.modality != "vibration":
             return mixed
+        # Actuators driven as sound play every vibration at its own frequency; all actuators also
+        # get a combined strength and one frequency, for outputs without a waveform.
         for name, amplitudes, frequencies_hz in vibrations if group.takes_waveform.any() else ():
             sounding = self._device.gain * amplitudes[:, group.takes_waveform]
             self._partials.add(name, rows, sounding, frequencies_hz)
@@ -243,18 +241,17 @@ class Renderer:
         )
         return Mixed(mixed.strengths, frequencies)
 
-    def _contribution(self, played: _GroupShare, row_count: int) -> Contribution:
-        run = played.run
-        strengths = np.zeros((row_count, played.gains.shape[1]))
-        strengths[played.positions] = played.gains * run.levels[:, None]
+    def _contribution(self, share: _GroupShare, row_count: int) -> Contribution:
+        """Contribution of a run over all rows of a block; 0 at rows without samples."""
+        run = share.run
+        strengths = np.zeros((row_count, share.gains.shape[1]))
+        strengths[share.positions] = share.gains * run.levels[:, None]
         parameters = np.zeros((row_count, run.parameters.shape[1]))
-        parameters[played.positions] = run.parameters
+        parameters[share.positions] = run.parameters
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
     def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Write mixed strengths into the raster; returns the mask (R, A) of values that a limit
-        cuts.
-        """
+        """Write mixed strengths into the raster; return the mask (R, A) of values out of limits."""
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -265,48 +262,44 @@ class Renderer:
         return np.asarray((strengths < group.lowest) | (strengths > group.highest))
 
     def first_row(self) -> F64:
-        """Values (columns,) at the first time, within the device's limits; nothing is held."""
+        """Values (columns,) of the first row within limits, without latency or holding."""
         if self._limits is None:
             self._limits = DeviceLimits(self._device)
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
     def gains(self, run: SampleRun) -> F64:
-        """Gain of each actuator for each sample of a run, (n, A) in 0..1.
+        """Gains (n, A) of all actuators of the device for a run's samples, in 0..1.
 
         Raises
         ------
         InputError
-            A place of the device does not fit a model that it is to play.
+            A place of the device does not fit a model of a modality that the device renders.
         """
-        found = np.zeros((len(run), len(self._device.actuators)))
+        gains = np.zeros((len(run), len(self._device.actuators)))
         for group in self.groups:
             try:
-                found[:, group.members] = group.gains(run)
+                gains[:, group.members] = group.gains(run)
             except InputError:
                 if group.renders(run.stream.modality):
-                    raise  # its places need not fit other modalities' models
-        return found
+                    raise  # places need not fit models of further modalities
+        return gains
 
     def script_input(self) -> F64:
-        """Values for a device's script, (T, columns), as they would be sent without it; after all
-        blocks.
-
-        Values look ahead and are within limits, as live; they are held after the script.
-        """
-        found = np.zeros_like(self._values)
+        """Values (T, columns) for a device's script: advanced and limited; after all blocks."""
+        values = np.zeros_like(self._values)
         for part, kind in self._parts():
-            found[:, part] = self._limited(self._early(part, kind), part)
-        return found
+            values[:, part] = self._limited(self._early(part, kind), part)
+        return values
 
     def raster(self, answers: F64 | None = None) -> Raster:
-        """The finished raster; nothing can be added after it.
+        """Finish the raster; no block can be added afterwards.
 
         Parameters
         ----------
         answers : (T, columns) float64, optional
-            What a device's script has made of :meth:`script_input`. It is what the device plays:
-            held between updates and limited as any values are. What it does not change is rendered
-            as without it; of what is felt where it does, all is, or nothing if it is silent.
+            Output of the device's script for :meth:`script_input`; held and limited like other
+            values. Samples at changed rows count as rendered if any actuator plays there, else as
+            not rendered.
         """
         time = self._header.time
         for part, kind in self._parts():
@@ -318,22 +311,20 @@ class Renderer:
             without, self._values = self._values, np.zeros_like(self._values)
             for part, kind in self._parts():
                 self._values[:, part] = self._held(answers[:, part], part, kind)
-            partials = ()  # a script says one frequency for each actuator
+            partials = ()  # a script sets one frequency for each actuator
             is_changed, is_on = self._changes(without)
             if is_changed.any():
                 felt = tuple(
                     replace(
-                        each,
+                        stream,
                         is_rendered=np.where(
-                            is_changed[each.indices], is_on[each.indices], each.is_rendered
+                            is_changed[stream.indices], is_on[stream.indices], stream.is_rendered
                         ),
                     )
-                    for each in felt
+                    for stream in felt
                 )
-                # How far a script has compensated limits of the actuators is unknown.
-                shortfalls = tuple(
-                    each for each in self._shortfalls(felt) if each.reason in _UNPLAYED
-                )
+                # Whether the script compensated the actuators' limits is unknown.
+                shortfalls = tuple(s for s in self._shortfalls(felt) if s.reason in _UNPLAYED)
         self._next_row = len(self._values)
         return Raster(
             device_id=self._device.id,
@@ -346,7 +337,7 @@ class Renderer:
             neutral=self._neutral,
             shortfalls=shortfalls,
             felt=felt,
-            waveform_actuators=tuple(each.id for each in self._sounding) if answers is None else (),
+            waveform_actuators=tuple(a.id for a in self._sounding) if answers is None else (),
             partials=partials,
         )
 
@@ -356,11 +347,13 @@ class Renderer:
         return zip(self._device.actuator_columns, kinds, strict=True)
 
     def _late_rows(self, kind: ActuatorType) -> int:
+        """Latency of an actuator type in rows; 0 without compensation."""
         return (
             rows_of(self._header.time.rate_hz, kind.latency_ms) if self._compensates_latency else 0
         )
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
+        """Columns of an actuator, advanced by its latency."""
         latency_ms = kind.latency_ms if self._compensates_latency else 0.0
         rate_hz = self._header.time.rate_hz
         return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
@@ -369,14 +362,14 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values of one actuator as it gets them: held between its updates, and limited."""
+        """Values sent to an actuator: held between its updates, and limited."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
-        """Rows (T,) that a script changed, and rows in which any actuator plays, as two masks.
+        """Masks (T,) of rows that a script changed, and of rows in which any actuator plays.
 
-        It is played then, or earlier by an actuator's latency.
+        Includes the rows at which late actuators respond to these.
         """
         is_changed, is_on = np.zeros((2, len(without)), np.bool_)
         for part, kind in self._parts():
@@ -388,7 +381,7 @@ class Renderer:
         return is_changed, is_on
 
     def partials(self) -> tuple[Partial, ...]:
-        """Partials of each effect so far at the actuators that take a waveform, within limits."""
+        """Partials of each effect so far at the actuators with a waveform, within limits."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]
@@ -402,7 +395,7 @@ class Renderer:
         )
 
     def _why_not(self, stream: Stream) -> Reason:
-        """Reason why samples of a stream drive no actuator."""
+        """Reason for which samples of a stream drive no actuator."""
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"
@@ -410,47 +403,50 @@ class Renderer:
         return "place" if can else "modality"
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
-        for each in felt:
-            outcomes = self._outcomes[each.stream]
+        """Shortfalls of each stream, by reason."""
+        for rendered in felt:
+            outcomes = self._outcomes[rendered.stream]
             losses: dict[Reason, list[Bool]] = {
-                self._why_not(each.stream): [~each.is_rendered],
-                "frequency": [one.is_off for one in outcomes],
-                "limit": [one.is_over for one in outcomes],
-                "threshold": [one.is_faint for one in outcomes],
+                self._why_not(rendered.stream): [~rendered.is_rendered],
+                "frequency": [outcome.is_off for outcome in outcomes],
+                "limit": [outcome.is_over for outcome in outcomes],
+                "threshold": [outcome.is_faint for outcome in outcomes],
             }
             for reason, masks in losses.items():
                 samples = sum(int(np.count_nonzero(mask)) for mask in masks)
                 if samples:
                     yield Shortfall(
-                        each.stream.effect_id,
-                        each.stream.body_id,
-                        each.stream.modality,
+                        rendered.stream.effect_id,
+                        rendered.stream.body_id,
+                        rendered.stream.modality,
                         reason,
                         samples,
-                        share=samples / len(each.indices),
+                        share=samples / len(rendered.indices),
                         seconds=samples / float(self._header.time.rate_hz),
                     )
 
 
 def _felt(stream: Stream, outcomes: list[_Outcome]) -> FeltStream:
+    """All samples of a stream, from the outcomes of its runs."""
     return FeltStream(
         stream,
-        np.concatenate([np.zeros(0, np.int64), *(each.indices for each in outcomes)]),
-        np.concatenate([np.zeros(0), *(each.strengths for each in outcomes)]),
-        np.concatenate([np.zeros(0, np.bool_), *(each.is_rendered for each in outcomes)]),
+        np.concatenate([np.zeros(0, np.int64), *(outcome.indices for outcome in outcomes)]),
+        np.concatenate([np.zeros(0), *(outcome.strengths for outcome in outcomes)]),
+        np.concatenate([np.zeros(0, np.bool_), *(outcome.is_rendered for outcome in outcomes)]),
     )
 
 
 _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
-"""Reasons for which something does not play at all."""
+"""Reasons of samples that no actuator plays."""
 
 
 def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:
+    """Id of the body that wears the device; InputError if unknown or ambiguous."""
     ids = [body.id for body in header.bodies]
     if body_id is None and len(ids) == 1:
         return ids[0]
     if body_id not in ids:
         names = ", ".join(f"'{body.name}' ({body.id})" for body in header.bodies) or "none"
-        found = "no body is chosen" if body_id is None else f"there is no body '{body_id}'"
-        raise InputError(f"Device '{device.id}': {found} to wear it; the track has: {names}.")
+        fault = "no body is chosen" if body_id is None else f"there is no body '{body_id}'"
+        raise InputError(f"Device '{device.id}': {fault} to wear it; the track has: {names}.")
     return str(body_id)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering scheme of a device on a perceptual model: the vertices that drive each actuator.
+"""Rendering scheme of a device on a perceptual model: vertices that drive each actuator.
 
-A scheme that pans treats each touched vertex as a phantom sensation of its own; of several,
-the strongest counts at an actuator, as with coverage.
+Panning schemes treat each touched vertex as a phantom sensation; an actuator takes the strongest of
+several, as with coverage.
 """
 
 from __future__ import annotations
@@ -31,27 +31,26 @@ from .panning.surface_panning import surface_gains
 from .panning.vbap import VectorBasePanning
 
 _LONE_SPACING_M: Final = 0.05
-"""Takes the place of the distance between actuators where there is only one."""
+"""Spacing of a single actuator, metres."""
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
 """Sample rings of a disc larger than the gaps between actuators: share of its radius, places."""
-
 _FARTHEST_M: Final = 1e6
-"""Distance that replaces larger ones, metres: squares of larger numbers may overflow."""
+"""Largest coordinate, metres, to which positions are clipped; larger squares may overflow."""
 
 _NO_DIRECTION: Final = 1e-6
-"""Share of a layout's size: an actuator nearer to its middle has no direction from there."""
+"""Share of a layout's size within which an actuator is in the middle and has no direction."""
 
 
 def cells_of(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> ActuatorCells:
-    """Vertices of a model that each of some actuators reaches, with their factors.
+    """Vertices of a model that each actuator reaches, with factors for a panning scheme.
 
     Raises
     ------
     InputError
-        A place does not fit this model.
+        A place does not fit this model, or the scheme needs a missing package.
     """
     rows = rows_of(device, actuators, model)
     factors = None
@@ -64,32 +63,32 @@ def cells_of(
         orders = [np.argsort(model.mirror[row]) for row in rows]
         rows = [model.mirror[row][order] for row, order in zip(rows, orders, strict=True)]
         if factors is not None:
-            factors = [each[order] for each, order in zip(factors, orders, strict=True)]
+            factors = [factor[order] for factor, order in zip(factors, orders, strict=True)]
     return ActuatorCells(rows, len(model), factors)
 
 
 @dataclass(frozen=True, eq=False)
 class PannedLayout:
-    """Panning of places between actuators, on the side that was written."""
+    """Panning between actuators, on the configured side of the body."""
 
-    vertices: I32  # (n,) ascending; those that drive any
+    vertices: I32  # (n,) vertices that drive any actuator, ascending
     gains: F64  # (n, A)
     fade: F64  # (n,) included in the gains: 1 within the layout, 0 far beyond it
-    spacing_m: float  # between neighbouring actuators
+    spacing_m: float  # distance of neighbouring actuators
     at: Callable[[F64], F64]  # places (m, 3) of rest space to gains (m, A), without the fade
 
 
 def panned_layout(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> PannedLayout | None:
-    """Layout of some actuators for a device's panning scheme; None where it does not pan.
+    """Layout of actuators for a device's panning scheme; None without panning.
 
-    What stands in the room, or is nowhere on this model, is not panned between.
+    Coverage, actuators in the room, and actuators without a vertex on this model do not pan.
 
     Raises
     ------
     InputError
-        A place does not fit this model, or the scheme needs a package that is missing.
+        A place does not fit this model, or the scheme needs a missing package.
     """
     try:
         return _panned_layout(device, actuators, model)
@@ -104,43 +103,48 @@ def panned_layout(
 def _panned_layout(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> PannedLayout | None:
+    """Layout as :func:`panned_layout`; raises ModuleNotFoundError for a missing package."""
     if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
-        return None  # Renderer.notes tells the latter
+        return None  # Renderer.notes reports the latter
     rows = rows_of(device, actuators, model)
     centres = np.array(
-        [_centre(each, row, model) for each, row in zip(actuators, rows, strict=True)]
+        [_centre(actuator, row, model) for actuator, row in zip(actuators, rows, strict=True)]
     )
     if device.scheme.name == "surface":
         anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
-        found = surface_gains(model, anchors, device.scheme.law)
+        panned = surface_gains(model, anchors, device.scheme.law)
         # The fade beyond the layout must not reach parts on which the device is not worn.
-        own = np.isin(found.vertices, _candidates(actuators, rows, model))
+        own = np.isin(panned.vertices, _candidates(actuators, rows, model))
         return PannedLayout(
-            found.vertices[own], found.gains[own], found.fade[own], _spacing_m(centres), found.at
+            panned.vertices[own],
+            panned.gains[own],
+            panned.fade[own],
+            _spacing_m(centres),
+            panned.at,
         )
     vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
     anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
     neighbours = SkinNeighbours(model, centres, anchors)
-    panned = _FLAT[device.scheme.name](device, centres)
+    gains_at = _FLAT[device.scheme.name](device, centres)
 
     def at(places: F64) -> F64:
         is_place = np.isfinite(places).all(axis=1)
-        known = np.clip(np.where(is_place[:, None], places, 0.0), -_FARTHEST_M, _FARTHEST_M)
-        return parted(panned(known) * is_place[:, None], neighbours.are_joined)
+        clipped = np.clip(np.where(is_place[:, None], places, 0.0), -_FARTHEST_M, _FARTHEST_M)
+        return parted(gains_at(clipped) * is_place[:, None], neighbours.are_joined)
 
     gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
     return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Reason why no scheme pans between some actuators on a model; empty if one can.
+    """Reason why a scheme cannot pan between actuators on a model; empty if it can.
 
     Raises
     ------
     InputError
         A place does not fit this model.
     """
-    if any(isinstance(each.place, RoomPlace) for each in actuators):
+    if any(isinstance(actuator.place, RoomPlace) for actuator in actuators):
         return "stand in the room"
     if not all(len(row) for row in rows_of(device, actuators, model)):
         return "are nowhere on it"
@@ -148,6 +152,7 @@ def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: Percept
 
 
 def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
+    """Centre of an actuator: configured, or the mean of its vertices weighted by area."""
     if isinstance(actuator.place, BodyPlace):
         return np.array(actuator.place.centre_m)
     areas = model.areas_m2[row].astype(np.float64)
@@ -155,19 +160,20 @@ def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
 
 
 def _nearest(centre: F64, row: I32, model: PerceptualModel) -> int:
+    """Vertex of a row nearest to a centre."""
     return int(row[np.argmin(np.linalg.norm(model.vertices[row] - centre, axis=1))])
 
 
 def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
-    """Vertices on the parts and sides on which the actuators are."""
+    """Vertices on the parts and sides of the actuators, ascending."""
     allowed = np.zeros(len(model), np.bool_)
     for actuator, row in zip(actuators, rows, strict=True):
         place = actuator.place
         if isinstance(place, BodyPlace):
-            found = on_parts(place.parts, model)
+            on_place = on_parts(place.parts, model)
             if place.side is not None:
-                found &= model.side == SIDES.index(place.side)
-            allowed |= found
+                on_place &= model.side == SIDES.index(place.side)
+            allowed |= on_place
         else:
             label = model.part[row].astype(np.int64) * len(SIDES) + model.side[row]
             every = model.part.astype(np.int64) * len(SIDES) + model.side
@@ -176,7 +182,7 @@ def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: Perceptua
 
 
 def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F64]:
-    """Candidates about the layout, fading out between one and two spacings from an actuator."""
+    """Candidates near the layout, and their fade: 1 to one spacing away, 0 from two."""
     points = model.vertices[candidates].astype(np.float64)
     distances = np.full(len(points), np.inf)
     for centre in centres:
@@ -187,7 +193,7 @@ def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F
 
 
 def _spacing_m(centres: F64) -> float:
-    """The largest distance of an actuator to its nearest neighbour."""
+    """Largest distance of an actuator to its nearest neighbour, metres, equal places aside."""
     between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     between[between == 0.0] = np.inf
     nearest = between.min(axis=1)
@@ -196,14 +202,15 @@ def _spacing_m(centres: F64) -> float:
 
 
 def _mount(device: DeviceConfig, centres: F64) -> Mount:
-    """The mount of the layout: as configured, or the plane that its actuators are nearest to."""
+    """Mount of the layout: configured, or the plane of least squares through the actuators."""
     return _fitted(centres) if device.mount is None else device.mount
 
 
 def _fitted(centres: F64) -> Mount:
+    """Plane of least squares through actuators."""
     middle = centres.mean(axis=0)
     axes = np.linalg.svd(centres - middle, full_matrices=True)[2]
-    origin, x_axis, y_axis = (tuple(float(v) for v in each) for each in (middle, *axes[:2]))
+    origin, x_axis, y_axis = (tuple(float(v) for v in vector) for vector in (middle, *axes[:2]))
     return Mount(origin, x_axis, y_axis)  # type: ignore[arg-type]
 
 
@@ -222,6 +229,7 @@ def _planar(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _ring(device: DeviceConfig, centres: F64) -> _Gains:
+    """Ring in the plane of a flat mount, or around the cylinder of a bent mount."""
     mount = _mount(device, centres)
     if mount.bend_radius_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
@@ -236,12 +244,13 @@ def _ring(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _round(mount: Mount, centres: F64, radius_m: float) -> _Gains:
-    """Round the cylinder of a bent mount."""
+    """Ring around the cylinder of a bent mount."""
     panning = RingPanning(on_mount(mount, centres)[:, 0] / radius_m)
     return lambda points: panning.gains(on_mount(mount, points)[:, :1] / radius_m)
 
 
 def _line(device: DeviceConfig, centres: F64) -> _Gains:
+    """Line along the layout's x axis, closed where the layout surrounds the cylinder."""
     mount, pad = _mount(device, centres), _pad(device, centres)
     if mount.bend_radius_m is not None and pad.closed_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
@@ -250,11 +259,11 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
-    """VBAP in space round the middle of the actuators; in their plane if they are flat.
+    """VBAP in space about the middle of the actuators, or in their plane for a flat layout.
 
-    If one of them is in the middle, all are seen from a place behind it.
+    With an actuator in the middle the viewpoint moves behind the layout.
     """
-    if not np.any(centres != centres[0]):  # one place has no directions
+    if not np.any(centres != centres[0]):  # a single place has no directions
         alone = PlanarPanning(np.zeros((len(centres), 2)), "power")
         return lambda points: alone.gains(points[:, :2])
     middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
@@ -282,6 +291,7 @@ def _seen_from(origin: F64, centres: F64, axes: F64) -> _Gains:
 
 
 def _have_directions(offsets: F64) -> bool:
+    """Test that no offset (A, D) vanishes relative to the longest."""
     away_m = np.linalg.norm(offsets, axis=1)
     return bool(away_m.min() > _NO_DIRECTION * away_m.max())
 
@@ -297,15 +307,16 @@ _FLAT: Final[dict[str, Callable[[DeviceConfig, F64], _Gains]]] = {
 
 
 class FocusPanning:
-    """Gains of A actuators for spots anywhere on one model.
+    """Gains of A actuators for spots anywhere on one model, rendered at their own place.
 
-    A disc up to as wide as the gaps between actuators is a phantom sensation at its centre. What
-    is wider drives each actuator as the strongest of the phantom sensations within it.
+    Schneider et al., UIST 2015: the place of the virtual actuator is rendered, so that motion is
+    smooth. A disc up to as wide as the gaps between actuators is a phantom sensation at its centre.
+    For a wider disc each actuator takes the strongest of the phantom sensations within the disc.
 
     Parameters
     ----------
     is_mirrored : bool
-        The layout is written for the other side of the body.
+        The layout is configured for the opposite side of the body.
     """
 
     def __init__(self, layout: PannedLayout, model: PerceptualModel, *, is_mirrored: bool) -> None:
@@ -317,12 +328,13 @@ class FocusPanning:
         self._side = -1.0 if is_mirrored else 1.0
 
     def gains(self, focus: F32) -> F64:
-        """Gain of each actuator, (n, A) in 0..1.
+        """Gains (n, A) of the actuators, in 0..1.
 
         Parameters
         ----------
         focus : (n, 4) float32
-            See :class:`~hfx_blender.engine.samples.SampleRun`.
+            Centre in rest space and radius, metres; see
+            :class:`~hfx_blender.engine.samples.SampleRun`.
         """
         known, which = np.unique(focus.astype(np.float64), axis=0, return_inverse=True)
         places = known[:, :3] * [self._side, 1.0, 1.0]
@@ -335,17 +347,17 @@ class FocusPanning:
                 normal = on_skin.weights @ self._normals[on_skin.corners]
                 disc = _disc(place, normal, float(beyond_m[k]))
                 gains[k] = np.maximum(gains[k], self._layout.at(disc).max(axis=0))
-        found: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
-        return found
+        faded: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
+        return faded
 
 
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
-    """Places (m, 3) on rings about a centre, in the plane across a normal."""
-    lengths = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
-    one, other = lengths[1], lengths[2]
-    found = []
+    """Points (m, 3) on rings about a centre, in the plane across a normal."""
+    axes = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
+    first_axis, second_axis = axes[1], axes[2]
+    rings = []
     for share, count in _RINGS:
         angle = np.arange(count) * (2.0 * np.pi / count)
-        ring = np.outer(np.cos(angle), one) + np.outer(np.sin(angle), other)
-        found.append(centre + share * radius_m * ring)
-    return np.concatenate(found)
+        ring = np.outer(np.cos(angle), first_axis) + np.outer(np.sin(angle), second_axis)
+        rings.append(centre + share * radius_m * ring)
+    return np.concatenate(rings)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects of the way that sound takes through air: gains over distance, absorption, Doppler."""
+"""Listener on a body: listener space, distance model, air absorption, Doppler shift."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..scene import PoseBlock, SkinBinding
 
 SPEED_OF_SOUND_M_S: Final = 343.2  # in air of 20 degC
 
-_FADE: Final = 0.1  # of the audible radius, over which a source fades in
+_FADE: Final = 0.1  # share of the audible radius over which a source fades in
 FARTHEST_M: Final = 1000.0
-_THICKEST: Final = 1e6  # as a multiple of air: silences all but the lowest at once
+_THICKEST: Final = 1e6  # multiple of air that silences all but the lowest frequencies
 
 _HUMIDITY: Final = 50.0  # per cent
-_FASTEST: Final = 0.5  # of the speed of sound; what is faster jumps, and is no movement
+_FASTEST: Final = 0.5  # largest share of the speed of sound; faster motion counts as a jump
 
 # Rest space faces -Y, left is +X, up is +Z; the listener's front is X, left Y, up Z.
 _FROM_REST: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -28,17 +28,17 @@ _FROM_REST: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 
 @dataclass(frozen=True)
 class Hearing:
-    """Distance model of the listener.
+    """Distance model of a listener.
 
-    Politis, Pugliese, Takala: beyond a reference distance a sound is wet, at it dry and wet are
-    equal, very close it is dry; beyond a radius of visibility it is silent. Made one continuous
-    crossfade of constant power: dry at the listener, wet from twice the reference on.
+    Politis, Pugliese, Takala: sound is dry at the listener, dry and wet in equal parts at a
+    reference distance, wet beyond, and silent beyond an audible radius. Here one crossfade of
+    constant power, fully wet from twice the reference distance.
     """
 
     reference_m: float = 2.0
-    audible_m: float = 8.0  # silence from here on
-    spread_m: float = 0.5  # nearer than this, a source comes from more and more loudspeakers
-    air: float = 0.0  # absorption of high frequencies, as a multiple of that of air
+    audible_m: float = 8.0  # silence beyond
+    spread_m: float = 0.5  # sources nearer than this spread over all loudspeakers
+    air: float = 0.0  # absorption of high frequencies, multiple of air's
     with_doppler: bool = False
 
     def __post_init__(self) -> None:
@@ -52,7 +52,7 @@ class Hearing:
             raise ValueError(f"air: expected 0 to {_THICKEST:g}, got {self.air:g}")
 
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
-        """Gains (n,) of the dry and the wet part; the sum of their squares is 1 where audible."""
+        """Gains (n,) of the dry and the wet part; their squares sum to 1 short of the fade-out."""
         angle = 0.25 * np.pi * np.minimum(distances_m / self.reference_m, 2.0)
         audible = (self.audible_m - distances_m) / (_FADE * self.audible_m)
         audible = np.clip(np.nan_to_num(audible), 0.0, 1.0)
@@ -60,7 +60,7 @@ class Hearing:
 
 
 def absorption_db_m(frequencies_hz: F64) -> F64:
-    """Absorption of pure tones in air of 20 degC, 50 % humidity and 101.325 kPa, dB a metre.
+    """Absorption of pure tones (n,) in air, dB/m, at 20 degC, 50 % humidity and 101.325 kPa.
 
     ISO 9613-1, equations 3 to 5 and B.3.
     """
@@ -76,7 +76,10 @@ def absorption_db_m(frequencies_hz: F64) -> F64:
 
 
 def doppler_hz(frequencies_hz: F64, distances_m: F64, rate_hz: float) -> F64:
-    """Frequencies (n,) as they are heard at distances (n,) at even times; higher coming nearer."""
+    """Heard frequencies (n,) of a source at distances (n,) at even times; higher while approaching.
+
+    ``rate_hz`` is the rate of the times. Jumps are not shifted.
+    """
     if len(distances_m) < 2:
         return frequencies_hz
     away = np.gradient(distances_m) * rate_hz / SPEED_OF_SOUND_M_S
@@ -85,12 +88,12 @@ def doppler_hz(frequencies_hz: F64, distances_m: F64, rate_hz: float) -> F64:
 
 
 class ListenerFrame:
-    """Listener on one body.
+    """Listener space on a body: moves and turns with the torso.
 
     Parameters
     ----------
     model : PerceptualModel
-        Whose torso is the listener; the bone that moves most of it counts.
+        The bone with the largest sum of weights on the model's torso carries the listener.
     """
 
     def __init__(self, binding: SkinBinding, model: PerceptualModel) -> None:
@@ -100,19 +103,20 @@ class ListenerFrame:
         weights = placed.weights
         shares = np.zeros(len(placed.bone_names))
         for vertex in torso.tolist():
-            mine = slice(int(weights.offsets[vertex]), int(weights.offsets[vertex + 1]))
-            np.add.at(shares, weights.bones[mine], weights.values[mine])
+            weight_range = slice(int(weights.offsets[vertex]), int(weights.offsets[vertex + 1]))
+            np.add.at(shares, weights.bones[weight_range], weights.values[weight_range])
         self._bone = binding.bone_names.index(placed.bone_names[int(np.argmax(shares))])
         self._middle = placed.vertices[torso].astype(np.float64).mean(axis=0)
 
     def frames(self, pose: PoseBlock, rows: I64) -> F64:
-        """World to listener space, (n, 4, 4), metres; only turned, never scaled."""
+        """World to listener space at rows of a pose, (n, 4, 4), metres; never scaled."""
         assert pose.bones is not None
         posed = np.zeros((len(rows), 4, 4))
         posed[:, :3] = pose.bones[rows, self._bone]
         posed[:, 3, 3] = 1.0
         world = pose.to_world[rows] @ posed
         places = world[:, :3, :3] @ self._middle + world[:, :3, 3]
+        # The nearest rotation (polar decomposition) drops the bone's scale and shear.
         u, _, vt = np.linalg.svd(world[:, :3, :3])
         turns = u @ vt
         frames = np.zeros((len(rows), 4, 4))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loudspeaker layouts: the direction of each channel from the listener.
+"""Loudspeaker layouts: direction of each channel from the listener.
 
-Listener space: X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
+Listener space has X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from ...errors import UsageError
 from ..arrays import F64
 
 MAX_LOUDSPEAKERS: Final = 64
-_SHOWN: Final = 60  # characters of a layout that a message repeats
+_SHOWN: Final = 60  # largest number of characters of a layout in messages
 
 
 @dataclass(frozen=True)
 class LoudspeakerLayout:
-    """Loudspeakers round a listener, in the order of their channels."""
+    """Directions of loudspeakers around a listener, in the order of channels."""
 
     name: str
     azimuths_deg: tuple[float, ...]
@@ -31,15 +31,15 @@ class LoudspeakerLayout:
 
     @property
     def is_flat(self) -> bool:
-        """Test that all loudspeakers stand at the height of the ears."""
+        """Test for loudspeakers at ear height only."""
         return not any(self.elevations_deg)
 
     @property
     def directions(self) -> F64:
-        """Unit vectors towards the loudspeakers, (C, 2) if it is flat, else (C, 3)."""
+        """Unit vectors towards the loudspeakers, (C, 2) for a flat layout, else (C, 3)."""
         turn, rise = np.radians(self.azimuths_deg), np.radians(self.elevations_deg)
-        found = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
-        return np.ascontiguousarray(found[: 2 if self.is_flat else 3].T)
+        vectors = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+        return np.ascontiguousarray(vectors[: 2 if self.is_flat else 3].T)
 
 
 def _flat(name: str, *azimuths: float) -> LoudspeakerLayout:
@@ -63,22 +63,22 @@ LAYOUTS: Final = {
         ),
     )
 }
-"""Channels in the usual order: left, right, centre, side or back pairs."""
+"""Layouts by name; channels in the usual order: left, right, centre, side and back pairs."""
 
 
 def parse(text: str) -> LoudspeakerLayout:
-    """A layout from its name, or from azimuths in degrees, each with an elevation after a colon.
+    """Layout of a name, or of azimuths in degrees, each with an optional elevation after a colon.
 
     Raises
     ------
     UsageError
-        The text is neither, or the loudspeakers are too many or at one place.
+        The text is neither; too few or too many loudspeakers, or all in one place.
     """
     if text in LAYOUTS:
         return LAYOUTS[text]
     allowed = f"{', '.join(LAYOUTS)}, or angles such as 30,-30,110:20,-110:20"
     parts = text.split(",")
-    if len(parts) > MAX_LOUDSPEAKERS:  # before anything is made of them
+    if len(parts) > MAX_LOUDSPEAKERS:
         raise UsageError(f"{len(parts)} loudspeakers: expected 2 to {MAX_LOUDSPEAKERS} of them")
     shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
     azimuths, elevations = [], []

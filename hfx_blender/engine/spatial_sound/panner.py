@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pans a source over loudspeakers by the rendering schemes of haptic devices."""
+"""Panning of sources over loudspeakers, by the rendering schemes of haptic devices."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")
 
 
 class Panner:
-    """Gains of loudspeakers for places round a listener.
+    """Gains of loudspeakers for places around a listener.
 
     Parameters
     ----------
     scheme : {"vbap", "ring"}
-        Vector-base amplitude panning, or constant power between neighbours on a ring, as the
-        belt is driven; rings are flat.
+        Vector-base amplitude panning, or constant power between neighbours on a flat ring.
 
     Raises
     ------
@@ -54,24 +53,25 @@ class Panner:
                 ) from None
 
     def gains(self, places_m: F64) -> tuple[F64, F64]:
-        """Gains of each loudspeaker for the dry part (n, C), and the gain of the wet part (n,).
+        """Gains of each loudspeaker for the dry part (n, C), and gain of the wet part (n,).
 
         Parameters
         ----------
         places_m : (n, 3) float64
-            Listener space; one that is not finite is silent.
+            Listener space; a place that is not finite is silent.
         """
         known = np.isfinite(places_m).all(axis=1)
         places = np.where(known[:, None], places_m, 0.0)
         distances = np.where(known, np.linalg.norm(places, axis=1), np.inf)
         dry, wet = self.hearing.gains(distances)
-        seen = places[:, :2] if self._is_flat else places
-        lengths = np.linalg.norm(seen, axis=1)
+        directions = places[:, :2] if self._is_flat else places
+        lengths = np.linalg.norm(directions, axis=1)
         if isinstance(self._scheme, RingPanning):
-            panned = self._scheme.gains(np.arctan2(seen[:, 1], seen[:, 0])[:, None])
+            panned = self._scheme.gains(np.arctan2(directions[:, 1], directions[:, 0])[:, None])
         else:
-            panned = self._scheme.gains(seen)
-        # Through the listener's head a source must not jump from one side to the other.
+            panned = self._scheme.gains(directions)
+        # Near the head the sound spreads over all loudspeakers, so that a source passing through
+        # does not jump from one side to the opposite one.
         share = np.clip(1.0 - lengths / self.hearing.spread_m, 0.0, 1.0)[:, None]
         everywhere = 1.0 / len(self._layout)
         power = (1.0 - share) * np.square(panned) + share * everywhere

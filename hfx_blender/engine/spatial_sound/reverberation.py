@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reverberation with one independent reverberator for each loudspeaker, which gives diffuse wet
-sound.
+"""Reverberation: an independent reverberator for each loudspeaker, for diffuse wet sound.
 
-Each is a chain of all-pass sections (Schroeder 1961) with delays and signs of its own, so that
-every frequency leaves every loudspeaker with the same power. Convolution goes block by block;
-only a tail is carried on.
+Each reverberator is a chain of all-pass sections (Schroeder 1961) with random delays and signs, so
+every frequency leaves every loudspeaker with the same power. Convolution runs block by block and
+carries a tail over.
 """
 
 from __future__ import annotations
@@ -20,19 +19,19 @@ from ..arrays import F64
 _SEED: Final = 20120711
 _SECTIONS: Final = 8
 _GAIN: Final = 0.7  # Schroeder's
-_SHRINKING: Final = 0.65  # delay of each section, as a share of that of the one before
-_LEAST_SHARE: Final = 0.7  # delays are drawn between this share of it and all of it
+_SHRINKING: Final = 0.65  # ratio of delays of successive sections
+_LEAST_SHARE: Final = 0.7  # smallest factor of a randomly shortened delay
 
 
 class Reverberators:
-    """Reverberators of C channels, which together pass the power of the input.
+    """Reverberators of C channels, with together the power of the input.
 
     Parameters
     ----------
     decay_s : float
-        Time in which the sound falls by 60 dB.
+        Time of a decay by 60 dB.
     block : int
-        Samples that are reverberated at once.
+        Samples in each call of :meth:`process`.
     """
 
     def __init__(
@@ -42,21 +41,29 @@ class Reverberators:
         self._rate_hz = rate_hz
         self._chains = [_Chain.drawn(channel, rate_hz, decay_s) for channel in range(channels)]
         length = max(int(decay_s * rate_hz), 1)
-        found = np.stack([chain.impulse(length) for chain in self._chains])
-        power = channels * np.square(found).sum(axis=1, keepdims=True)  # all but the cut tail's
-        self.impulses: F64 = found / np.sqrt(power)  # (C, length)
+        impulses = np.stack([chain.impulse(length) for chain in self._chains])
+        power = channels * np.square(impulses).sum(
+            axis=1, keepdims=True
+        )  # without the tail that is cut off
+        self.impulses: F64 = impulses / np.sqrt(power)  # (C, length)
         size = 1 << int(np.ceil(np.log2(block + length - 1)))
         self._size = size
         self._spectra = np.fft.rfft(self.impulses, size, axis=1)
         self._tail = np.zeros((channels, size - block))
 
     def response(self, frequencies_hz: F64) -> npt.NDArray[np.complex128]:
-        """Complex gains of each channel for steady sines, (n,) to (n, C)."""
-        found = [chain.response(frequencies_hz / self._rate_hz) for chain in self._chains]
-        return np.stack(found, axis=1) / np.sqrt(len(found))
+        """Complex gains (n, C) of the channels for steady sines of frequencies (n,) in Hz."""
+        responses = [chain.response(frequencies_hz / self._rate_hz) for chain in self._chains]
+        return np.stack(responses, axis=1) / np.sqrt(len(responses))
 
     def process(self, signal: F64) -> F64:
-        """The next ``block`` samples of each channel, (block, C), for the next of the bus."""
+        """Reverberate the next ``block`` samples of a mono signal, (block, C).
+
+        Raises
+        ------
+        ValueError
+            ``signal`` has another length.
+        """
         if signal.shape != (self.block,):
             raise ValueError(f"signal: expected ({self.block},), got {signal.shape}")
         whole = np.zeros((len(self._tail), self._size))
@@ -71,14 +78,14 @@ class Reverberators:
 
 @dataclass(frozen=True)
 class _Chain:
-    """Sections y[n] = -g x[n] + x[n - d] + g y[n - d], one after the other."""
+    """Successive all-pass sections y[n] = -g x[n] + x[n - d] + g y[n - d]."""
 
     delays: tuple[int, ...]  # samples
     gains: tuple[float, ...]
 
     @classmethod
     def drawn(cls, channel: int, rate_hz: int, decay_s: float) -> _Chain:
-        """The chain of a channel, whose longest section decays in the time that is asked for."""
+        """Random chain of a channel, always the same; its longest section decays in ``decay_s``."""
         rng = np.random.default_rng([_SEED, channel])
         longest = decay_s * rate_hz * -np.log10(_GAIN) / 3.0
         delays = longest * _SHRINKING ** np.arange(_SECTIONS)
@@ -87,12 +94,13 @@ class _Chain:
         return cls(tuple(delays.astype(int).tolist()), tuple(gains.tolist()))
 
     def impulse(self, length: int) -> F64:
-        """Impulse response, its first ``length`` samples."""
+        """First ``length`` samples of the impulse response."""
         signal = np.zeros(length)
         signal[0] = 1.0
         for delay, gain in zip(self.delays, self.gains, strict=True):
             passed = -gain * signal
             passed[delay:] += signal[: max(length - delay, 0)]
+            # The recursion reaches back by one delay, so whole runs of that length are independent.
             for start in range(delay, length, delay):
                 part = passed[start : start + delay]
                 part += gain * passed[start - delay : start - delay + len(part)]
@@ -100,9 +108,9 @@ class _Chain:
         return signal
 
     def response(self, turns_per_sample: F64) -> npt.NDArray[np.complex128]:
-        """Complex gain, of magnitude 1, at frequencies as shares of the rate."""
-        found = np.ones(len(turns_per_sample), np.complex128)
+        """Complex gains, of magnitude 1, at frequencies as shares of the sample rate."""
+        gains = np.ones(len(turns_per_sample), np.complex128)
         for delay, gain in zip(self.delays, self.gains, strict=True):
             later = np.exp(-2j * np.pi * delay * turns_per_sample)
-            found *= (later - gain) / (1.0 - gain * later)
-        return found
+            gains *= (later - gain) / (1.0 - gain * later)
+        return gains

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixes sources that move round a listener into the channels of loudspeakers.
+"""Mix of moving sound sources into the channels of loudspeakers.
 
-Everything is given at the raster's times and goes linearly from one to the next; phases are
-exact integrals, so that nothing depends on the blocks in which sound is made.
+Values change linearly between the raster's times; phases are exact integrals, so the result does
+not depend on block sizes.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from .reverberation import Reverberators
 
 @dataclass(frozen=True, eq=False)
 class SoundSource:
-    """Sound source at T times."""
+    """A sine source at T times."""
 
     name: str
-    places_m: F64  # (T, 3) listener space; not finite: not there
+    places_m: F64  # (T, 3) listener space; silent where not finite
     amplitudes: F64  # (T,) 0..1
-    frequencies_hz: F64  # (T,) of its sine
+    frequencies_hz: F64  # (T,)
 
 
 class SpatialMix:
-    """The loudspeakers' signals of some sources.
+    """Loudspeaker signals of several sources.
 
     Parameters
     ----------
@@ -59,16 +59,18 @@ class SpatialMix:
         self._rows = len(sources[0].amplitudes) if sources else 0
 
     def blocks(self, sample_count: int) -> Iterator[F64]:
-        """Samples (n, C) in the order of time, ``sample_count`` altogether."""
+        """Yield ``sample_count`` samples as blocks (n, C); to be iterated once."""
         size = self._reverberators.block
         for first in range(0, sample_count, size):
             samples = self._block(first, size)
             yield samples[: sample_count - first]
 
     def _block(self, first: int, size: int) -> F64:
+        """Samples (size, C) from sample ``first`` on."""
         mixed = np.zeros((size, self._channels))
         bus = np.zeros(size)
         numerator, denominator = self._step
+        # Exact integers: raster row of each audio sample, and its share of the way to the next.
         position = np.arange(first, first + size, dtype=np.int64) * numerator
         row, rest = position // denominator, position % denominator
         share = rest / denominator
@@ -78,6 +80,7 @@ class SpatialMix:
         for voice in self._voices:
             if not voice.loudness[span].any():
                 continue
+            # Integral of the linearly changing frequency since the row.
             turns = voice.turns[row] + share / self._raster_hz * (
                 voice.frequencies[row]
                 + 0.5 * share * (voice.frequencies[row + 1] - voice.frequencies[row])
@@ -93,19 +96,20 @@ class SpatialMix:
 
 @dataclass(frozen=True, eq=False)
 class _Voice:
-    """A source at the raster's rows, and silence after the last of them: (T + 1, ...)."""
+    """A source at T rows and silence after the last row, (T + 1, ...)."""
 
     dry: F64  # (T + 1, C) amplitude times the panner's gain
     wet: F64  # (T + 1,)
     loudness: F64  # (T + 1,)
     frequencies: F64  # (T + 1,)
     turns: F64  # (T + 1,) played before each row
-    apart: F64  # (T + 1,) turns by which the wet part leads the dry one
+    apart: F64  # (T + 1,) lead of the wet part, in turns
 
     @classmethod
     def of(
         cls, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
     ) -> _Voice:
+        """Voice of a source: Doppler shift, absorption and panning are applied here, row by row."""
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
         hearing, at_listener_hz = panner.hearing, source.frequencies_hz
@@ -133,21 +137,23 @@ class _Voice:
 
 
 def _quadrature(dry: F64, reverberators: Reverberators, frequencies_hz: F64) -> F64:
-    """Turns (T,) by which the wet part has to lead so that its power adds to that of the dry one.
+    """Lead (T,), in turns, at which the power of the wet part adds to that of the dry part.
 
-    A sine and its reverberation interfere. Summed over the channels, the product of dry gains
-    (T, C) and the reverberators' response has one phase; a quarter turn from it the sum is 0.
+    A sine and its reverberation interfere. Summed over the channels, the product of dry gains (T,
+    C) and the reverberators' responses has one phase; a quarter turn away from that phase the sum
+    is 0.
     """
-    each, which = np.unique(frequencies_hz, return_inverse=True)
-    together = np.einsum("tc,tc->t", dry, reverberators.response(each)[which])
+    unique_hz, which = np.unique(frequencies_hz, return_inverse=True)
+    together = np.einsum("tc,tc->t", dry, reverberators.response(unique_hz)[which])
     known = np.flatnonzero(np.abs(together) > 1e-12)
     if not len(known):
         return np.zeros(len(dry))
-    # Either sign will do: the one that is nearer to the row before.
+    # Both signs are solutions; unwrapping takes the solution nearer to the row before.
     half = 0.5 * np.unwrap(np.pi - 2.0 * np.angle(together[known]))
     return np.asarray(np.interp(np.arange(len(dry)), known, half / (2.0 * np.pi)))
 
 
 def _between(values: F64, row: npt.NDArray[np.int64], share: F64) -> F64:
+    """Linear interpolation from row ``row`` to the next by ``share``."""
     here = values[row]
     return np.asarray(here + share * (values[row + 1] - here))

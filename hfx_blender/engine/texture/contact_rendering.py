@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders contacts at one sample of the engine: amplitude and frequency of each.
+"""Rendering of contacts on a surface sample by sample: drive and frequency of each.
 
-The same three renderers as for strokes. Micro-collisions need nothing but the way since the
-sample before; the others need the heights of one window, which are kept for each contact.
+The three methods are those for strokes. Micro-collisions need only the path since the sample
+before; the rest need a window of heights, stored for each contact.
 """
 
 from __future__ import annotations
@@ -23,116 +23,116 @@ from .textile import RATE_HZ, WINDOW_S, weighted_rms
 
 _MAX_FACTOR: Final = 32
 _AT_ONCE: Final = 1 << 13
-"""Number of heights looked up together: intermediate data of more leaves the processor's cache."""
+"""Heights looked up at a time, to stay in the processor's cache."""
 
 
 class ContactRenderer:
-    """Renders the contacts of one body with one surface.
+    """Renderer of the contacts of one body with one surface.
 
     Parameters
     ----------
     step_s : float
-        Time from sample to sample.
+        Time between samples.
     """
 
     def __init__(self, texture: SurfaceTexture, step_s: float) -> None:
         self._texture = texture
         self._step_s = step_s
-        self._steps = max(math.ceil(RATE_HZ * step_s - 1e-9), 1)  # heights in each sample
+        self._steps = max(math.ceil(RATE_HZ * step_s - 1e-9), 1)  # heights per sample
         self._rate_hz = self._steps / step_s
         self._window = max(round(WINDOW_S * self._rate_hz), self._steps, 2)
         self._blocks = math.ceil(self._window / self._steps)
-        self._kept = np.zeros((0, self._blocks, self._steps))  # of the last time, newest last
+        self._history = np.zeros((0, self._blocks, self._steps))  # of the last time, newest last
         self._field: HeightField | None = None
         if texture.renderer is not SurfaceRenderer.MCHA:
             assert texture.height is not None
             is_direct = texture.renderer is SurfaceRenderer.DIRECT
             self._field = without_waviness(texture.height) if is_direct else texture.height
-            self._order: Order = "cubic" if is_direct else "linear"  # as strokes are rendered
+            self._order: Order = "cubic" if is_direct else "linear"  # as for strokes
             across, up = self._field.texel_m
             self._per_texel = np.array([[1.0 / up], [1.0 / across]])
 
     def render(self, paths: ContactPaths) -> tuple[F64, F64]:
-        """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, two (n,).
+        """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, (n,) each.
 
-        To be called with each result of :meth:`.ContactFollower.follow`, in their order.
-        Contacts that rest, and new ones, are silent; so are those that are only carried.
+        To be called with each result of :meth:`.ContactFollower.follow` in order. Resting, new and
+        carried contacts are silent.
         """
         drive, frequency = np.zeros(len(paths)), np.zeros(len(paths))
         moves = paths.length_m > REST_M_S * self._step_s
         moves[: paths.carried] = False
-        felt = moves.nonzero()[0]
+        moving = moves.nonzero()[0]
         if self._field is None:
-            if len(felt):
-                self._collide(paths, felt, drive, frequency)
+            if len(moving):
+                self._collide(paths, moving, drive, frequency)
             return drive, frequency
-        heights = self._heights(self._field, paths, felt)
-        if not len(felt):
+        heights = self._heights(self._field, paths, moving)
+        if not len(moving):
             return drive, frequency
         if self._texture.renderer is SurfaceRenderer.TEXTILE:
             level = weighted_rms(heights, self._rate_hz)
         else:
-            level, frequency[felt] = amplitude_and_frequency(heights, self._rate_hz)
-        # A drive of 1 is the surface's own strongest, as its user has set it.
-        drive[felt] = np.minimum(self._texture.drive_per_m * level, 1.0)
+            level, frequency[moving] = amplitude_and_frequency(heights, self._rate_hz)
+        # Drive 1 is the strongest output of the surface, as set by the user.
+        drive[moving] = np.minimum(self._texture.drive_per_m * level, 1.0)
         return drive, frequency
 
-    def _collide(self, paths: ContactPaths, felt: I64, drive: F64, frequency: F64) -> None:
-        """Render the strongest texel that each contact crossed."""
+    def _collide(self, paths: ContactPaths, moving: I64, drive: F64, frequency: F64) -> None:
+        """Render the strongest texel on each path, in place."""
         map_ = self._texture.map
         assert map_ is not None
-        starts, ends = paths.ends_m[0].take(felt, axis=1), paths.ends_m[3].take(felt, axis=1)
-        seam = np.isin(felt, paths.seams).nonzero()[0] if len(paths.seams) else paths.seams
-        if len(seam):  # the first piece ends elsewhere, and the second comes after all others
+        starts, ends = paths.ends_m[0].take(moving, axis=1), paths.ends_m[3].take(moving, axis=1)
+        seam = np.isin(moving, paths.seams).nonzero()[0] if len(paths.seams) else paths.seams
+        if len(seam):  # both pieces become segments, the second pieces at the end
             ends = np.concatenate([ends, ends[:, seam]], axis=1)
-            ends[:, seam] = paths.ends_m[1][:, felt[seam]]
-            starts = np.concatenate([starts, paths.ends_m[2][:, felt[seam]]], axis=1)
+            ends[:, seam] = paths.ends_m[1][:, moving[seam]]
+            starts = np.concatenate([starts, paths.ends_m[2][:, moving[seam]]], axis=1)
         strongest, texel = strongest_crossed(starts, ends, map_)
         if len(seam):
-            count = len(felt)
+            count = len(moving)
             second = (strongest[count:] > strongest[seam]) | (
                 (strongest[count:] == strongest[seam]) & (texel[count:] < texel[seam])
             )
             strongest[seam[second]] = strongest[count:][second]
             texel[seam[second]] = texel[count:][second]
             strongest, texel = strongest[:count], texel[:count]
-        drive[felt] = strongest
-        frequency[felt] = self._texture.device.frequency_of(map_.sharpness.ravel().take(texel))
+        drive[moving] = strongest
+        frequency[moving] = self._texture.device.frequency_of(map_.sharpness.ravel().take(texel))
 
-    def _heights(self, field: HeightField, paths: ContactPaths, felt: I64) -> F64:
-        """Windows of heights up to now of some contacts; all are remembered for the next call."""
+    def _heights(self, field: HeightField, paths: ContactPaths, moving: I64) -> F64:
+        """Windows of heights up to now of moving contacts; stores those of all contacts."""
         carried, blocks, steps = paths.carried, self._blocks, self._steps
-        known = self._kept[:carried].reshape(-1, steps)
+        stored = self._history[:carried].reshape(-1, steps)
         new = self._new_heights(field, paths)
         if not len(paths) or paths.time[carried:].max(initial=0) == 0:
-            return self._at_once(new, paths, felt)
-        heights = np.concatenate([known, new])
-        # The row of heights before each row; of a new contact, its own: its heights stand still,
-        # and so they did before it touched.
+            return self._at_once(new, paths, moving)
+        heights = np.concatenate([stored, new])
+        # Row of heights before each row. For a new contact this is the row itself, as if the finger
+        # had rested there.
         back = np.arange(-1, len(heights) - 1)
-        back[: len(known) : blocks] += 1
-        shift = len(known) - carried
+        back[: len(stored) : blocks] += 1
+        shift = len(stored) - carried
         before = paths.before[carried:]
         row = np.where(before < carried, before * blocks + blocks - 1, before + shift)
-        back[len(known) :] = np.where(before >= 0, row, np.arange(len(known), len(heights)))
+        back[len(stored) :] = np.where(before >= 0, row, np.arange(len(stored), len(heights)))
         last = np.arange(paths.time.searchsorted(paths.time[-1:].max(initial=0)), len(paths))
-        self._kept = self._windows(heights, back, last + shift)
-        windows = self._windows(heights, back, felt + shift)
-        return windows.reshape(len(felt), blocks * steps)[:, -self._window :]
+        self._history = self._windows(heights, back, last + shift)
+        windows = self._windows(heights, back, moving + shift)
+        return windows.reshape(len(moving), blocks * steps)[:, -self._window :]
 
-    def _at_once(self, new: F64, paths: ContactPaths, felt: I64) -> F64:
+    def _at_once(self, new: F64, paths: ContactPaths, moving: I64) -> F64:
         """:meth:`_heights` for a single time."""
         before = paths.before[paths.carried :]
         fresh = (before < 0).nonzero()[0]
-        kept = np.zeros((len(new), self._blocks, self._steps))
-        kept[:, -1] = new
+        history = np.zeros((len(new), self._blocks, self._steps))
+        history[:, -1] = new
         if len(fresh) < len(new):
-            kept[:, :-1] = self._kept.take(np.maximum(before, 0), axis=0)[:, 1:]
+            history[:, :-1] = self._history.take(np.maximum(before, 0), axis=0)[:, 1:]
         if len(fresh):
-            kept[fresh] = new[fresh, None]
-        self._kept = kept
-        windows = kept if len(felt) == len(new) else kept[felt - paths.carried]
-        return windows.reshape(len(felt), self._blocks * self._steps)[:, -self._window :]
+            history[fresh] = new[fresh, None]
+        self._history = history
+        windows = history if len(moving) == len(new) else history[moving - paths.carried]
+        return windows.reshape(len(moving), self._blocks * self._steps)[:, -self._window :]
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
         """Rows of heights with those before them, (n, blocks, steps)."""

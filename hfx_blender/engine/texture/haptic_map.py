@@ -14,20 +14,21 @@ from ..arrays import F32, F64
 from .height_field import check_texel
 
 STANDARD_GRAVITY: Final = 9.80665
-"""Metres per second squared in one g."""
+"""Acceleration of 1 g, m/s^2."""
 
 
 @dataclass(frozen=True)
 class DeviceRange:
-    """Range of amplitudes and frequencies that a device can play.
+    """Range of amplitudes and frequencies of a vibration device.
 
-    The defaults are those of the reference phone of Liu and Gu (2025, section 3.2).
+    Defaults: the reference phone of Liu and Gu (2025, section 3.2). Raises InputError for a range
+    that is not finite, ascending and positive.
     """
 
-    amplitude_g: tuple[float, float] = (0.0, 1.3)  # at intensity 0 and 1, peak, in g
+    amplitude_g: tuple[float, float] = (0.0, 1.3)  # peak at intensity 0 and 1, g
     frequency_hz: tuple[float, float] = (80.0, 260.0)  # at sharpness 0 and 1
-    carrier_hz: float = 160.0  # of a device that plays one frequency only
-    update_s: float = 0.05  # no two changes are nearer to each other
+    carrier_hz: float = 160.0  # of a device with a single frequency
+    update_s: float = 0.05  # least time between two changes
 
     def __post_init__(self) -> None:
         for name, (low, high) in (
@@ -43,13 +44,13 @@ class DeviceRange:
                 raise InputError(f"Device range: {name} is {value:g}; expected more than 0.")
 
     def amplitude_m_s2(self, intensity: npt.ArrayLike) -> F64:
-        """Peak acceleration of intensities 0..1; 0 is silent on any device."""
+        """Peak acceleration of intensities, clipped to 0..1; exactly 0 for intensity 0."""
         low, high = self.amplitude_g
         share = np.clip(np.asarray(intensity, np.float64), 0.0, 1.0)
         return np.where(share > 0.0, (low + share * (high - low)) * STANDARD_GRAVITY, 0.0)
 
     def frequency_of(self, sharpness: npt.ArrayLike) -> F64:
-        """Frequency of sharpness 0..1, Hz."""
+        """Frequency of sharpness, clipped to 0..1, Hz."""
         low, high = self.frequency_hz
         share = np.minimum(np.maximum(np.asarray(sharpness, np.float64), 0.0), 1.0)
         return np.asarray(low + share * (high - low))
@@ -57,10 +58,10 @@ class DeviceRange:
 
 @dataclass(frozen=True)
 class NoticeableSteps:
-    """Just-noticeable differences: people cannot tell finer levels apart.
+    """Just-noticeable differences of amplitude and frequency.
 
-    Defaults: Liu and Gu (2025, section 3.4.1): silence and six levels up to 1.2 g, and five
-    frequencies from 80 to 240 Hz.
+    Defaults: Liu and Gu (2025, section 3.4.1), silence and six levels up to 1.2 g, five frequencies
+    from 80 to 240 Hz. Raises InputError for steps of 0 or less.
     """
 
     amplitude_g: float = 0.2
@@ -74,16 +75,9 @@ class NoticeableSteps:
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"Noticeable steps: {name} is {value:g}; expected more than 0.")
 
-    def intensity(self, intensity: F32, device: DeviceRange) -> F32:
-        """Intensities moved to the nearest step that the device can play."""
-        return _stepped(intensity, device.amplitude_g, self.amplitude_g)
-
-    def sharpness(self, sharpness: F32, device: DeviceRange) -> F32:
-        """Sharpness moved to the nearest step that the device can play."""
-        return _stepped(sharpness, device.frequency_hz, self.frequency_hz)
-
 
 def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
+    """Shares 0..1 of a range, rounded to whole steps from its lower limit within the range."""
     low, high = limits
     if high == low:
         return share
@@ -94,24 +88,25 @@ def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
 
 @dataclass(frozen=True, eq=False)
 class HapticMap:
-    """Haptic map: the two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
+    """Two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
 
     Parameters
     ----------
     intensity : (H, W) float32
-        0 silent, 1 the strongest. Row 0 is at the bottom, as in :class:`.HeightField`.
+        0 silent to 1 strongest. Row 0 is at the bottom, as in :class:`.HeightField`.
     sharpness : (H, W) float32
-        0 the lowest frequency (rough), 1 the highest (smooth).
+        0 lowest frequency (rough) to 1 highest (smooth).
     texel_m : (float, float)
-        Size of a texel along x and along y.
+        Size of a texel along x and y.
     device : DeviceRange
-        What 0 and 1 mean in g and Hz.
+        Meaning of 0 and 1 in g and Hz.
     steps : NoticeableSteps, optional
-        The steps that both layers were moved to.
+        Steps to which both layers are rounded.
 
     Raises
     ------
     InputError
+        The layers differ in size or leave 0..1, or the texel has no size.
     """
 
     intensity: F32
@@ -134,7 +129,7 @@ class HapticMap:
             )
         for name in ("intensity", "sharpness"):
             values = np.asarray(getattr(self, name), np.float32)
-            low, high = float(values.min()), float(values.max())  # NaN if any is
+            low, high = float(values.min()), float(values.max())  # NaN if any texel is
             if not (low >= 0.0 and high <= 1.0):
                 raise InputError(f"Haptic map: {name} from {low:g} to {high:g}; expected 0 to 1.")
             object.__setattr__(self, name, values)
@@ -156,11 +151,11 @@ class HapticMap:
         return self.device.frequency_of(self.sharpness)
 
     def in_steps(self, steps: NoticeableSteps | None = None) -> HapticMap:
-        """The map with both layers moved to just-noticeable steps."""
+        """Map with both layers rounded to steps that the device can play."""
         steps = steps or NoticeableSteps()
         return replace(
             self,
-            intensity=steps.intensity(self.intensity, self.device),
-            sharpness=steps.sharpness(self.sharpness, self.device),
+            intensity=_stepped(self.intensity, self.device.amplitude_g, steps.amplitude_g),
+            sharpness=_stepped(self.sharpness, self.device.frequency_hz, steps.frequency_hz),
             steps=steps,
         )

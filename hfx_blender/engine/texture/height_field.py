@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface as a grid of heights, sampled anywhere, with or without end.
+"""Surface as a grid of heights, sampled anywhere, with or without tiling.
 
-Surface coordinates are metres; the texel of row ``j`` and column ``i`` has its middle at
-``((i + 1/2) * texel_x, (j + 1/2) * texel_y)``, so row 0 is at the bottom, as in Blender's images.
+Surface coordinates are metres. The texel of row ``j`` and column ``i`` has its centre at
+``((i + 1/2) * texel_x, (j + 1/2) * texel_y)``; row 0 is at the bottom, as in Blender's images.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from ..arrays import F64, I64
 Order = Literal["linear", "cubic"]
 
 _STEEPEST: Final = 0.05
-"""Smallest z of a unit normal: a steeper one is a fault of the map."""
+"""Smallest z of a unit normal; steeper normals are faults of a map."""
 
 _AT_ONCE: Final = 1 << 13
-"""Number of points looked up together: intermediate data of more leaves the processor's cache."""
+"""Points looked up at a time, to stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights over a rectangle of a plane, all in metres.
+    """Heights over a rectangle of a plane, in metres.
 
     Parameters
     ----------
     heights_m : (H, W) float64
     texel_m : (float, float)
-        Size of a texel along x and along y; need not be square.
+        Size of a texel along x and y.
     tiles : bool
-        Repeat without end; else the edge goes on for ever.
+        Repeat the rectangle; else its edge continues outwards.
 
     Raises
     ------
     InputError
-        No texels, no size, or heights that are not numbers (see :mod:`.scan` for holes).
+        No texels, no size, or heights that are not finite (see :mod:`.scan` for holes).
     """
 
     heights_m: F64
@@ -55,10 +55,10 @@ class HeightField:
                 f"Height field: expected rows and columns of heights, got {heights.shape}."
             )
         check_texel(self.texel_m, "Height field")
-        wrong = int(heights.size - np.count_nonzero(np.isfinite(heights)))
-        if wrong:
+        bad_count = int(heights.size - np.count_nonzero(np.isfinite(heights)))
+        if bad_count:
             raise InputError(
-                f"Height field: {wrong} of {heights.size} heights are not finite numbers. "
+                f"Height field: {bad_count} of {heights.size} heights are not finite numbers. "
                 "Fill the holes of a scan first."
             )
         object.__setattr__(self, "heights_m", np.ascontiguousarray(heights))
@@ -71,10 +71,9 @@ class HeightField:
 
     @cached_property
     def _pairs(self) -> npt.NDArray[np.complex128]:
-        """Heights paired with their right neighbours as complex numbers, one row and column more
-        than (H, W).
+        """Heights with their right neighbours as complex numbers, padded by a row and a column.
 
-        So one access to memory finds two corners of a cell, and none has to be wrapped.
+        One memory access then reads two corners of a cell, without wrapping.
         """
         mode: Literal["wrap", "edge"] = "wrap" if self.tiles else "edge"
         more = np.pad(self.heights_m, ((0, 1), (0, 2)), mode)
@@ -82,9 +81,9 @@ class HeightField:
         return np.ndarray((size,), np.complex128, more, 0, (more.itemsize,))
 
     def at_places(self, places: F64, order: Order = "linear") -> F64:
-        """Heights at rows and columns (2, ...), 0 the middle of the first texel.
+        """Heights (...) at rows and columns (2, ...), 0 at the centre of the first texel.
 
-        The same as :meth:`sample` for places in texels, and quicker; ``places`` is used up.
+        Faster than :meth:`sample`; overwrites ``places``.
         """
         if order == "cubic":
             return cubic(self.heights_m, places, self.tiles)
@@ -109,19 +108,9 @@ class HeightField:
         return height
 
     def sample(self, points_m: F64, order: Order = "linear") -> F64:
-        """Heights at any points.
+        """Heights (...) in metres at points (..., 2), surface coordinates.
 
-        Parameters
-        ----------
-        points_m : (..., 2) float64
-            Surface coordinates, metres.
-        order : "linear" or "cubic"
-            Cubic is Catmull-Rom: through the texels, and smooth.
-
-        Returns
-        -------
-        (...) float64
-            Metres.
+        ``cubic`` is Catmull-Rom: smooth, and exact at texels.
         """
         return sample_grid(self.heights_m, points_m, self.texel_m, self.tiles, order)
 
@@ -133,13 +122,13 @@ def from_image(
     *,
     tiles: bool = True,
 ) -> HeightField:
-    """A height field from a picture of heights.
+    """Height field of a picture of heights.
 
     Parameters
     ----------
     grey : (H, W) float
-        Linear values, 0 lowest and 1 highest, bottom row first. What comes from an sRGB picture
-        must go through :func:`.linear_light.height_from_colour` first.
+        Linear values, 0 lowest and 1 highest, bottom row first; convert sRGB pictures by
+        :func:`.linear_light.height_from_colour`.
     depth_m : float
         Height of white over black; may be negative.
     size_m : (float, float)
@@ -148,6 +137,7 @@ def from_image(
     Raises
     ------
     InputError
+        The picture has no texels or the depth or size is unusable.
     """
     values = np.asarray(grey, np.float64)
     if values.ndim != 2 or values.size == 0:
@@ -159,12 +149,7 @@ def from_image(
 
 
 def check_texel(texel_m: tuple[float, float], what: str) -> None:
-    """Refuse a size that is none.
-
-    Raises
-    ------
-    InputError
-    """
+    """Raise InputError for a texel size that is not positive; ``what`` begins the message."""
     if len(texel_m) != 2 or not all(np.isfinite(t) and t > 0.0 for t in texel_m):
         shown = " x ".join(f"{1e3 * t:g}" for t in texel_m)
         raise InputError(f"{what}: a texel of {shown} mm; expected more than 0 both ways.")
@@ -177,21 +162,21 @@ def sample_grid(
     tiles: bool,
     order: Order = "linear",
 ) -> F64:
-    """Values of a grid (H, W) at points (..., 2), interpolated; coordinates as in this module."""
+    """Values (...) of a grid (H, W) at points (..., 2), interpolated; surface coordinates."""
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 2)
     interpolated = bilinear if order == "linear" else cubic
-    found = np.zeros(len(flat))
+    values = np.zeros(len(flat))
     for first in range(0, len(flat), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         places = np.ascontiguousarray(flat[part, ::-1].T)
         places *= np.array([[1.0 / texel_m[1]], [1.0 / texel_m[0]]])
-        found[part] = interpolated(grid, places - 0.5, tiles)
-    return found.reshape(points.shape[:-1])
+        values[part] = interpolated(grid, places - 0.5, tiles)
+    return values.reshape(points.shape[:-1])
 
 
 def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
-    """Catmull-Rom values of a grid (H, W) at places as of :func:`bilinear`."""
+    """Catmull-Rom values of a grid (H, W) at rows and columns (2, ...); see :func:`bilinear`."""
     rows, columns = grid.shape
     low = np.floor(places)
     y, x = places - low
@@ -210,9 +195,9 @@ def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
 
 
 def bilinear(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
-    """Values of a grid (H, W) at rows and columns (2, ...), 0 the middle of the first texel.
+    """Bilinear values of a grid (H, W) at rows and columns (2, ...), 0 at the first texel's centre.
 
-    ``places`` is used up.
+    Overwrites ``places``.
     """
     rows, columns = grid.shape
     low = np.floor(places)
@@ -239,7 +224,7 @@ def _between(
 
 
 def wrapped_cells(index: I64, rows: int, columns: int, tiles: bool) -> I64:
-    """Row and column indices (2, ...) brought into a grid: around, or to the edge."""
+    """Row and column indices (2, ...) wrapped, or clamped without tiling, into a grid."""
     if tiles and rows & (rows - 1) == 0 and columns & (columns - 1) == 0:
         last = np.array([rows - 1, columns - 1]).reshape(2, *[1] * (index.ndim - 1))
         return np.asarray(index & last)
@@ -247,7 +232,7 @@ def wrapped_cells(index: I64, rows: int, columns: int, tiles: bool) -> I64:
 
 
 def wrapped(index: I64, count: int, tiles: bool) -> I64:
-    """Indices brought into 0 to ``count`` - 1: around, or to the edge."""
+    """Indices wrapped, or clamped without tiling, into 0 to ``count`` - 1."""
     if not tiles:
         return np.clip(index, 0, count - 1)
     if count & (count - 1) == 0:  # a power of two: a mask costs a tenth of a division
@@ -269,35 +254,35 @@ def _catmull_rom(t: F64) -> tuple[F64, F64, F64, F64]:
 def heights_of_normals(
     normals: npt.ArrayLike, texel_m: tuple[float, float], *, tiles: bool = False
 ) -> F64:
-    """Heights (H, W) in metres, of mean 0, whose slopes match a normal map best.
+    """Heights (H, W) in metres, of mean 0, whose slopes fit a normal map best.
 
-    Frankot and Chellappa (1988), "A method for enforcing integrability in shape from shading
-    algorithms": least squares in the Fourier domain.
+    Least squares in the Fourier domain: Frankot and Chellappa (1988), "A method for enforcing
+    integrability in shape from shading algorithms".
 
     Parameters
     ----------
     normals : array_like
-        (H, W, 3) unit normals in tangent space: x along columns, y along rows, z outwards.
-        What is no number is flat.
+        (H, W, 3) unit normals in tangent space: x along columns, y along rows, z outwards. Normals
+        that are not finite count as flat.
     texel_m : (float, float)
         Size of a texel along columns and rows, metres.
     tiles : bool
-        Whether the map goes on at its opposite edge; if not it is continued as in a mirror.
+        Continue at the opposite edge; else mirror at the edges.
     """
     n = np.array(normals, np.float64)
     flat = ~np.isfinite(n).all(axis=2)
     n[flat] = (0.0, 0.0, 1.0)
     up = np.maximum(n[..., 2], _STEEPEST)
-    # Slopes along each axis, in metres a texel.
+    # Slopes along each axis, metres per texel.
     along_x, along_y = -n[..., 0] / up * texel_m[0], -n[..., 1] / up * texel_m[1]
     rows, columns = up.shape
     if not tiles:
         along_x = np.block([[along_x, -along_x[:, ::-1]], [along_x[::-1], -along_x[::-1, ::-1]]])
         along_y = np.block([[along_y, along_y[:, ::-1]], [-along_y[::-1], -along_y[::-1, ::-1]]])
-    # A slope is that of a sampled sine wave: its frequency in radians a texel.
+    # Differentiation multiplies by the frequency, in radians per texel.
     fx = 2.0 * np.pi * np.fft.rfftfreq(along_x.shape[1])[None, :]
     fy = 2.0 * np.pi * np.fft.fftfreq(along_x.shape[0])[:, None]
-    # Nyquist's slope has no sign.
+    # At the Nyquist frequency the sign of a slope is undefined.
     fx = np.where(np.isclose(np.abs(fx), np.pi), 0.0, fx)
     fy = np.where(np.isclose(np.abs(fy), np.pi), 0.0, fy)
     power = (fx / texel_m[0]) ** 2 + (fy / texel_m[1]) ** 2

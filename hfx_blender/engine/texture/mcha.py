@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Micro-collision haptic maps from heights and roughness (Liu and Gu 2025, section 3.2).
 
-Intensity: Gaussian blur, Sobel gradient magnitude, one slope for full strength that all
-materials share. Frequency: sharpness is one minus roughness.
+Intensity: Gaussian blur, Sobel gradient magnitude, full strength at a slope common to all
+materials. Sharpness: 1 minus roughness.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from .haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from .height_field import HeightField, wrapped
 
 TRUNCATE: Final = 4.0
-"""Standard deviations after which the Gaussian kernel ends."""
+"""Cut-off of the Gaussian kernel in standard deviations."""
 
 _MOST_SIZES: Final = 3
-_KERNEL_BYTES: Final = 24.0  # of a texel of the Gaussian: its place, its weight, the sum
-_TEXEL_BYTES: Final = 12.0  # of a texel with its surroundings: a height, a wave, a slope
+_KERNEL_BYTES: Final = 24.0  # memory per texel of the Gaussian: offset, weight, sum
+_TEXEL_BYTES: Final = 12.0  # memory per padded texel: height, spectrum, slope
 _WORKERS: Final = 2
 
 
 @dataclass(frozen=True)
 class MapSettings:
-    """Settings of map making; the same for all materials, so that maps can be compared."""
+    """Settings of haptic maps; equal for all materials, so that maps are comparable."""
 
     blur_m: float = 0.1e-3
     """Standard deviation of the Gaussian blur."""
 
     full_slope: float = 1.0
-    """Slope, metres per metre, that is felt at full strength."""
+    """Slope of intensity 1, metres per metre."""
 
     default_roughness: float = 0.5
-    """Roughness 0..1 where no roughness is given."""
+    """Roughness 0..1 of a surface without a roughness picture."""
 
     device: DeviceRange = field(default_factory=DeviceRange)
     steps: NoticeableSteps | None = None
@@ -57,16 +57,16 @@ def make_map(
     settings: MapSettings | None = None,
     slope: F32 | None = None,
 ) -> HapticMap:
-    """The haptic map of a surface.
+    """Make the haptic map of a surface.
 
     Parameters
     ----------
     roughness : (h, w) float, optional
-        0 smooth to 1 rough, linear, bottom row first; covers the same rectangle and may have
-        another resolution. None: ``settings.default_roughness`` everywhere.
+        0 smooth to 1 rough, linear, bottom row first, over the same rectangle; any resolution. None
+        for ``settings.default_roughness``.
     slope : (H, W) float32, optional
-        Slope that was estimated by itself, after a blur of one texel; it is blurred to the
-        setting. None: the slope of the heights.
+        Separately estimated slope after a blur of one texel; blurred further as set. None for the
+        slope of the heights.
 
     Raises
     ------
@@ -81,16 +81,17 @@ def make_map(
     slope *= np.float32(1.0 / settings.full_slope)
     intensity = np.minimum(slope, np.float32(1.0), out=slope)
     sharpness = _sharpness(field, roughness, settings.default_roughness)
-    made = HapticMap(intensity, sharpness, field.texel_m, tiles=field.tiles, device=settings.device)
-    return made if settings.steps is None else made.in_steps(settings.steps)
+    haptic_map = HapticMap(
+        intensity, sharpness, field.texel_m, tiles=field.tiles, device=settings.device
+    )
+    return haptic_map if settings.steps is None else haptic_map.in_steps(settings.steps)
 
 
 def blurred_slope(field: HeightField, blur_m: float) -> F32:
     """Sobel gradient magnitude of the blurred heights, metres per metre, (H, W).
 
-    The kernels are those in space, the Gaussian ending after four standard deviations; they are
-    applied by Fourier, whose cost does not grow with the blur. What does not tile goes on
-    flat beyond its edges.
+    Spatial kernels, applied by Fourier transform, whose cost does not grow with the blur. A surface
+    without tiling continues flat beyond its edges.
 
     Raises
     ------
@@ -101,11 +102,10 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
 
     heights = field.heights_m
     rows, columns = heights.shape
-    # Large arrays are written in place throughout: asking for fresh memory costs as much as
-    # what is done in it.
+    # Large arrays are reused in place, as allocation costs as much as the arithmetic.
     centred = np.zeros(heights.shape, np.float32)
     heights = np.subtract(heights, heights.mean(), out=centred, casting="same_kind")
-    # A surface much smaller than the blur vanishes, even if it tiles.
+    # Padding beyond some sizes of the surface changes nothing: a much larger blur flattens it.
     most = _MOST_SIZES * max(rows, columns)
     shown = " x ".join(f"{1e3 * t:g}" for t in field.texel_m)
     asks = f"a blur of {1e3 * blur_m:g} mm over texels of {shown} mm would take"
@@ -139,7 +139,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
 
 
 def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
-    """Copy of a slope after a blur of one texel, blurred to ``blur_m`` where that is more."""
+    """Copy of a slope with a blur of one texel, blurred to ``blur_m`` if that is more."""
     from scipy import ndimage
 
     more = [np.sqrt(max((blur_m / texel) ** 2 - 1.0, 0.0)) for texel in field.texel_m[::-1]]
@@ -150,7 +150,7 @@ def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
 def _transfers(
     waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Transfer functions of Gauss and Sobel filters along one axis: smoothing, and the slope."""
+    """Transfer functions of Gaussian and Sobel filters along one axis: smoothing, derivative."""
     from scipy import fft
 
     angle = 2.0 * np.pi * waves / count
@@ -158,13 +158,14 @@ def _transfers(
     if blur_m > 0.0:
         offsets = np.arange(1, int(TRUNCATE * blur_m / texel_m + 0.5) + 1)
         weights = np.exp(-0.5 * (offsets * texel_m / blur_m) ** 2)
-        # A wave of the discrete transform takes a weight for that of a whole turn less.
+        # Offsets beyond one period alias onto the period, for the discrete transform.
         folded = np.bincount(offsets % count, weights, minlength=count)
         blur = (1.0 + 2.0 * fft.fft(folded).real[waves]) / (1.0 + 2.0 * weights.sum())
     return blur * (0.5 + 0.5 * np.cos(angle)) + 0j, 1j * blur * np.sin(angle) / texel_m
 
 
 def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: float) -> F32:
+    """Sharpness (H, W) from a roughness picture, or from ``default``."""
     shape = field.heights_m.shape
     if roughness is None:
         return np.full(shape, 1.0 - np.clip(default, 0.0, 1.0), np.float32)
@@ -177,7 +178,7 @@ def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: flo
 
 
 def _stretched(values: F32, count: int, tiles: bool) -> F32:
-    """Columns resampled to another number of them, linearly; both cover the same width."""
+    """Columns resampled linearly to ``count`` columns over the same width."""
     known = values.shape[1]
     if known == count:
         return values

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A library of materials made by arithmetic: gravel, metal, fabric and wood, in variants.
+"""Library of procedural materials: gravel, metal, fabric and wood, in variants.
 
-Each is a square that tiles without a seam, the same for the same seed on any machine.
+Each is a square that tiles without a seam and depends on the seed only.
 """
 
 from __future__ import annotations
@@ -19,30 +19,27 @@ from .surface_names import MATERIAL_TITLES
 from .weave import Weave, woven
 
 Recipe = Callable[[np.random.Generator, int, float], F64]
-"""Random numbers, texels a side and size in metres to heights (N, N) in metres."""
+"""Function of a random generator, texels per side and size in metres to heights (N, N), metres."""
 
 KINDS: Final = ("gravel", "metal", "fabric", "wood")
 
 
 @dataclass(frozen=True)
 class ProceduralMaterial:
-    """Recipe for heights and roughness of a material; roughness 0..1 makes collisions dull."""
+    """Recipe for heights and roughness of a material."""
 
-    name: str  # unique, also the key of ``MATERIALS``
+    name: str  # key of ``MATERIALS``
     kind: str  # one of ``KINDS``
     title: str
-    size_m: float  # of the square
-    roughness: float
+    size_m: float  # side of the square
+    roughness: float  # mean, 0..1; rough collisions are dull
     heights: Recipe
-    period_m: float  # from one of its features to the next, about
+    period_m: float  # approximate distance of features
 
     def make(self, texels: int = 512, seed: int = 0) -> tuple[HeightField, F64]:
         """Heights and roughness (N, N) of one square.
 
-        Raises
-        ------
-        InputError
-            Fewer than 16 texels.
+        Raises InputError for fewer than 16 texels.
         """
         if texels < 16:
             raise InputError(f"Material '{self.name}': {texels} texels; expected 16 or more.")
@@ -55,13 +52,7 @@ class ProceduralMaterial:
 
 
 def material(name: str) -> ProceduralMaterial:
-    """A material by its name.
-
-    Raises
-    ------
-    InputError
-        There is none of that name.
-    """
+    """Material of a name; raises InputError if unknown."""
     if name not in MATERIALS:
         raise InputError(f"Material '{name}': expected one of {', '.join(MATERIALS)}.")
     return MATERIALS[name]
@@ -76,15 +67,14 @@ def noise(
     stretch: float = 1.0,
     fall: float = 1.0,
 ) -> F64:
-    """Noise that tiles, RMS 1, of waves in a band; ``stretch`` times as long along x.
+    """Tiling noise (N, N) of RMS 1 from waves in a band, ``stretch`` times as long along x.
 
-    The waves' amplitude is their wavelength to the power of ``fall``.
+    Amplitudes are proportional to the wavelength to the power of ``fall``. 0 for an empty band.
     """
     frequency = np.fft.fftfreq(texels, size_m / texels)
     radius = np.hypot(frequency[None, :] * stretch, frequency[:, None])
     band = (radius >= 1.0 / longest_m) & (radius <= 1.0 / shortest_m)
     strength = np.where(band, np.where(radius > 0.0, radius, 1.0) ** -(fall + 0.5), 0.0)
-    # White noise drawn on a coarse grid of waves would change with the resolution: it may.
     spectrum = np.fft.fft2(rng.standard_normal((texels, texels))) * strength
     values = np.fft.ifft2(spectrum).real
     scale = values.std()
@@ -94,8 +84,8 @@ def noise(
 def _stones(
     rng: np.random.Generator, texels: int, size_m: float, diameter_m: float, flatness: float
 ) -> F64:
-    """Stones that lie side by side, 0..1: each point belongs to the stone that is highest there."""
-    spacing = 0.72 * diameter_m
+    """Adjacent stones, heights 0..1: the highest stone counts at each point."""
+    spacing = 0.72 * diameter_m  # stones overlap
     per_side = max(round(size_m / spacing), 2)
     grid = (np.stack(np.meshgrid(*[np.arange(per_side)] * 2), -1).reshape(-1, 2) + 0.5) / per_side
     centres = grid * size_m + rng.uniform(-0.4, 0.4, grid.shape) * size_m / per_side
@@ -128,16 +118,11 @@ def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -
     return heights
 
 
-def _brushed(depth_m: float, length: float) -> Recipe:
+def _grain(
+    depth_m: float, longest_m: float, shortest_m: float, stretch: float, fall: float
+) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
-        return depth_m * noise(rng, texels, size_m, 0.6e-3, 0.12e-3, stretch=length, fall=0.0)
-
-    return heights
-
-
-def _cast(depth_m: float) -> Recipe:
-    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
-        return depth_m * noise(rng, texels, size_m, 2e-3, 0.2e-3, fall=0.6)
+        return depth_m * noise(rng, texels, size_m, longest_m, shortest_m, stretch, fall)
 
     return heights
 
@@ -172,14 +157,14 @@ def _corduroy(period_m: float, depth_m: float) -> Recipe:
 
 
 def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> Recipe:
-    """Year rings along x, bent by slow noise; pores are short dents along the grain."""
+    """Growth rings along x, bent by slow noise, with short pores and cracks along the grain."""
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         y = (np.arange(texels) + 0.5) / texels
         bend = 0.9 * noise(rng, texels, size_m, size_m, 0.15 * size_m, stretch=3.0)
         rings = max(round(size_m / rings_m), 1)
         phase = rings * y[:, None] + bend
-        late = (phase - np.floor(phase)) ** 3  # early wood rises slowly, late wood ends sharply
+        late = (phase - np.floor(phase)) ** 3  # slow rise in early wood, sharp end of late wood
         grain = noise(rng, texels, size_m, 1.2e-3, 0.2e-3, stretch=20.0, fall=0.4)
         pore = noise(rng, texels, size_m, 0.8e-3, 0.25e-3, stretch=8.0, fall=0.3)
         crack = noise(rng, texels, size_m, 6e-3, 0.8e-3, stretch=25.0, fall=0.8)
@@ -197,15 +182,15 @@ def _named(
 
 
 MATERIALS: Final[dict[str, ProceduralMaterial]] = {
-    each.name: each
-    for each in (
+    recipe.name: recipe
+    for recipe in (
         _named("gravel-fine", 0.06, 0.85, _gravel(3e-3, 0.8e-3, 0.6, 40e-6), 3e-3),
         _named("gravel-coarse", 0.1, 0.95, _gravel(8e-3, 2.5e-3, 0.6, 90e-6), 8e-3),
         _named("gravel-pebbles", 0.1, 0.8, _gravel(6e-3, 2e-3, 0.9, 10e-6), 6e-3),
         _named("gravel-sharp", 0.08, 0.95, _gravel(5e-3, 2e-3, 0.4, 110e-6), 5e-3),
-        _named("metal-brushed", 0.04, 0.15, _brushed(3e-6, 60.0), 0.3e-3),
-        _named("metal-satin", 0.04, 0.1, _brushed(1.5e-6, 15.0), 0.3e-3),
-        _named("metal-cast", 0.04, 0.3, _cast(8e-6), 1e-3),
+        _named("metal-brushed", 0.04, 0.15, _grain(3e-6, 0.6e-3, 0.12e-3, 60.0, 0.0), 0.3e-3),
+        _named("metal-satin", 0.04, 0.1, _grain(1.5e-6, 0.6e-3, 0.12e-3, 15.0, 0.0), 0.3e-3),
+        _named("metal-cast", 0.04, 0.3, _grain(8e-6, 2e-3, 0.2e-3, 1.0, 0.6), 1e-3),
         _named("metal-hammered", 0.06, 0.1, _hammered(7e-3, 0.12e-3), 7e-3),
         _named("fabric-shirting", 0.02, 0.45, _cloth(Weave("plain", 0.3e-3, 40e-6)), 0.3e-3),
         _named(

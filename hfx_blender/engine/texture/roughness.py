@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Roughness of a profile and of a surface: parameters of ISO 4287 with their estimates of ISO 4288.
+"""Roughness parameters of profiles and surfaces: ISO 4287, estimated by ISO 4288.
 
-Rmax is the largest single depth of the sampling lengths, as the textile paper uses it (DIN 4768;
-ISO 4287 has no name for it). Filter: the Gaussian profile filter of ISO 16610-21 (formerly
-ISO 11562), whose transmission is one half at the cut-off. The mean line of all R parameters is
-that filter's: nothing is taken away a second time within a sampling length.
+Rmax is the largest depth of a single sampling length, as in the textile paper (DIN 4768; unnamed in
+ISO 4287). The filter is the Gaussian profile filter of ISO 16610-21 (formerly ISO 11562) with
+transmission 1/2 at the cut-off. Its mean line is that of all R parameters; no further mean is
+subtracted within a sampling length.
 """
 
 from __future__ import annotations
@@ -20,50 +20,50 @@ from ..arrays import F64
 from .height_field import HeightField
 
 CUTOFF_M: Final = 2.5e-3
-"""The usual cut-off for Ra of 2 to 10 micrometres; also the sampling length."""
+"""Usual cut-off for Ra of 2 to 10 micrometres, and the sampling length."""
 
 SAMPLING_LENGTHS: Final = 5
 
 LENGTHS: Final = ("ra_m", "rq_m", "rz_m", "rmax_m", "pt_m", "rsm_m")
 SHAPES: Final = ("rsk", "rku")
-"""Parameters in the order in which they are shown: lengths, and those without a unit."""
+"""Parameters in order of display: lengths, and dimensionless parameters."""
 
 _ALPHA: Final = float(np.sqrt(np.log(2.0) / np.pi))
 
 
 _LEAST_HEIGHT: Final = 0.1
 _LEAST_WIDTH: Final = 0.01
-"""Height, as a share of Rz, and width, as a share of a sampling length, of the least peak or
-valley that counts for RSm (ISO 4287, 3.2.8)."""
+"""Least height, share of Rz, and width, share of a sampling length, of a peak or valley that counts
+for RSm (ISO 4287, 3.2.8)."""
 
 _FLAT: Final = 1e-12
-"""Deviations below this share of the profile's own heights are rounding."""
+"""Share of the profile's heights below which deviations are rounding."""
 
 
 @dataclass(frozen=True)
 class Roughness:
     """Roughness parameters; lengths in metres.
 
-    All but Rmax, RSm and Pt are means of their values in each sampling length.
+    Means over sampling lengths, except Rmax, RSm and Pt.
     """
 
     ra_m: float  # arithmetic mean deviation
     rq_m: float  # root mean square deviation
     rz_m: float  # highest peak to lowest valley
-    rmax_m: float  # the largest of those in a single sampling length
-    pt_m: float  # highest peak to lowest valley before the filter, over all sampling lengths
-    rsk: float | None  # skewness; None: a flat profile has none
-    rku: float | None  # kurtosis, 3 for Gaussian heights
-    rsm_m: float | None  # mean width of a peak with its valley; None: there is no whole one
+    rmax_m: float  # largest depth of a single sampling length
+    pt_m: float  # highest peak to lowest valley, unfiltered, over all lengths
+    rsk: float | None  # skewness; None: flat profile
+    rku: float | None  # kurtosis, 3 for Gaussian heights; None: flat profile
+    rsm_m: float | None  # mean width of a peak with its valley; None: no complete element
     cutoff_m: float
     sampling_lengths: int
 
 
 def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUTOFF_M) -> Roughness:
-    """Roughness of a measured profile, of which the form (a tilt) has been taken away.
+    """Roughness of a measured profile without its form (tilt).
 
-    One cut-off at each end is the filter's run-up and is not evaluated. The rest holds as many
-    sampling lengths (each one cut-off long) as fit, five at most.
+    One cut-off at each end is run-up of the filter. The rest is evaluated in up to five sampling
+    lengths, one cut-off long each.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
     Raises
     ------
     InputError
-        The profile is shorter than three cut-offs, or holds what is not a number.
+        The profile is shorter than three cut-offs, or not finite.
     """
     heights = np.asarray(heights_m, np.float64)
     if heights.ndim != 1 or not np.isfinite(heights).all():
@@ -112,16 +112,17 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
 
 
 def _mean(values: npt.ArrayLike) -> float | None:
-    found = np.asarray(values, np.float64)
-    return float(found.mean()) if found.size else None
+    """Mean of values; None without values."""
+    array = np.asarray(values, np.float64)
+    return float(array.mean()) if array.size else None
 
 
 def _mean_width_m(deviations: F64, spacing_m: float, rz_m: float, cutoff_m: float) -> float | None:
-    """RSm: mean width of the profile elements, each a peak and the valley beside it.
+    """RSm: mean width of profile elements, each a peak and an adjacent valley; None without any.
 
-    Peaks and valleys lie between crossings of the mean line. One that is too low or too narrow
-    belongs to what is before it. Elements that begin with a peak and those that begin with a
-    valley count alike, so that a profile and its mirror image have the same width.
+    Peaks and valleys lie between crossings of the mean line. A peak or valley that is too low or
+    narrow belongs to the part before it. Elements that start with a peak and elements that start
+    with a valley count equally, so that a mirrored profile has the same width.
     """
     is_above = deviations > 0.0
     last = np.flatnonzero(is_above[1:] != is_above[:-1])
@@ -147,10 +148,10 @@ def roughness_of_surface(
     direction_rad: float = 0.0,
     profiles: int = 16,
 ) -> Roughness:
-    """Mean roughness of some profiles across a surface, all in one direction.
+    """Mean roughness of random profiles across a surface in one direction.
 
-    A surface that tiles is long enough for five sampling lengths; one that does not gives as
-    many as fit (see :func:`roughness_of_profile`).
+    Profiles of a tiling surface have five sampling lengths, else as many as fit (see
+    :func:`roughness_of_profile`).
 
     Raises
     ------
@@ -171,22 +172,22 @@ def roughness_of_surface(
         low = np.maximum(0.0, -length * way)
         starts = rng.uniform(low, low + size - np.abs(length * way), (profiles, 2))
     along = np.arange(int(length / spacing) + 2) * spacing
-    found = [
+    results = [
         roughness_of_profile(field.sample(start + along[:, None] * way), spacing, cutoff_m)
         for start in starts
     ]
     means: dict[str, Any] = {
-        name: _mean([value for each in found if (value := getattr(each, name)) is not None])
+        name: _mean([value for result in results if (value := getattr(result, name)) is not None])
         for name in (*LENGTHS, *SHAPES)
     }
-    return replace(found[0], **means)
+    return replace(results[0], **means)
 
 
 def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
-    """Waviness: low-pass of a surface by the areal Gaussian filter of a cut-off, (H, W) metres.
+    """Waviness (H, W) of a surface in metres: areal Gaussian low-pass at a cut-off.
 
-    The transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier; a surface that
-    does not tile is mirrored at its edges.
+    Transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier transform; a surface
+    without tiling is mirrored at its edges.
     """
     heights = field.heights_m
     rows, columns = heights.shape
@@ -195,13 +196,15 @@ def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
         heights = np.concatenate([heights, heights[:, ::-1]], axis=1)
     across = np.fft.rfftfreq(heights.shape[1], field.texel_m[0])
     along = np.fft.fftfreq(heights.shape[0], field.texel_m[1])
-    kept = np.exp2(-((cutoff_m * along[:, None]) ** 2)) * np.exp2(-((cutoff_m * across) ** 2))
-    waves = np.fft.irfft2(np.fft.rfft2(heights) * kept, heights.shape)
+    transmission = np.exp2(-((cutoff_m * along[:, None]) ** 2)) * np.exp2(
+        -((cutoff_m * across) ** 2)
+    )
+    waves = np.fft.irfft2(np.fft.rfft2(heights) * transmission, heights.shape)
     return np.asarray(waves[:rows, :columns])
 
 
 def _kernel(reach: int, spacing_m: float, cutoff_m: float) -> F64:
-    """Weights of ISO 16610-21 up to one cut-off to each side; their sum is 1."""
+    """Weights of ISO 16610-21 up to one cut-off on each side, with sum 1."""
     x = np.arange(-reach, reach + 1) * spacing_m / (_ALPHA * cutoff_m)
     weights = np.exp(-np.pi * x**2)
     kernel: F64 = weights / weights.sum()

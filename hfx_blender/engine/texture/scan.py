@@ -13,43 +13,43 @@ from ..arrays import F64
 from .height_field import HeightField, sample_grid
 
 MAX_TEXELS: Final = 1 << 24
-_MAX_M: Final = 1e7  # positions on Earth, metres
+_MAX_M: Final = 1e7  # about positions on Earth, metres
 _MIN_SPAN: Final = 1e-9  # metres
 _ROUNDS: Final = 4
 _STEEP: Final = np.cos(np.radians(30.0))
-_THICK: Final = 0.25  # of its narrower spread
-_LINE: Final = 1e-7  # of its longer spread
+_THICK: Final = 0.25  # largest thickness of a sheet, share of its width
+_LINE: Final = 1e-7  # least width of a sheet, share of its length
 
 
 def seen_from_above(points: npt.ArrayLike) -> F64:
-    """Rotate points (N, 3) of a sheet so that z is its height.
+    """Rotate points (N, 3) of a sheet so that z is the height.
 
-    A sheet that leans by less than 30 degrees keeps its own x and y; any other is turned so that
-    the plane that fits it best is level, as little as that takes.
+    A sheet tilted by less than 30 degrees keeps its x and y; any other is rotated by the smallest
+    angle that levels its plane of least squares.
 
     Raises
     ------
     InputError
-        Fewer than three points, points on a line, points too far away, or no sheet at all.
+        Fewer than three points, points in line or too far away, or no sheet.
     """
-    found = np.asarray(points, np.float64)
-    if len(found) < 3:
-        raise InputError(f"Scan: {len(found)} points; a surface needs three or more.")
-    farthest_m = float(np.abs(found).max())
+    positions = np.asarray(points, np.float64)
+    if len(positions) < 3:
+        raise InputError(f"Scan: {len(positions)} points; a surface needs three or more.")
+    farthest_m = float(np.abs(positions).max())
     if not farthest_m <= _MAX_M:
         raise InputError(
             f"Scan: a coordinate is {farthest_m:g} m, allowed is up to {_MAX_M:g} m: is its unit "
             "the right one?"
         )
-    centred = found - found.mean(axis=0)
-    spread, axes = np.linalg.eigh(centred.T @ centred / len(found))
+    centred = positions - positions.mean(axis=0)
+    spread, axes = np.linalg.eigh(centred.T @ centred / len(positions))
     if not spread[1] > _LINE**2 * spread[2]:
         raise InputError("Scan: its points are one place or on a line; a surface needs more.")
     if spread[0] > _THICK**2 * spread[1]:
         raise InputError("Scan: its points are no sheet; expected a piece of a surface.")
     up = axes[:, 0] * (1.0 if axes[2, 0] >= 0.0 else -1.0)
     if up[2] >= _STEEP:
-        return found
+        return positions
     x = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < _STEEP else np.array([0.0, 1.0, 0.0])
     x = x - up * (x @ up)
     x /= np.linalg.norm(x)
@@ -57,22 +57,22 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
 
 
 def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> HeightField:
-    """A height field from scattered points of a scan; it does not tile.
+    """Height field of the scattered points of a scan; does not tile.
 
-    The mean plane is taken away: a scan is seldom level. Points that are not finite are left
-    out. Texels without a point (holes, corners) go on smoothly from those around them.
+    The mean plane is subtracted, and points that are not finite are dropped. Texels without a point
+    (holes, corners) are filled smoothly.
 
     Parameters
     ----------
     points_m : (N, 3) float
         x, y and height, metres, in any order.
     texel_m : float, optional
-        Size of the texels; by default about one point falls into each.
+        Size of a texel; None for about one point per texel.
 
     Raises
     ------
     InputError
-        Fewer than three points, all on one line, or more texels than can be held.
+        Fewer than three points, points in line, or too many texels.
     """
     points = np.asarray(points_m, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -99,24 +99,19 @@ def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> Height
     heights = points[:, 2] - design @ np.linalg.lstsq(design, points[:, 2], rcond=None)[0]
     place = points[:, :2] - low
     grid = _averaged(place, heights, (rows, columns), texel)
-    # A texel's mean belongs to where its points are, not to its middle: what the surface lacks
-    # at the points is added, a few times.
+    # A texel's mean belongs to the centroid of its points, not to its centre; a few rounds add the
+    # remaining error at the points.
     for _ in range(_ROUNDS):
-        lacking = heights - sample_grid(grid, place, (texel, texel), False)
-        grid = grid + _averaged(place, lacking, (rows, columns), texel)
+        error = heights - sample_grid(grid, place, (texel, texel), False)
+        grid = grid + _averaged(place, error, (rows, columns), texel)
     return HeightField(grid, (texel, texel), tiles=False)
 
 
 def fill_holes(heights_m: npt.ArrayLike) -> F64:
     """Fill holes (non-finite values) of heights (H, W) smoothly from their borders.
 
-    The picture is halved again and again, each time averaging what is known, and what is
-    unknown is taken from the next smaller one.
-
-    Raises
-    ------
-    InputError
-        Nothing is known.
+    Known heights are averaged in a pyramid of halved pictures; holes take the next coarser value.
+    Raises InputError without any known height. A picture without holes is returned itself.
     """
     heights = np.asarray(heights_m, np.float64)
     known = np.isfinite(heights)
@@ -129,6 +124,7 @@ def fill_holes(heights_m: npt.ArrayLike) -> F64:
 
 
 def _filled(values: F64, weights: F64) -> F64:
+    """Fill values (H, W) of weight 0 from the picture at half the resolution, recursively."""
     rows, columns = values.shape
     if (weights > 0.0).all() or values.size == 1:
         return values
@@ -149,7 +145,7 @@ def _filled(values: F64, weights: F64) -> F64:
 
 
 def _averaged(place: F64, values: F64, shape: tuple[int, int], texel: float) -> F64:
-    """Mean value of the points in each texel; texels without any are filled from around."""
+    """Mean of the points' values in each texel, (H, W); empty texels are filled."""
     rows, columns = shape
     i = np.minimum((place[:, 0] / texel).astype(np.int64), columns - 1)
     j = np.minimum((place[:, 1] / texel).astype(np.int64), rows - 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stroke: positions of a finger on a surface, at times as uneven as those of a touch screen."""
+"""Strokes of a finger on a surface, at uneven times as from a touch screen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..arrays import F64
 
 SLOW_M_S: Final = 0.02
 FAST_M_S: Final = 0.1
-"""The two speeds of the textile study (textiles on the phone, section 5)."""
+"""Speeds of the textile study (textiles on the phone, section 5)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +23,14 @@ class Stroke:
     Parameters
     ----------
     times_s : (N,) float64
-        Rising.
+        Ascending, at least two.
     points_m : (N, 2) float64
         Surface coordinates, metres.
 
     Raises
     ------
     InputError
-        Fewer than two positions, times that do not rise, or what is not a number.
+        Fewer than two positions, times that do not ascend, or values that are not finite.
     """
 
     times_s: F64
@@ -66,26 +66,26 @@ class Stroke:
 
     @property
     def speeds_m_s(self) -> F64:
-        """Speed between positions, (N - 1,)."""
+        """Speeds between successive positions, (N - 1,)."""
         steps = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
         speeds: F64 = steps / np.diff(self.times_s)
         return speeds
 
     def at(self, times_s: F64) -> F64:
-        """Positions (..., 2) at any times; before and after the stroke, the finger rests."""
+        """Positions (..., 2) at any times; constant before and after the stroke."""
         times = np.asarray(times_s, np.float64)
         parts = [np.interp(times, self.times_s, self.points_m[:, k]) for k in (0, 1)]
         return np.stack(parts, axis=-1)
 
     def speed_at(self, times_s: F64) -> F64:
-        """Speed at any times, m/s; zero outside of the stroke."""
+        """Speeds at any times, m/s; 0 outside the stroke."""
         times = np.asarray(times_s, np.float64)
         which = np.searchsorted(self.times_s, times, "right") - 1
         inside = (which >= 0) & (times <= self.times_s[-1])
         return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
 
     def resampled(self, rate_hz: float) -> Stroke:
-        """Resample the stroke at the rate of a pointer (60 to 240 Hz on touch screens)."""
+        """Stroke sampled at a rate, as by a touch screen (60 to 240 Hz), with its last position."""
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
         count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
@@ -102,18 +102,18 @@ def line(
     speed_m_s: float,
     rate_hz: float = 120.0,
 ) -> Stroke:
-    """A straight stroke at an even speed."""
+    """Straight stroke at constant speed."""
     way = length_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
     return along(np.array([start_m, np.asarray(start_m) + way]), speed_m_s, rate_hz)
 
 
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
-    """Make a stroke along a path (N, 2) at an even speed, sampled at a pointer's rate.
+    """Stroke along a path (N, 2) at constant speed, sampled at a pointer's rate.
 
     Raises
     ------
     InputError
-        The path has no length, or the speed or the rate is not above zero.
+        The path has no length, or speed or rate is not above zero.
     """
     path = np.asarray(path_m, np.float64)
     if path.ndim != 2 or path.shape[1:] != (2,) or len(path) < 2 or not np.isfinite(path).all():

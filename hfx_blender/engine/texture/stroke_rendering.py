@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stroke over a surface as a vibration, by the renderer that the surface names."""
+"""Rendering of a stroke over a surface as a vibration, by the surface's renderer."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ from .textile import WINDOW_S, drive_levels
 
 @dataclass(frozen=True, eq=False)
 class StrokeSignal:
-    """A vibration over time.
+    """Vibration over time.
 
-    Value ``i`` of amplitude and frequency belongs to the time from ``times_s[i]`` to
-    ``times_s[i + 1]`` (the last one: for as long as the one before it).
+    Amplitude and frequency ``i`` hold from ``times_s[i]`` for ``step_s``.
     """
 
-    times_s: F64  # (N,) begin of each step
+    times_s: F64  # (N,) start of each step
     step_s: float
     amplitude_m_s2: F64  # (N,) peak
     frequency_hz: F64  # (N,)
@@ -38,20 +37,10 @@ class StrokeSignal:
 
 
 def carrier(amplitude: F64, frequency_hz: F64, step_s: float, rate_hz: float) -> F64:
-    """Sine with the amplitudes and frequencies of the steps; its phase never jumps.
+    """Sine with the amplitudes and frequencies (N,) of steps, and a continuous phase.
 
-    Parameters
-    ----------
-    amplitude, frequency_hz : (N,) float64
-    step_s : float
-        Length of a step.
-    rate_hz : float
-        Of the waveform.
-
-    Returns
-    -------
-    (round(N * step_s * rate_hz),) float64
-        Unit of the amplitude.
+    Shape (round(N * step_s * rate_hz),), in the unit of the amplitude; ``rate_hz`` is that of the
+    result.
     """
     count = round(len(amplitude) * step_s * rate_hz)
     which = np.minimum(
@@ -70,22 +59,22 @@ def render_stroke(
     window_s: float | None = None,
     waveform_rate_hz: float = 8000.0,
 ) -> StrokeSignal:
-    """Render a stroke as a vibration signal.
+    """Render a stroke as a vibration.
 
     Parameters
     ----------
     step_s : float, optional
-        Time between two values of amplitude and frequency; the device's own update by default.
+        Time between values of amplitude and frequency; by default the device's update time.
     window_s : float, optional
-        Duration up to the end of a step that ``TEXTILE`` and ``DIRECT`` look at; by default that
-        of exports, ``WINDOW_S``, or a step that is longer.
+        Window before the end of each step for ``TEXTILE`` and ``DIRECT``; by default ``WINDOW_S``
+        as in exports, or the step if longer.
     waveform_rate_hz : float
-        Rate of the waveform; 8 kHz is plenty for skin, 48 kHz is for ears.
+        Sample rate of the waveform; 8 kHz suffices for skin, 48 kHz is for ears.
 
     Raises
     ------
     InputError
-        The stroke is shorter than one step, or the step or the rate is not above zero.
+        The stroke is shorter than a step, or step or rate is not above zero.
     """
     step = texture.device.update_s if step_s is None else step_s
     if not (np.isfinite([step, waveform_rate_hz]).all() and step > 0.0 and waveform_rate_hz > 0.0):
@@ -128,13 +117,14 @@ def _direct(
     count: int,
     rate_hz: float,
 ) -> StrokeSignal:
+    """Render the heights themselves as waveform, for wide-band actuators."""
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
     length = max(round(window_s * rate_hz), 3)
     begins = np.rint(step * rate_hz * np.arange(1, count + 1)).astype(np.int64) - length
     window = np.clip(begins[:, None] + np.arange(length), 0, len(drive) - 1)
-    amplitude, frequency = amplitude_and_frequency(drive[window], rate_hz)  # before it is cut
+    amplitude, frequency = amplitude_and_frequency(drive[window], rate_hz)  # before clipping
     return StrokeSignal(
         stroke.times_s[0] + step * np.arange(count),
         step,

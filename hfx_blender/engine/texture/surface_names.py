@@ -25,10 +25,10 @@ MATERIAL_TITLES: Final = {
     "wood-weathered": ("wood", "Weathered planks"),
     "wood-veneer": ("wood", "Veneer"),
 }
-"""Kind and title of each procedural material, in the order in which they are offered."""
+"""Kind and title of each procedural material, in order of display."""
 
 FABRICS: Final = ("shirting", "denim", "costume")
 """Reference cloths, from smooth to rough."""
 
 DRIVE_PER_M: Final = 1.0e4
-"""Default of c_v: 50 micrometres RMS drive a device at one half."""
+"""Default c_v: 50 micrometres RMS give a drive of 0.5."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Material of a haptic surface: its heights, its haptic map, and the renderer to use."""
+"""Material of a haptic surface: heights, haptic map and renderer."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .surface_names import DRIVE_PER_M
 
 
 class SurfaceRenderer(Enum):
-    """Method by which a surface is turned into vibration."""
+    """Method of rendering a surface as vibration."""
 
-    MCHA = "mcha"  # micro-collisions: the haptic map's strongest texel on the way
-    TEXTILE = "textile"  # the weighted spectrum of the height over a window, one frequency
-    DIRECT = "direct"  # the height itself, at audio rate, for wide-band actuators
+    MCHA = "mcha"  # micro-collisions: strongest texel of the haptic map on the path
+    TEXTILE = "textile"  # weighted spectrum of heights in a window, single frequency
+    DIRECT = "direct"  # heights as a waveform, for wide-band actuators
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,21 +29,21 @@ class SurfaceTexture:
     Parameters
     ----------
     height : HeightField, optional
-        Needed by ``TEXTILE`` and ``DIRECT``.
+        Required by ``TEXTILE`` and ``DIRECT``.
     map : HapticMap, optional
-        Needed by ``MCHA``. Its texels need not be those of the heights.
+        Required by ``MCHA``; may have texels of another size than the heights.
     drive_per_m : float
         c_v of equation 3: drive (0..1) per metre of height; calibrated per user and device.
     device : DeviceRange
-        What a drive of 0..1 means. A map is rendered with this device, not with its own.
+        Meaning of drive 0..1; also for a map, in place of the map's range.
     is_calibrated : bool
-        ``drive_per_m`` is what the user set for any device: one with a c_v of its own takes that
+        ``drive_per_m`` is the user's common setting; a device's own c_v replaces it
         (:mod:`..surface.surface_drive`).
 
     Raises
     ------
     InputError
-        What the renderer needs is not there.
+        The renderer's heights or map are missing, or ``drive_per_m`` is negative or not finite.
     """
 
     height: HeightField | None = None

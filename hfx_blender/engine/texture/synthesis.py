@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Direct synthesis: the height under a moving finger as a waveform, for wide-band actuators."""
+"""Direct synthesis: heights under a moving finger as a waveform, for wide-band actuators."""
 
 from __future__ import annotations
 
@@ -14,30 +14,26 @@ from .roughness import gaussian_waviness
 from .stroke import Stroke
 
 WAVINESS_M: Final = 8e-3
-"""Waves longer than this are form, felt by the moving finger itself, not vibration."""
+"""Wavelength above which heights are form, felt by the moving finger, not vibration."""
 
 FULL_M_S: Final = 2e-3
-"""Speed up to which the waveform is faded in, so that a resting finger is silent."""
+"""Speed of full amplitude; slower motion fades to silence at rest."""
 
 _MOST_OF_PAIRS: Final = 3.0
-"""Largest ratio of one of a sine's two parts, a quarter of a period apart, to their mean in a
-window; in one of half a period or more it is never reached."""
+"""Largest ratio of a quadrature part of a sine to the mean of both parts in a window; unreached in
+windows of half a period or more."""
 
 _FADE_S: Final = 4e-3
-_LOBES: Final = 8  # of the low-pass before decimation, each side
+_LOBES: Final = 8  # lobes of the decimation filter on each side
 _MAX_FACTOR: Final = 64
 
 
 def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
-    """Height under the finger without waviness, from the stroke's begin to its end.
+    """Heights under the finger without waviness, from start to end of a stroke, metres.
 
-    Where a step would skip a texel, the profile is taken at a whole multiple of the rate and
-    low-passed before it is thinned: nothing is skipped and nothing folds back.
-
-    Returns
-    -------
-    (floor(duration * rate) + 1,) float64
-        Metres; silent where the finger rests.
+    Shape (floor(duration * rate) + 1,); silent at rest. Where a step would skip a texel, heights
+    are sampled at a multiple of the rate and low-passed before decimation, without loss or
+    aliasing.
     """
     surface = without_waviness(field)
     factor = _factor(surface, stroke, rate_hz)
@@ -52,23 +48,23 @@ def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
 
 
 def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
-    """Peak amplitude and frequency of the sine that is like each window of a waveform.
+    """Peak amplitude and frequency of the sine equivalent to each window of a waveform.
 
-    Of a sine, ``x[k - 1] + x[k + 1] = 2 c x[k]`` with c the cosine of its angle from value to
-    value, and ``(x[k + 1] - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c)`` is the square
-    of its amplitude, at every k: exact in windows that hold no whole number of periods, too. Of
-    other waveforms the amplitude is root 2 times the RMS and the frequency that of zero crossings
-    (Rice), but for what begin and end of a window add.
+    For a sine, with c the cosine of its phase step, ``x[k - 1] + x[k + 1] = 2 c x[k]``, and ``(x[k
+    + 1] - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c)`` is its squared amplitude at every
+    k, so the result is exact also in windows without a whole number of periods. For further
+    waveforms the amplitude is sqrt(2) times the RMS and the frequency that of zero crossings
+    (Rice), but for the ends of the window.
 
     Parameters
     ----------
     waveform : (..., n) float64
-        Three values or more; its mean over time is nothing.
+        At least three values, without a mean.
 
     Returns
     -------
     (...) float64, (...) float64
-        Unit of the waveform; Hz, 0 where it is silent.
+        Unit of the waveform; Hz, 0 in silence.
     """
     change = waveform[..., 1:] - waveform[..., :-1]
     changes = np.einsum("...k,...k->...", change, change)
@@ -79,11 +75,11 @@ def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
     sums = np.maximum(4.0 * pairs - changes, 0.0)
     inside = np.maximum(squares - ends, 0.0)
     lagged = pairs - 0.5 * (changes + first * waveform[..., 1] + waveform[..., -2] * last)
-    some = np.where(pairs > 0.0, pairs, 1.0)
+    safe_pairs = np.where(pairs > 0.0, pairs, 1.0)
     cosine = lagged / np.where(inside > 0.0, inside, np.inf)
-    # A ramp is a sine without frequency and without bounds.
-    cosine = np.minimum(cosine, 1.0 - changes / (2.0 * _MOST_OF_PAIRS * some))
-    cosine = np.maximum(cosine, sums / (2.0 * _MOST_OF_PAIRS * some) - 1.0)
+    # For a ramp the cosine tends to 1 and the amplitude to infinity; these limits bound both.
+    cosine = np.minimum(cosine, 1.0 - changes / (2.0 * _MOST_OF_PAIRS * safe_pairs))
+    cosine = np.maximum(cosine, sums / (2.0 * _MOST_OF_PAIRS * safe_pairs) - 1.0)
     cosine = np.minimum(np.maximum(cosine, -1.0), 1.0)
     tiny = np.finfo(np.float64).tiny
     power = changes / np.maximum(2.0 - 2.0 * cosine, tiny)
@@ -96,7 +92,7 @@ _KNOWN: WeakKeyDictionary[HeightField, HeightField] = WeakKeyDictionary()
 
 
 def without_waviness(field: HeightField) -> HeightField:
-    """Remove the waviness that direct synthesis leaves out; cached for each field."""
+    """Height field without the waviness that direct synthesis ignores; cached for each field."""
     if field not in _KNOWN:
         waves = gaussian_waviness(field, WAVINESS_M)
         _KNOWN[field] = HeightField(field.heights_m - waves, field.texel_m, field.tiles)
@@ -104,6 +100,7 @@ def without_waviness(field: HeightField) -> HeightField:
 
 
 def _factor(field: HeightField, stroke: Stroke, rate_hz: float) -> int:
+    """Factor of the rate at which no step of a stroke skips a texel, at most 64."""
     steps = np.abs(np.diff(stroke.points_m, axis=0)) / np.asarray(field.texel_m)
     fastest = float((steps.max(axis=1) / np.diff(stroke.times_s)).max())
     return int(np.clip(np.ceil(fastest / rate_hz * (1.0 - 1e-9)), 1, _MAX_FACTOR))
@@ -121,6 +118,7 @@ def _fade(stroke: Stroke, times: F64, rate_hz: float) -> F64:
 
 
 def _low_pass(factor: int) -> F64:
+    """Windowed-sinc decimation filter for a factor, with sum 1."""
     reach = _LOBES * factor
     x = np.arange(-reach, reach + 1) / factor
     kernel = np.sinc(0.9 * x) * np.hanning(2 * reach + 3)[1:-1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Woven cloth as heights: any weave, period and direction, without a seam where it tiles."""
+"""Woven cloth as heights: any weave, period and direction; tiles without a seam."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..arrays import F64
 from .height_field import HeightField
 from .surface_names import FABRICS
 
-# Where the warp lies over the weft: one row a weft thread, one column a warp thread.
+# 1 where the warp lies over the weft; a row for each weft thread, a column for each warp thread.
 DRAFTS: Final[dict[str, tuple[str, ...]]] = {
     "plain": ("10", "01"),
     "basket": ("1100", "1100", "0011", "0011"),
@@ -26,22 +26,27 @@ DRAFTS: Final[dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Weave:
-    """A woven cloth.
+    """Woven cloth.
 
     Parameters
     ----------
     draft : str
-        A key of ``DRAFTS``.
+        Key of ``DRAFTS``.
     period_m : float
-        From one thread to the next.
+        Distance of adjacent threads.
     depth_m : float
-        From the deepest gap to the highest thread.
+        Height of the highest thread over the deepest gap.
     direction_rad : float
-        Of the weft.
+        Direction of the weft.
     float_share : float
-        How much of the depth a thread loses where it dives; 1 is all.
+        Share of the depth that a thread loses where it dives.
     fibre_m : float
-        RMS of the fibres' own unevenness.
+        RMS roughness of the fibres.
+
+    Raises
+    ------
+    InputError
+        The draft is unknown, or period or depth is not positive.
     """
 
     draft: str
@@ -63,13 +68,12 @@ class Weave:
 def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightField:
     """Make a square of cloth that tiles.
 
-    A whole number of repeats must fit both ways, so the period and the direction become the
-    nearest ones that do.
+    Period and direction are changed to the nearest values with a whole number of repeats both ways.
 
     Raises
     ------
     InputError
-        Not one repeat of the weave fits into the square.
+        The square is smaller than a repeat of the weave.
     """
     draft = np.array([[int(c) for c in row] for row in DRAFTS[weave.draft]], np.float64)
     wefts, warps = draft.shape
@@ -100,16 +104,16 @@ def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightFiel
 
 
 def _bulge(count: F64) -> F64:
-    """Height of a thread's round back over its width, 0..1."""
+    """Height of a round thread over its width, 0..1."""
     across = 2.0 * (count - np.floor(count)) - 1.0
     return np.sqrt(np.maximum(1.0 - 0.9 * across**2, 0.0))
 
 
-def _thread(draft: F64, mine: F64, other: F64) -> F64:
-    """Height of a thread, 0..1, smooth from one crossing to the next."""
+def _thread(draft: F64, own: F64, crossing: F64) -> F64:
+    """Height of a thread, 0..1, smooth between crossings."""
     crossed, threads = draft.shape
-    thread = np.floor(mine).astype(np.int64) % threads
-    place = other - 0.5
+    thread = np.floor(own).astype(np.int64) % threads
+    place = crossing - 0.5
     before = np.floor(place).astype(np.int64)
     share = place - before
     smooth = share * share * (3.0 - 2.0 * share)

@@ -199,9 +199,9 @@ class MeshVolume:
         """Mesh for the library, which must exist; ``with_depth`` adds the core radius. Cached."""
         if with_depth not in self._compiled:
             tree, grid = self.tree.compiled, self.grid.compiled
-            assert tree is not None and grid is not None
+            largest = float(np.abs(self.tree.corners).max())
             depth = self.core_radius if with_depth else 0.0
-            self._compiled[with_depth] = NativeMesh(grid, tree, self._middle, depth)
+            self._compiled[with_depth] = NativeMesh(grid, tree, largest, self._middle, depth)
         return self._compiled[with_depth]
 
     @cached_property
@@ -285,7 +285,6 @@ def of_fewer_faces(
 
     Parameters
     ----------
-    shapes : tuple of Shape
     which : (n,) int64
         Index into ``shapes`` of each row.
     matrices : (n, 4, 4) float64

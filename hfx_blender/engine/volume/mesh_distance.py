@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..native import mesh_search
-from ..native.library import library
+from ..native.library import library, loaded
+from ..native.mesh_search import leaf_order, tree_structure
 
 PAIRS_AT_ONCE: Final = 2**20
 """Pairs of a point and a triangle that are compared at a time without the library."""
@@ -30,16 +30,17 @@ class TriangleTree:
 
     Attributes
     ----------
-    compiled : NativeTree or None
-        Tree of the compiled searches; None without the library.
+    order : (2^k,) int64 or None
+        Triangle of each leaf; None without the library.
+    compiled : Structure or None
+        ``hfx_tree``; None without the library.
     """
 
     def __init__(self, corners: F64, order: I64 | None = None) -> None:
-        self.corners = corners
-        self.compiled: mesh_search.NativeTree | None = None
+        self.corners, self.order, self.compiled = corners, order, None
         if library() is not None:
-            order = mesh_search.leaf_order(corners) if order is None else order
-            self.compiled = mesh_search.NativeTree(corners, order)
+            self.order = leaf_order(corners) if order is None else order
+            self.compiled = tree_structure(corners, self.order)
 
     @cached_property
     def _frames(self) -> F64:
@@ -47,35 +48,39 @@ class TriangleTree:
 
     def placed(self, linear: F64) -> TriangleTree:
         """Tree of the triangles under a linear map (3, 3)."""
-        order = None if self.compiled is None else self.compiled.order
-        return TriangleTree(self.corners @ linear.T, order)
+        return TriangleTree(self.corners @ linear.T, self.order)
 
     def distances(self, points: F64) -> F64:
         """Distance of each point of (3, N) to the nearest triangle, (N,); NaN if not finite."""
-        return (
-            self._compare(points)[1] if self.compiled is None else self.compiled.nearest(points)[1]
-        )
+        return self.nearest(points, np.inf)[1]
 
     def nearest(self, points: F64, reach: float) -> tuple[I64, F64]:
         """Nearest triangle of each point of (3, N) within ``reach``, and its distance, (N,) each.
 
         -1 and infinity beyond; -1 and NaN for points that are not finite.
         """
-        if self.compiled is not None:
-            leaves, distances = self.compiled.nearest(points, reach)
-            return np.where(leaves < 0, -1, self.compiled.order[leaves]), distances
-        triangles, distances = self._compare(points)
-        triangles[distances > reach], distances[distances > reach] = -1, np.inf
-        return triangles, distances
+        if self.order is None:
+            triangles, distances = self._compare(points)
+            triangles[distances > reach], distances[distances > reach] = -1, np.inf
+            return triangles, distances
+        count = points.shape[1]
+        leaves, distances = np.empty(count, np.int64), np.empty(count)
+        loaded().hfx_mesh_nearest(self.compiled, points, count, reach, leaves, distances)
+        return np.where(leaves < 0, -1, self.order[leaves]), distances
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
-        """Approximate :meth:`distances`: too large by at most the share ``slack``.
+        """Approximate :meth:`distances` of finite points: too large by at most share ``slack``.
 
         For a point within ``limit`` the result only says that its distance is within it.
         """
-        if self.compiled is None:
+        if self.order is None:
             return self.distances(points)
-        return self.compiled.distances_beyond(points, limit, slack, _WIDTH)
+        count, distances = points.shape[1], np.empty(points.shape[1])
+        nodes, away = np.empty(2 * _WIDTH, np.int64), np.empty(2 * _WIDTH)
+        loaded().hfx_mesh_distances_beyond(
+            *(self.compiled, points, count, limit, slack, _WIDTH, nodes, away, distances)
+        )
+        return distances
 
     def _compare(self, points: F64) -> tuple[I64, F64]:
         """Nearest triangle and its distance, (N,) each, by comparison with all triangles."""

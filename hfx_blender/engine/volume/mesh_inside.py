@@ -17,13 +17,14 @@ The result is therefore exact for a point within rounding of the given one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import F64, I32, I64, Bool, ramp
-from ..native.library import library
-from ..native.mesh_search import NativeGrid, bounds_in_columns
+from ..native.declarations import structure
+from ..native.library import library, loaded
+from ..native.mesh_search import bounds_in_columns
 
 CELLS: Final = 2**18  # more cells miss the cache, fewer leave more points to columns
 CELLS_PER_AXIS: Final = (4, 256)
@@ -76,7 +77,11 @@ class _Spans:
         )
 
     def packed(self) -> F64:
-        """All numbers of each triangle, (F, 16); see :data:`..native.mesh_search.SPAN`."""
+        """All numbers of each triangle, (F, 16), as ``hfx_grid`` has them.
+
+        y_low, y_middle, y_high; x of the lowest and the middle corner and the slopes in x; the same
+        in z; sign; two zeros.
+        """
         zeros = np.zeros_like(self.y_low)
         of_x, of_z = (
             (starts[0], starts[2], *slopes)
@@ -153,8 +158,8 @@ class InsideGrid:
 
     Attributes
     ----------
-    compiled : NativeGrid or None
-        Grid of the compiled test; None without the library.
+    compiled : Structure or None
+        ``hfx_grid`` of the compiled test; None without the library.
     """
 
     def __init__(self, vertices: F64, triangles: I32) -> None:
@@ -213,26 +218,22 @@ class InsideGrid:
         codes = np.where(mixed, runs, np.where(winding == 0, _OUTSIDE, _INSIDE))
         self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
-    def _packed(self, corners: F64) -> NativeGrid:
-        """Grid of the compiled test."""
+    def _packed(self, corners: F64) -> Any:
+        """Structure ``hfx_grid``; corners (F, 3, 3) in cells."""
         columns = np.repeat(self._columns, np.diff(self.run_offsets))
-        return NativeGrid(
-            box=np.stack([self._low, self._high]),
-            axes=np.array(self._axes),
-            scale=self._scale[:, 0],
-            cells=self._counts,
-            codes=self.voxels.astype(np.int64),
-            offsets=self.run_offsets,
-            beyond=self._beyond,
-            listed=self._listed,
-            bounds=bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN),
-            spans=self._spans.packed(),
+        bounds = bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN)
+        return structure("hfx_grid")(
+            *(np.stack([self._low, self._high]), np.array(self._axes), self._scale[:, 0]),
+            *(self._counts, self.voxels.astype(np.int64), self.run_offsets, self._beyond),
+            *(self._listed, bounds, self._spans.packed()),
         )
 
     def contains(self, points: F64) -> Bool:
         """Test points (3, N) for being inside, (N,) bool; NaN is outside."""
         if self.compiled is not None:
-            return self.compiled.contains(points)
+            inside = np.empty(points.shape[1], np.bool_)
+            loaded().hfx_mesh_inside(self.compiled, points, points.shape[1], inside)
+            return inside
         inside = np.zeros(points.shape[1], np.bool_)
         near = (points >= self._low[:, None]) & (points <= self._high[:, None])
         candidates = np.flatnonzero(near[0] & near[1] & near[2])

@@ -52,8 +52,8 @@ def test_trees_of_a_few_triangles(count: int) -> None:
     corners = rng.normal(size=(count, 3, 3))
     corners[0, 2] = corners[0, 1]  # a segment
     tree = TriangleTree(corners)
-    assert tree.compiled is not None
-    np.testing.assert_array_equal(np.unique(tree.compiled.order), np.arange(count))
+    assert tree.order is not None
+    np.testing.assert_array_equal(np.unique(tree.order), np.arange(count))
     points = rng.normal(size=(3, 200))
     faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
     squared = igl.point_mesh_squared_distance(points.T, corners.reshape(-1, 3), faces)[0]

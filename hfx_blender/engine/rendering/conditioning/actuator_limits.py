@@ -16,10 +16,10 @@ from ..device_config import DeviceConfig
 def limited(
     values: npt.ArrayLike, lowest: npt.ArrayLike, highest: npt.ArrayLike, silent: npt.ArrayLike
 ) -> F64:
-    """Values that an actuator may be given.
+    """Values within an actuator's range.
 
-    One parameter that is NaN or infinite silences the actuator in all its parameters: a
-    minimum or maximum alone would turn NaN into full power.
+    If any parameter is NaN or infinite, all parameters become ``silent``: a minimum or maximum
+    alone would turn NaN into full power.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def limited(
     lowest, highest : (P,) or broadcastable
         Allowed range, both included.
     silent : (P,) or broadcastable
-        What is given instead, itself in the range.
+        Values of silence, within the range.
 
     Returns
     -------
@@ -40,15 +40,15 @@ def limited(
 
 
 class DeviceLimits:
-    """The limits of all A actuators of a device, of which each has up to P controls.
+    """Ranges of all A actuators of a device, with up to P controls each.
 
-    An actuator with fewer controls than others repeats its strength.
+    An actuator with fewer controls repeats its strength.
 
     Attributes
     ----------
     neutral : (columns,) float64
     silent : (A, P) float64
-        The same by actuator, its strength first.
+        Neutral values by actuator, strength first.
     """
 
     def __init__(self, device: DeviceConfig) -> None:
@@ -65,32 +65,31 @@ class DeviceLimits:
         self.silent: F64 = self.neutral[self._columns]
 
     def by_actuator(self, values: F64) -> F64:
-        """Values (columns,) as limited ones (A, P)."""
+        """Limited values (A, P) of values (columns,)."""
         return limited(values[self._columns], self._lowest, self._highest, self.silent)
 
     def joined(self, values: F64) -> F64:
-        """Values (A, P) as (columns,)."""
-        found = np.zeros_like(self.neutral)
-        for place in reversed(range(values.shape[1])):  # the strength last, as it may be repeated
-            found[self._columns[:, place]] = values[:, place]
-        return found
+        """Values (A, P) as a new array (columns,)."""
+        columns = np.zeros_like(self.neutral)
+        for place in reversed(range(values.shape[1])):  # the strength last, over its repetitions
+            columns[self._columns[:, place]] = values[:, place]
+        return columns
 
 
 def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) -> F64:
-    """Rows that come earlier by an actuator's latency, to the nearest row.
+    """Rows advanced by an actuator's latency, to the nearest row.
 
-    What should be felt within the latency after the first row would have to begin before it.
-    There it is given at its own time, where nothing else is, and felt as late as the actuator
-    answers.
+    Values within the latency after the first row would have to be sent before it. They stay at
+    their own rows, where these are otherwise neutral, and are felt late.
 
     Parameters
     ----------
     values : (T, P) float64
         Controls of one actuator.
     neutral : (P,) float64
-        What is given at the end, when nothing follows.
+        Values for the last rows.
     rate_hz : Fraction
-        Of the rows.
+        Rate of the rows.
 
     Returns
     -------
@@ -108,37 +107,36 @@ def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) ->
 
 @lru_cache(maxsize=64)
 def rows_of(rate_hz: Fraction, latency_ms: float) -> int:
-    """A latency in rows, rounded to the nearest, halves up."""
+    """Latency in rows, rounded to the nearest, halves up."""
     return int(Fraction(latency_ms) / 1000 * rate_hz + Fraction(1, 2))
 
 
 def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:
-    """Give each update interval the strongest of its rows.
+    """Hold values over update intervals: each interval takes the strongest of its rows.
 
-    Intervals are counted from the first row, and a row belongs to the interval in which it
-    begins. A contact shorter than an interval so keeps its peak for a whole one; an update
-    comes at most one interval before what it shows.
+    Intervals start at the first row; a row belongs to the interval in which it begins. A contact
+    shorter than an interval keeps its peak; a value comes at most one interval early.
 
     Parameters
     ----------
     values : (T, P) float64
-        Controls of one actuator, its strength first.
+        Controls of one actuator, strength first.
     neutral : (P,) float64
-        Strong is what is far from ``neutral[0]``.
+        Strength is the deviation from ``neutral[0]``.
     rate_hz : Fraction
-        Of the rows.
+        Rate of the rows.
 
     Returns
     -------
     (T, P) float64
-        ``values`` itself if the rows are no closer than the interval.
+        ``values`` itself if an interval is no longer than a row.
     """
     numerator, denominator = _interval(rate_hz, interval_ms)
     if numerator <= denominator or not len(values):
         return values
     intervals = np.arange(len(values), dtype=np.int64) * denominator // numerator
     deviation = np.abs(values[:, 0] - neutral[0])
-    # Stable sort by interval, then the strongest, then the earliest comes first.
+    # Stable sort: by interval, then the strongest first, then the earliest.
     order = np.lexsort((-deviation, intervals))
     peaks = order[np.flatnonzero(np.diff(intervals[order], prepend=-1))]
     return np.asarray(values[peaks[intervals]])

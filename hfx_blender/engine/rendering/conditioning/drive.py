@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drive of an actuator for a desired strength of vibration.
+"""Drive of a vibration actuator for an acceleration, from measured curves.
 
-An actuator's output is seldom proportional to its drive, and differs over frequency. Where that
-was measured, the curves are inverted here; where not, output is taken to be proportional.
+Output is seldom proportional to drive and depends on frequency. Without measured curves output
+counts as proportional.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ class DriveCurve:
 
 
 def drive_of(curves: Sequence[DriveCurve], amplitudes: F64, frequencies_hz: F64) -> F64:
-    """Drive, 0..1, for amplitudes at frequencies; full drive beyond reach.
+    """Drive in 0..1 for amplitudes at frequencies; 1 for unreachable amplitudes.
 
-    Each curve is inverted on straight lines between its points. Between two frequencies the drive
-    goes straight from one to the other, beyond them it is that of the nearest.
+    Curves are inverted by linear interpolation between their points. Drives are interpolated
+    between the frequencies of two curves; beyond all curves the nearest holds.
 
     Parameters
     ----------
     curves : sequence of DriveCurve
         At least one, by ascending frequency.
     amplitudes, frequencies_hz : (...) float64
-        m/s^2 and Hz. What is not a number is not driven.
+        m/s^2 and Hz. The drive is that of amplitude 0 where one is not finite.
     """
     amplitudes, hz = np.broadcast_arrays(amplitudes, frequencies_hz)
     is_number = np.isfinite(amplitudes) & np.isfinite(hz)
-    asked = np.where(is_number, np.maximum(amplitudes, 0.0), 0.0)
-    known_hz = np.array([curve.frequency_hz for curve in curves])
+    wanted_m_s2 = np.where(is_number, np.maximum(amplitudes, 0.0), 0.0)
+    curve_hz = np.array([curve.frequency_hz for curve in curves])
     drives = np.stack(
         [
-            np.interp(asked, [y for _, y in each.points], [x for x, _ in each.points])
-            for each in curves
+            np.interp(wanted_m_s2, [y for _, y in curve.points], [x for x, _ in curve.points])
+            for curve in curves
         ]
     )
-    place = np.interp(np.where(is_number, hz, 0.0), known_hz, np.arange(len(curves)))
+    place = np.interp(np.where(is_number, hz, 0.0), curve_hz, np.arange(len(curves)))
     below = np.minimum(np.floor(place).astype(np.int64), len(curves) - 1)
     above = np.minimum(below + 1, len(curves) - 1)
     share = place - below
@@ -62,27 +62,27 @@ def driven(
     full_scale: float,
     totals: F64 | None = None,
 ) -> F64:
-    """Amplitudes of sines, 0..1 of full scale, for the desired vibration of channels.
+    """Amplitudes of sines, 0..1 of full scale, for the vibration of channels.
 
     Parameters
     ----------
     curves : sequence of C sequences of DriveCurve
-        Of each channel; empty: output is proportional to its drive.
+        Curves of each channel; empty for proportional output.
     amplitudes, frequencies_hz : (..., C) float64
         m/s^2 and Hz.
     full_scale : float
-        Amplitude of a channel without curves that is driven fully, m/s^2.
+        Acceleration of a fully driven channel without curves, m/s^2.
     totals : (..., C) float64, optional
-        Amplitude of all sines together, where there are several: each then has its share of
-        the drive that all together need, so that they never exceed it.
+        Amplitude of all sines of a channel together. Each sine takes its share of the drive for the
+        total, so that the sum stays within full scale.
     """
-    found = amplitudes / full_scale
-    for channel, each in enumerate(curves):
-        if not each:
+    drives = amplitudes / full_scale
+    for channel, channel_curves in enumerate(curves):
+        if not channel_curves:
             continue
-        mine = amplitudes[..., channel]
-        total = mine if totals is None else totals[..., channel]
-        drive = drive_of(each, total, frequencies_hz[..., channel])
-        share = np.divide(mine, total, out=np.zeros_like(mine), where=total > 0.0)
-        found[..., channel] = drive * share
-    return found
+        own = amplitudes[..., channel]
+        total = own if totals is None else totals[..., channel]
+        drive = drive_of(channel_curves, total, frequencies_hz[..., channel])
+        share = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
+        drives[..., channel] = drive * share
+    return drives

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vibrations of different frequencies at one actuator.
 
-An actuator with a frequency to be set plays that of the strongest contributor, and stays with
-it until another is clearly stronger: between two that are nearly equal it must not warble. An
-actuator that takes a waveform plays the sum of all, each with its own frequency.
+An actuator with a frequency control plays the frequency of the strongest contributor and keeps it
+until another contributor is clearly stronger, so that nearly equal contributors do not alternate.
+An actuator driven by a waveform plays the sum of all vibrations.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import numpy as np
 from ...arrays import F32, F64, I64
 
 MARGIN: Final = 1.25
-"""Ratio of strengths at which another contributor takes over: 2 dB, about a difference that is
-felt. The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
-and Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
+"""Ratio of strengths at which another contributor takes over: 2 dB, about a noticeable difference.
+The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi and
+Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
 _ALIKE_HZ: Final = 1.0
-"""Frequencies closer than this count as one, as in ``mixing.combine_vibration``."""
+"""Largest difference of equal frequencies, as in ``mixing.combine_vibration``."""
 
 
 class StrongestContributor:
-    """Contributor whose frequency each of A actuators plays, row by row."""
+    """Contributor whose frequency each of A actuators plays, held from row to row."""
 
     def __init__(self, count: int) -> None:
         self._held = np.full(count, -1, np.int64)
@@ -35,28 +35,29 @@ class StrongestContributor:
     def frequencies(self, names: Sequence[str], amplitudes: F64, frequencies_hz: F64) -> F64:
         """Frequencies of the next rows, (R, A); 0 in silence.
 
-        Contributors of the same frequency support each other. A frequency that is none makes
-        that of its actuators none.
+        Contributors of equal frequency support each other. NaN at actuators with a contributor
+        whose frequency is not finite.
 
         Parameters
         ----------
         names : sequence of str
-            Who contributes; a name stands for the same contributor every time.
+            Contributors; a name means the same contributor in all calls.
         amplitudes : (n, R, A) float64
         frequencies_hz : (n, R) float64
         """
         numbers = np.array([self._numbers.setdefault(n, len(self._numbers)) for n in names])
         is_bad = ~np.isfinite(frequencies_hz)
         hz = np.where(is_bad, 0.0, frequencies_hz)
-        if np.ptp(hz, axis=0).max(initial=0.0) <= _ALIKE_HZ:  # nothing to choose between
-            found = self._any_of(numbers, amplitudes, hz)
+        if np.ptp(hz, axis=0).max(initial=0.0) <= _ALIKE_HZ:  # equal frequencies
+            chosen_hz = self._any_of(numbers, amplitudes, hz)
         else:
-            found = self._chosen_of(numbers, amplitudes, hz)
+            chosen_hz = self._chosen_of(numbers, amplitudes, hz)
         if is_bad.any():
-            found[(is_bad[..., None] & (amplitudes > 0.0)).any(axis=0)] = np.nan
-        return found
+            chosen_hz[(is_bad[..., None] & (amplitudes > 0.0)).any(axis=0)] = np.nan
+        return chosen_hz
 
     def _any_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
+        """Frequencies (R, A) where all contributors have equal frequencies."""
         strongest = np.argmax(amplitudes, axis=0)
         sounds = amplitudes.max(axis=0) > 0.0
         self._held = np.where(sounds[-1], numbers[strongest[-1]], self._held)
@@ -64,11 +65,11 @@ class StrongestContributor:
         return np.where(sounds, hz[strongest, rows], 0.0)
 
     def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """Chosen contributor of each actuator, row by row: (n, R, A) and (n, R) to (R, A)."""
+        """Frequencies (R, A) of the held or strongest contributors, from (n, R, A) and (n, R)."""
         count, rows, width = amplitudes.shape
         alike = (np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ).astype(np.float64)
         together = np.einsum("ijr,jra->ira", alike, amplitudes)
-        # Who does not contribute now has no support: the last one.
+        # The extra last contributor stands for "absent" and has no support.
         support = np.zeros((count + 1, rows, width))
         support[:count] = np.where(amplitudes > 0.0, together, 0.0)
         best = np.argmax(support, axis=0)
@@ -76,12 +77,13 @@ class StrongestContributor:
         is_held = numbers[:, None] == self._held
         held = np.where(is_held.any(axis=0), np.argmax(is_held, axis=0), count)
         chosen, sounds = best.copy(), most > 0.0
-        # Where the same one is the strongest throughout, and no other is held, all is clear.
+        # An actuator whose strongest contributor never changes needs no pass over the rows.
         only = best[sounds.argmax(axis=0), columns]
         is_clear = ((best == only) | ~sounds).all(axis=0) & ((held == count) | (held == only))
         then = np.where(sounds.any(axis=0), only, held)
         doubtful = np.flatnonzero(~is_clear & sounds.any(axis=0))
         now_held = held[doubtful]
+        # Each row depends on the contributor held before, so the rest is decided row by row.
         for row in range(rows) if len(doubtful) else ():
             now, strongest = support[now_held, row, doubtful], most[row, doubtful]
             stays = (now > 0.0) & (strongest <= MARGIN * now)
@@ -96,23 +98,23 @@ class StrongestContributor:
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """Share of one effect in the output of W actuators that take a waveform: a sine each."""
+    """Sine of one effect at W actuators driven by a waveform."""
 
     effect_id: str
     first_row: int
     amplitudes: F64  # (n, W) m/s^2, peak
-    frequencies_hz: F64  # (n, W) 0 where it is silent
+    frequencies_hz: F64  # (n, W) 0 in silence
 
 
 class Partials:
-    """Collector of effects' partials, block by block."""
+    """Collector of the effects' partials, block by block."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._parts: dict[str, list[tuple[I64, F32, F32]]] = {}
 
     def add(self, name: str, rows: I64, amplitudes: F64, frequencies_hz: F64) -> None:
-        """Take the share of an effect at some rows: (R,), (R, W), (R,)."""
+        """Add amplitudes (R, W) and frequencies (R,) of an effect at rows (R,)."""
         is_on = amplitudes.any(axis=1)
         if is_on.any():
             part = rows[is_on], amplitudes[is_on], frequencies_hz[is_on]
@@ -121,7 +123,7 @@ class Partials:
             )
 
     def forget(self) -> None:
-        """Begin again."""
+        """Discard all partials."""
         self._parts.clear()
 
     def finished(
@@ -132,30 +134,34 @@ class Partials:
         highest_hz: F64,
         highest: F64,
     ) -> tuple[Partial, ...]:
-        """Collected partials, within the limits of W actuators, which their sum never exceeds."""
-        found = [self._one(name, row_count, latency_rows) for name in self._parts]
-        found = [each for each in found if len(each.amplitudes)]
+        """Collected partials, advanced by latency (in rows) and limited at W actuators.
+
+        The sum of amplitudes never exceeds ``highest``; frequencies are clipped to their range.
+        """
+        partials = [self._one(name, row_count, latency_rows) for name in self._parts]
+        partials = [partial for partial in partials if len(partial.amplitudes)]
         total = np.zeros((row_count, self.count))
-        for each in found:
-            total[each.first_row : each.first_row + len(each.amplitudes)] += each.amplitudes
+        for partial in partials:
+            rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
+            total[rows] += partial.amplitudes
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(total > highest, highest / total, 1.0)
         limited = []
-        for each in found:
-            rows = slice(each.first_row, each.first_row + len(each.amplitudes))
-            hz = np.clip(each.frequencies_hz, lowest_hz, highest_hz)
-            hz = np.where(each.amplitudes > 0.0, hz, 0.0)
-            limited.append(
-                Partial(each.effect_id, each.first_row, each.amplitudes * share[rows], hz)
-            )
+        for partial in partials:
+            rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
+            hz = np.clip(partial.frequencies_hz, lowest_hz, highest_hz)
+            hz = np.where(partial.amplitudes > 0.0, hz, 0.0)
+            amplitudes = partial.amplitudes * share[rows]
+            limited.append(Partial(partial.effect_id, partial.first_row, amplitudes, hz))
         return tuple(limited)
 
     def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
+        """Partial of an effect, each actuator's column advanced by its latency."""
         parts = self._parts[name]
-        rows = np.concatenate([each[0] for each in parts])
-        values = np.concatenate([each[1] for each in parts]).astype(np.float64)
-        hz = np.concatenate([each[2] for each in parts]).astype(np.float64)
-        # Effects vibrate at 0.1 Hz at least, and what is no number is told where it is read.
+        rows = np.concatenate([part[0] for part in parts])
+        values = np.concatenate([part[1] for part in parts]).astype(np.float64)
+        hz = np.concatenate([part[2] for part in parts]).astype(np.float64)
+        # Effects vibrate at 0.1 Hz at least; values that are not finite are reported when read.
         safe = np.isfinite(values).all(axis=1) & np.isfinite(hz) & (hz > 0.0)
         values[~safe] = 0.0
         latencies = list(latency_rows)
@@ -165,7 +171,7 @@ class Partials:
         frequencies = np.zeros_like(amplitudes)
         for column, late in enumerate(latencies):
             at = rows - late - first
-            seen = (at >= 0) & (at < len(amplitudes)) & (rows - late < row_count)
-            amplitudes[at[seen], column] = np.maximum(values[seen, column], 0.0)
-            frequencies[at[seen], column] = hz[seen]
+            inside = (at >= 0) & (at < len(amplitudes)) & (rows - late < row_count)
+            amplitudes[at[inside], column] = np.maximum(values[inside, column], 0.0)
+            frequencies[at[inside], column] = hz[inside]
         return Partial(name, first, amplitudes, frequencies)

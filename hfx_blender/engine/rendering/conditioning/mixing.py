@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixes several effects for actuators, in the actuators' own modality."""
+"""Mixing of several effects at actuators, in the actuators' modality."""
 
 from __future__ import annotations
 
@@ -15,33 +15,31 @@ from ..device_config import Substitution
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
-    """Contribution of one stream at A actuators over R times of a block; 0 where it does
-    nothing.
-    """
+    """Contribution of one stream at A actuators over R rows of a block; 0 at idle rows."""
 
     strengths: F64  # (R, A) level times gain of the rendering scheme
     parameters: F64  # (R, P) in the order of the modality's parameters
-    neutral_c: float  # of the effect; only temperature uses it
+    neutral_c: float  # of the effect; for temperature only
 
 
 @dataclass(frozen=True, eq=False)
 class Mixed:
-    """Strength at A actuators over R times; for temperature the deviation from neutral."""
+    """Strength at A actuators over R rows; for temperature the deviation from neutral."""
 
     strengths: F64  # (R, A)
-    frequencies_hz: F64 | None = None  # (R, A) vibration only; 0 where nothing vibrates
+    frequencies_hz: F64 | None = None  # (R, A) vibration only; 0 in silence
 
 
 def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
-    """Combine the contributions of one modality, at least one, by the modality's own rule.
+    """Combine one or more contributions of one modality by the rule of the modality.
 
-    Deviations from each effect's own neutral temperature add, winds add as vectors, vibrations by
-    :func:`combine_vibration`, all others as they are.
+    Temperatures add their deviations from each effect's neutral, winds add as vectors, vibrations
+    by :func:`combine_vibration`, all the rest add.
     """
-    strengths = np.stack([each.strengths for each in contributions])
-    parameters = np.stack([each.parameters for each in contributions])[:, :, None, :]
+    strengths = np.stack([c.strengths for c in contributions])
+    parameters = np.stack([c.parameters for c in contributions])[:, :, None, :]
     if modality == "temperature":
-        neutrals = np.array([each.neutral_c for each in contributions])[:, None, None]
+        neutrals = np.array([c.neutral_c for c in contributions])[:, None, None]
         return Mixed(np.sum(strengths * (parameters[..., 0] - neutrals), axis=0))
     strengths *= parameters[..., 0]
     if modality == "vibration":
@@ -57,13 +55,13 @@ def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
 def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
     """Amplitude and frequency of several vibrations at each place.
 
-    Equal frequencies (within 1 Hz of the lowest of their group) are taken to be in phase and
-    add; groups of unequal frequency add as powers. The frequency is that of the strongest group.
+    Equal frequencies (within 1 Hz of the lowest of a group) count as in phase and add; groups add
+    as powers. The frequency is that of the strongest group.
 
     Parameters
     ----------
     amplitudes : (n, ...) float64
-        Peak acceleration of each of n vibrations at each place, m/s^2.
+        Peak acceleration, m/s^2.
     frequencies_hz : (n, ...) float64
         Broadcast against ``amplitudes``.
 
@@ -72,9 +70,11 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
     amplitude : (...) float64
         m/s^2.
     frequency_hz : (...) float64
-        The lowest of the strongest group; 0 where nothing vibrates.
+        Lowest frequency of the strongest group; 0 in silence.
     """
-    frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
+    frequencies = np.where(
+        np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz
+    )  # silence sorts last
     amplitudes, places = np.broadcast_to(amplitudes, frequencies.shape), frequencies.shape[1:]
     if len(frequencies) > 1:
         order = np.argsort(frequencies, axis=0, kind="stable")
@@ -82,18 +82,19 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
         amplitudes = np.take_along_axis(amplitudes, order, axis=0)
     group, power, strongest, frequency = np.zeros((4, *places))
     group_hz = np.full(places, -np.inf)
-    for amplitude, each_hz in zip(amplitudes, frequencies, strict=True):
-        begins = each_hz > group_hz + 1.0
+    # Ascending frequencies: a frequency beyond the group's begins the next group.
+    for amplitude, hz in zip(amplitudes, frequencies, strict=True):
+        begins = hz > group_hz + 1.0
         power = power + np.where(begins, group**2, 0.0)
         group = np.where(begins, 0.0, group) + amplitude
-        group_hz = np.where(begins, each_hz, group_hz)
+        group_hz = np.where(begins, hz, group_hz)
         frequency = np.where(group > strongest, group_hz, frequency)
         strongest = np.maximum(group, strongest)
     return np.sqrt(power + group**2), frequency
 
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
-    """Output in place of ``mixed``, which is of the substitution's source modality."""
+    """Output of a substitution for ``mixed``, which is of its source modality."""
     strengths = mixed.strengths
     if substitution.target != "temperature":
         strengths = np.abs(strengths)
@@ -104,12 +105,12 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine native output with substitutions for other modalities, at least one.
+    """Combine output of one or more modalities at actuators: native, and by substitution.
 
-    A substitute has no direction, so wind adds by its speed here.
+    Substitutes have no direction, so winds add their speeds here.
     """
-    strengths = np.stack([each.strengths for each in mixes])
+    strengths = np.stack([mixed.strengths for mixed in mixes])
     if modality == "vibration":
-        every = [each.frequencies_hz for each in mixes if each.frequencies_hz is not None]
-        return Mixed(*combine_vibration(strengths, np.stack(every)))
+        hz = [mixed.frequencies_hz for mixed in mixes if mixed.frequencies_hz is not None]
+        return Mixed(*combine_vibration(strengths, np.stack(hz)))
     return Mixed(np.sum(strengths, axis=0))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panning: a place between actuators is rendered by its neighbours.
+"""Panning: a place between actuators is rendered by the actuators around it.
 
-Every scheme is a small object made from an actuator layout once, with one method:
-``gains(points)`` takes places, (n, D) metres or directions, and yields (n, A) gains.
+Each scheme is an object of a layout with the method ``gains(points)``: places (n, D) in metres or
+directions to gains (n, A).
 """

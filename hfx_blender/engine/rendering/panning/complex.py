@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuators joined to triangles, edges and lone points, and the nearest place on these.
+"""Simplicial complex of actuators, and laws from shares to gains.
 
-The shares of a place are the barycentric coordinates of the nearest place on the complex, so
-they are continuous wherever the nearest place is: on all of the plane for the Delaunay
-triangulation of its convex hull, and around a convex body.
+The shares of a place are the barycentric coordinates of the nearest point of the complex. They are
+continuous wherever this point is: in the plane for the Delaunay triangulation of a convex hull, and
+around a convex body.
 """
 
 from __future__ import annotations
@@ -23,40 +23,39 @@ _PAIRS_AT_ONCE: Final = 1 << 17
 _ON_IT_M: Final = 1e-12
 
 _FARTHEST_M: Final = 1e6
-"""Distance that replaces larger ones, metres: the squares of larger numbers may overflow."""
+"""Largest coordinate, metres, to which points are clipped; larger squares may overflow."""
 
 SAME_PLACE: Final = 1e-9
-"""Actuators closer than this share of the layout's extent stand at one place."""
+"""Share of the layout's extent within which actuators count as at one place."""
 
 
 @dataclass(frozen=True, eq=False)
 class ActuatorComplex:
-    """Triangles between places of actuators; an edge or a point repeats its last corner."""
+    """Triangles between places of actuators; edges and points repeat their last corner."""
 
     places: F64  # (P, 3) metres
     simplices: I64  # (S, 3) indices of places
-    place_of: I64  # (A,) of each actuator; several may stand at one place
+    place_of: I64  # (A,) place of each actuator; may be shared
 
     def shares(self, points: F64, blend: float = 0.0) -> tuple[F64, F64]:
-        """Shares of the actuators at the nearest place of the complex.
+        """Shares of the actuators at the nearest point of the complex.
 
-        Actuators at one place share it equally.
+        Actuators at one place share equally.
 
         Parameters
         ----------
         points : (n, 3) float64
         blend : float
-            How much farther, as a share of the distance, another triangle's nearest place may be
-            and still count, the less the farther. From a complex that is not convex the nearest
-            place jumps where two are at one distance; blended, it goes over. On the complex
-            itself nothing changes.
+            Relative distance beyond the nearest within which further simplices take part, the less
+            the farther. The nearest point of a complex that is not convex jumps where two are
+            equally near; blending makes a crossfade. Points on the complex are unaffected.
 
         Returns
         -------
         shares : (n, A) float64
             Sum 1; all 0 for a point that is not finite.
         distances : (n,) float64
-            To that place, metres; infinite for a point that is not finite.
+            To the complex, metres; infinity for a point that is not finite.
         """
         points = np.asarray(points, np.float64)
         finite = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -74,16 +73,16 @@ class ActuatorComplex:
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
     def _nearest(self, points: F64, blend: float) -> tuple[I64, I64, F64, F64]:
-        """Nearest simplices to n points: point, simplex, corner weights; and least distances."""
+        """Nearest simplices of n points: point, simplex, corner weights; least distances (n,)."""
         row, simplex = self._candidates(points, blend)
         corners = self.places[self.simplices[simplex]]
         weights = barycentric(points[row], corners)
-        found = np.einsum("ij,ijk->ik", weights, corners)
-        distances = np.linalg.norm(points[row] - found, axis=1)
+        feet = np.einsum("ij,ijk->ik", weights, corners)
+        distances = np.linalg.norm(points[row] - feet, axis=1)
         firsts = np.searchsorted(row, np.arange(len(points)))
         least = np.minimum.reduceat(distances, firsts)
         nearest = np.flatnonzero(distances == least[row])
-        best = nearest[np.diff(row[nearest], prepend=-1) != 0]  # the first of those at one distance
+        best = nearest[np.diff(row[nearest], prepend=-1) != 0]  # first of equals
         if not blend:
             return row[best], simplex[best], weights[best], least
         width = blend * least[row]
@@ -93,45 +92,56 @@ class ActuatorComplex:
         counts[on_it] = 0.0
         counts[best[least <= _ON_IT_M]] = 1.0
         counts /= np.add.reduceat(counts, firsts)[row]
-        some = np.flatnonzero(counts)
-        return row[some], simplex[some], weights[some] * counts[some, None], least
+        used = np.flatnonzero(counts)
+        return row[used], simplex[used], weights[used] * counts[used, None], least
 
     @cached_property
     def _balls(self) -> tuple[F64, F64]:
-        """A ball round each simplex: middles (S, 3) and radii (S,)."""
+        """Bounding balls of the simplices: centres (S, 3) and radii (S,)."""
         corners = self.places[self.simplices]
         middles = corners.mean(axis=1)
         return middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
 
     def _candidates(self, points: F64, blend: float) -> tuple[I64, I64]:
-        """Candidate pairs of points and simplices, in order, by bounding balls."""
+        """Pairs of points and simplices that bounding balls do not exclude, in order of points."""
         middles, radii_m = self._balls
         squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
         away_m = np.sqrt(squares)
-        nearest_m = away_m.min(axis=1, keepdims=True)  # to a middle, which is of the complex
+        nearest_m = away_m.min(axis=1, keepdims=True)  # a centre belongs to the complex
         slack_m = blend * nearest_m + 1e-9 * (1.0 + nearest_m)
         row, simplex = np.nonzero(away_m - radii_m <= nearest_m + slack_m)
         return row.astype(np.int64), simplex.astype(np.int64)
 
 
 def merged_places(positions: F64) -> tuple[F64, I64]:
-    """Merge equal positions of actuators (A, D) into places (P, D), and the place of each."""
+    """Merge equal positions (A, D) into places (P, D); return these and the place of each, (A,).
+
+    Places are in the order of their first actuator.
+
+    Raises
+    ------
+    ValueError
+        There are no positions, or some are not finite.
+    """
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
         raise ValueError(f"expected finite positions (A, D), A > 0, got {positions.shape}")
     grid = SAME_PLACE * max(float(np.ptp(positions, axis=0).max()), 1e-300)
     keys = np.round((positions - positions.min(axis=0)) / grid)
     _, first, place_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # in the order of the actuators, so that results do not shuffle
+    order = np.argsort(first)  # order of first occurrence
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return positions[first[order]], rank[place_of.ravel()].astype(np.int64)
 
 
 def gain(shares: F64, law: Law) -> F64:
-    """Gains for shares that sum to 1 at each place, (n, A) -> (n, A).
+    """Gains (n, A) of shares (n, A) that sum to 1 at each place.
 
-    ``linear`` keeps the sum of gains, ``power`` the sum of their squares.
+    ``linear`` preserves the sum of gains, ``power`` the sum of their squares; ``log`` is log2(1 +
+    share). Schneider et al., UIST 2015 ("Tactile Animation by Direct Manipulation of Grid
+    Displays"): linear, logarithmic and power (Pacinian) barycentric rendering, the logarithmic
+    formula not printed there.
     """
     if law == "linear":
         return shares

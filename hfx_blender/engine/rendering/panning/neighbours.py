@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Neighbours of a phantom sensation: actuators on one limb, and not far apart on the skin.
+"""Neighbours of a phantom sensation: actuators on one limb and close along the skin.
 
-Whatever a scheme asks for, no two actuators play one place together that are on different limbs or
-more than 200 mm of skin apart: over such a gap nobody feels one sensation between them.
+Under every scheme, actuators on different limbs or more than 200 mm of skin apart never render one
+place together: over such gaps no single sensation is felt in between.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from ...body.parts import PARTS
 from ...body.skin_distance import SkinDistances
 
 MAX_SPAN_M: Final = 0.2
-"""Farthest that two neighbours may be apart, along the skin."""
+"""Largest distance of two neighbours along the skin, metres."""
 
 _SURELY_NEAR_M: Final = 0.1
-"""Skin between two places this close in space is not measured."""
+"""Distance in space, metres, up to which skin is not measured."""
 
 _ELLIPSOID_MARGIN_M: Final = 0.01
 
 _MEASURED_ONE_BY_ONE: Final = 64
 _SOURCES_AT_ONCE: Final = 64
-"""Number of sources whose distances are held together: 20 MiB on the finest body model."""
+"""Sources of one shortest-path search: 20 MiB on the finest body model."""
 _ROWS_AT_ONCE: Final = 1 << 12
 
 AreJoined = Callable[[I64, I64], Bool]
-"""Tells of pairs of actuators, (k,) and (k,), whether they may share a place."""
+"""Test of pairs of actuators, (k,) and (k,), for rendering a place together, (k,) bool."""
 
 _LIMBS: Final = {
     "head": 0,
@@ -43,23 +43,21 @@ _LIMBS: Final = {
 
 
 def limbs_of(model: PerceptualModel) -> I64:
-    """Limb of each vertex, or the head or torso, as a number, (V,)."""
+    """Limb, head or torso of each vertex, as a number, (V,)."""
     kind = np.array([_LIMBS[part] for part in PARTS])[model.part]
-    is_trunk = kind <= 1  # one piece from left to right
+    is_trunk = kind <= 1  # no sides
     return np.asarray(kind * 3 + np.where(is_trunk, 0, model.side), np.int64)
 
 
 class SkinNeighbours:
-    """Pairs of A actuators that are near enough to share a place.
-
-    Only pairs that somebody asks for are measured, as few of a large array ever play together.
+    """Pairs of A actuators that may render a place together; measured on demand and cached.
 
     Parameters
     ----------
     centres : (A, 3) float64
         Rest space, metres.
     anchors : (A,) int64
-        The vertex under each actuator.
+        Vertex under each actuator.
     """
 
     def __init__(self, model: PerceptualModel, centres: F64, anchors: I64) -> None:
@@ -70,23 +68,24 @@ class SkinNeighbours:
         self._measured: dict[tuple[int, int], bool] = {}
         self._skin: SkinDistances | None = None
 
-    def are_joined(self, one: I64, other: I64) -> Bool:
-        """Test pairs of actuators for being on one limb, and near along the skin, (k,) bool."""
-        straight_m = np.linalg.norm(self._centres[one] - self._centres[other], axis=1)
-        found = (straight_m <= MAX_SPAN_M) & (self._limb[one] == self._limb[other])
-        doubtful = np.flatnonzero(found & (straight_m > _SURELY_NEAR_M))
+    def are_joined(self, firsts: I64, seconds: I64) -> Bool:
+        """Test pairs of actuators for one limb and a short path along the skin, (k,) bool."""
+        straight_m = np.linalg.norm(self._centres[firsts] - self._centres[seconds], axis=1)
+        joined = (straight_m <= MAX_SPAN_M) & (self._limb[firsts] == self._limb[seconds])
+        doubtful = np.flatnonzero(joined & (straight_m > _SURELY_NEAR_M))
         pairs = [
             (min(a, b), max(a, b))
-            for a, b in zip(one[doubtful].tolist(), other[doubtful].tolist(), strict=True)
+            for a, b in zip(firsts[doubtful].tolist(), seconds[doubtful].tolist(), strict=True)
         ]
         self._measure({pair for pair in pairs if pair not in self._measured})
-        found[doubtful] = [self._measured[pair] for pair in pairs]
-        return found
+        joined[doubtful] = [self._measured[pair] for pair in pairs]
+        return joined
 
     def _measure(self, pairs: set[tuple[int, int]]) -> None:
+        """Measure pairs: edge paths first where there are many, then exact paths."""
         left = sorted(pairs)
         if len(left) > _MEASURED_ONE_BY_ONE:
-            # A path along edges is never shorter than the skin's.
+            # A path along edges is never shorter than the exact path, so a short one decides.
             graph = edge_graph(self._model.vertices, self._model.triangles)
             ends, allowed_m = self._anchors[np.array(left)], np.full(len(left), MAX_SPAN_M)
             is_near = np.isfinite(along_edges_m(graph, ends, allowed_m)).tolist()
@@ -95,11 +94,11 @@ class SkinNeighbours:
         for pair in left:
             self._measured[pair] = self._is_near(*pair)
 
-    def _is_near(self, one: int, other: int) -> bool:
-        """Test for a short path along the skin: it stays in an ellipsoid round both."""
-        model, anchor = self._model, int(self._anchors[other])
+    def _is_near(self, first: int, second: int) -> bool:
+        """Test for a path along the skin within the span, inside an ellipsoid about both ends."""
+        model, anchor = self._model, int(self._anchors[second])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
-        source = self._skin.nearest(self._centres[one])
+        source = self._skin.nearest(self._centres[first])
         away_m = np.linalg.norm(model.vertices - source.point, axis=1)
         away_m += np.linalg.norm(model.vertices - model.vertices[anchor], axis=1)
         inside = away_m <= MAX_SPAN_M + _ELLIPSOID_MARGIN_M
@@ -110,40 +109,40 @@ class SkinNeighbours:
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of the shortest paths along edges between pairs of vertices (k, 2).
+    """Lengths (k,) of shortest edge paths between pairs of vertices (k, 2), metres.
 
-    Infinite: longer than is allowed, (k,).
+    Infinity beyond the allowed length (k,).
     """
     from scipy.sparse.csgraph import dijkstra
 
-    found = np.full(len(ends), np.inf)
+    lengths_m = np.full(len(ends), np.inf)
     sources, row = np.unique(ends[:, 0], return_inverse=True)
     for first in range(0, len(sources), _SOURCES_AT_ONCE):
-        mine = np.flatnonzero((row >= first) & (row < first + _SOURCES_AT_ONCE))
+        in_batch = np.flatnonzero((row >= first) & (row < first + _SOURCES_AT_ONCE))
         away_m = dijkstra(
             graph,
             directed=False,
             indices=sources[first : first + _SOURCES_AT_ONCE],
-            limit=float(allowed_m[mine].max()),
+            limit=float(allowed_m[in_batch].max()),
         )
-        found[mine] = away_m[row[mine] - first, ends[mine, 1]]
-    return np.where(found <= allowed_m, found, np.inf)
+        lengths_m[in_batch] = away_m[row[in_batch] - first, ends[in_batch, 1]]
+    return np.where(lengths_m <= allowed_m, lengths_m, np.inf)
 
 
 def parted(gains: F64, are_joined: AreJoined) -> F64:
     """Restrict gains (n, A) so that no two unjoined actuators play together.
 
-    Of two that are not, the weaker is silent, and the stronger fades out until both are as
-    strong: on a gap between two, from a quarter of the way to the middle. So nothing jumps.
+    Of an unjoined pair the weaker is silent, and the stronger fades out until both are equal: on a
+    gap from a quarter of the way to the middle. Gains stay continuous.
     """
-    one, other = playing_together(gains)
-    is_apart = ~are_joined(one, other)
+    firsts, seconds = playing_together(gains)
+    is_apart = ~are_joined(firsts, seconds)
     if not is_apart.any():
         return gains
-    one, other = one[is_apart], other[is_apart]
-    where = {k: np.flatnonzero(gains[:, k] > 0.0) for k in np.union1d(one, other).tolist()}
+    firsts, seconds = firsts[is_apart], seconds[is_apart]
+    where = {k: np.flatnonzero(gains[:, k] > 0.0) for k in np.union1d(firsts, seconds).tolist()}
     share = np.ones_like(gains)
-    for a, b in zip(one.tolist(), other.tolist(), strict=True):
+    for a, b in zip(firsts.tolist(), seconds.tolist(), strict=True):
         rows = np.intersect1d(where[a], where[b], assume_unique=True)
         power_a, power_b = gains[rows, a] ** 2, gains[rows, b] ** 2
         total = power_a + power_b
@@ -156,11 +155,11 @@ def parted(gains: F64, are_joined: AreJoined) -> F64:
 
 
 def playing_together(gains: F64) -> tuple[I64, I64]:
-    """Pairs of actuators, one < other, that play at one of n places together: gains (n, A)."""
+    """Pairs of actuators, first < second, with positive gains (n, A) at a common place."""
     columns = np.flatnonzero((gains > 0.0).any(axis=0))
     shared = np.zeros((len(columns),) * 2, np.float32)
     for first in range(0, len(gains), _ROWS_AT_ONCE):
         playing = (gains[first : first + _ROWS_AT_ONCE, columns] > 0.0).astype(np.float32)
         shared += playing.T @ playing
-    one, other = np.nonzero(np.triu(shared, 1))
-    return columns[one].astype(np.int64), columns[other].astype(np.int64)
+    firsts, seconds = np.nonzero(np.triu(shared, 1))
+    return columns[firsts].astype(np.int64), columns[seconds].astype(np.int64)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Barycentric rendering on a flat layout: the phantom sensation of a tactile pad.
 
-Schneider et al., UIST 2015: Delaunay triangulation of the actuators, the virtual actuator's
-barycentric coordinates in its triangle, and a law from these to gains.
+Schneider et al., UIST 2015: Delaunay triangulation of the actuators, barycentric coordinates of the
+virtual actuator in its triangle, and a law from these to gains.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ..device_config import Law
 from .complex import ActuatorComplex, gain, merged_places
 
 _FLATTEST: Final = 1e-6
-"""Width over length of a layout that counts as a line."""
+"""Largest width over length of a layout that counts as a line."""
 
 _JITTER: Final = 1e-6
-"""Share of a closed layout's extent by which places are moved, for the triangulation alone."""
+"""Displacement of places for the triangulation of a closed layout, share of its extent."""
 
 _ROWS_AT_ONCE: Final = 1 << 12
 
@@ -27,17 +27,16 @@ _TURNS: Final = (0, -1, 1)
 
 
 class PlanarPanning:
-    """Panning between the actuators of a flat pad; beyond their hull, its nearest place is
-    rendered.
+    """Panning between the actuators of a flat pad; beyond their hull its nearest point counts.
 
     Parameters
     ----------
     positions : (A, 2) float64
-        Metres. One actuator, two, actuators on a line or at one place will do.
+        Metres; one or more, also in line or at one place.
     law : {"linear", "log", "power"}
     closed_m : float, optional
-        After this length x begins again, as round a cylinder, and both ends of the layout are
-        neighbours. All positions and places are within one such length.
+        Period of x for a layout around a cylinder, whose ends are neighbours. All positions and
+        places are within one period.
     """
 
     def __init__(self, positions: F64, law: Law = "log", closed_m: float | None = None) -> None:
@@ -49,19 +48,20 @@ class PlanarPanning:
         )
 
     def gains(self, points: F64) -> F64:
-        """Gains of the actuators, (n, A), for places on the pad, (n, 2) metres."""
+        """Gains (n, A) of the actuators for places (n, 2) on the pad, metres."""
         points = _lifted(np.asarray(points, np.float64))
         if not self._is_closed:
             return gain(self._complex.shares(points)[0], self._law)
-        found = np.zeros((len(points), len(self._complex.place_of) // len(_TURNS)))
+        totals = np.zeros((len(points), len(self._complex.place_of) // len(_TURNS)))
         for first in range(0, len(points), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
             shares = self._complex.shares(points[rows])[0]
-            found[rows] = shares.reshape(len(shares), len(_TURNS), -1).sum(axis=1)
-        return gain(np.minimum(found, 1.0), self._law)
+            totals[rows] = shares.reshape(len(shares), len(_TURNS), -1).sum(axis=1)
+        return gain(np.minimum(totals, 1.0), self._law)
 
 
 def _lifted(points: F64) -> F64:
+    """Points (n, 2) in the plane z = 0."""
     return np.column_stack((points, np.zeros(len(points))))
 
 
@@ -71,14 +71,15 @@ def _triangulated(positions: F64) -> ActuatorComplex:
 
 
 def _closed(positions: F64, closed_m: float) -> ActuatorComplex:
-    """Layout with copies of itself on either side: joined, and equal at both ends."""
+    """Complex of a layout between two copies of itself, triangulated alike at both ends."""
     places, place_of = merged_places(positions)
     shifts = [np.array([turn * closed_m, 0.0]) for turn in _TURNS]
     every = np.concatenate([places + shift for shift in shifts])
     extent = float(np.linalg.norm(np.ptp(every, axis=0)))
     simplices = simplices_of(every)
     if np.any(simplices[:, 1] != simplices[:, 2]):
-        # Of a square, either diagonal will do, but it has to be the same one at both ends.
+        # A square has two valid diagonals, and both ends need the same; a jitter common to all
+        # copies decides. Slivers along the hull that it creates are dropped.
         moved = np.random.default_rng(0).uniform(-_JITTER, _JITTER, places.shape) * extent
         simplices = simplices_of(np.concatenate([places + moved + shift for shift in shifts]))
         simplices = simplices[_heights(every[simplices]) > 10.0 * _JITTER * extent]
@@ -94,7 +95,7 @@ def _heights(corners: F64) -> F64:
 
 
 def simplices_of(places: F64) -> I64:
-    """Triangles of distinct flat places (P, 2); edges along a line, or one point, as (S, 3)."""
+    """Simplices (S, 3) of distinct places (P, 2): Delaunay triangles, or edges, or a point."""
     if len(places) == 1:
         return np.zeros((1, 3), np.int64)
     centred = places - places.mean(axis=0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Constant-power panning between neighbours on a belt (ring) or a strip (line).
 
-Politis, Pugliese, Takala (audio-tactile belt): g1 = sqrt(1 - d / D), g2 = sqrt(d / D) for a
-place at distance d from one of two neighbours that are D apart; on a ring both are arcs.
+Politis, Pugliese, Takala (audio-tactile belt): g1 = sqrt(1 - d / D), g2 = sqrt(d / D) at distance d
+from the first of two neighbours that are D apart; on a ring both are arcs.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from .complex import merged_places
 
 
 class RingPanning:
-    """Panning round a belt: the two neighbours of a direction share its power.
+    """Panning around a belt: the two neighbours of a direction share its power.
 
     Parameters
     ----------
     angles : (A,) float64
-        Of the actuators as seen from the ring's centre, radians. One actuator plays everything;
-        two share both arcs between them.
+        Angles of the actuators seen from the centre, radians. A single actuator plays all
+        directions.
     """
 
     def __init__(self, angles: F64) -> None:
         self._axis = _Axis(_turns(angles), period=1.0)
 
     def gains(self, points: F64) -> F64:
-        """Gains of the actuators, (n, A), for angles (n, 1) in radians."""
+        """Gains (n, A) of the actuators for angles (n, 1) in radians."""
         return np.sqrt(self._axis.shares(_turns(points[:, 0])))
 
 
 class LinePanning:
-    """Panning along a strip: the two neighbours of a place share its power; beyond an end, the end.
+    """Panning along a strip: the two neighbours of a place share its power; ends play beyond.
 
     Parameters
     ----------
@@ -44,16 +44,17 @@ class LinePanning:
         self._axis = _Axis(positions, period=None)
 
     def gains(self, points: F64) -> F64:
-        """Gains of the actuators, (n, A), for places along the strip, (n, 1) metres."""
+        """Gains (n, A) of the actuators for places (n, 1) along the strip, metres."""
         return np.sqrt(self._axis.shares(points[:, 0]))
 
 
 def _turns(angles: F64) -> F64:
+    """Angles in radians as turns in 0..1."""
     return np.asarray(np.mod(angles / (2.0 * np.pi), 1.0))
 
 
 class _Axis:
-    """Positions (A,) on an axis, closed (with a period) or open."""
+    """Positions (A,) on an axis, closed with a period or open."""
 
     def __init__(self, positions: F64, period: float | None) -> None:
         places, place_of = merged_places(positions[:, None])
@@ -63,7 +64,7 @@ class _Axis:
         self._period = period
 
     def shares(self, values: F64) -> F64:
-        """Shares (n, A) of the two neighbours of each value (n,); none where it is not finite."""
+        """Shares (n, A) of the two neighbours of each value (n,); 0 if not finite."""
         count = len(self._places)
         shares = np.zeros((len(values), count))
         rows = np.flatnonzero(np.isfinite(values))
@@ -76,7 +77,7 @@ class _Axis:
         else:
             before, after = (after - 1) % count, after % count
             gap = np.mod(self._places[after] - self._places[before], self._period)
-            gap[gap == 0.0] = self._period  # one actuator: round to itself
+            gap[gap == 0.0] = self._period  # a single actuator
             way = np.mod(at - self._places[before], self._period)
         share = np.clip(np.divide(way, gap, out=np.zeros_like(way), where=gap > 0.0), 0.0, 1.0)
         np.add.at(shares, (rows, before), 1.0 - share)

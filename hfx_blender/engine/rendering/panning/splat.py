@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest actuator, and Gaussian splatting: schemes that look at distances alone."""
+"""Panning by distance alone: nearest actuator, and Gaussian splatting."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from ...arrays import F64
 
 _SPREAD = 4.0
-"""Standard deviations beyond which a Gaussian counts as nothing (3e-4 of its peak)."""
+"""Cut-off of a Gaussian in standard deviations (3e-4 of its peak)."""
 
 
 class NearestPanning:
-    """Panning to the nearest actuator, which plays everything.
+    """Panning to the nearest actuator alone.
 
-    Schneider et al., UIST 2015, for dense grids. Its output jumps half way between two
-    actuators: take another scheme where things glide.
+    Schneider et al., UIST 2015, for dense grids. Output jumps half way between two actuators, so
+    glides need another scheme.
 
     Parameters
     ----------
     positions : (A, D) float64
-        Metres; of several at the same distance the first one plays.
+        Metres; the first of equally near actuators plays.
     """
 
     def __init__(self, positions: F64) -> None:
         self._positions = np.asarray(positions, np.float64)
 
     def gains(self, points: F64) -> F64:
-        """Gains of the actuators, (n, A), for places (n, D) in metres."""
+        """Gains (n, A) of the actuators for places (n, D), metres."""
         distances = _distances(np.asarray(points, np.float64), self._positions)
         gains = np.zeros_like(distances)
         rows = np.flatnonzero(np.isfinite(distances).all(axis=1))
@@ -36,17 +36,17 @@ class NearestPanning:
 
 
 class GaussianSplatting:
-    """Gaussian splatting: each actuator plays exp(-d^2 / (2 sigma^2)) of a sensation at distance d.
+    """Panning with gain exp(-d^2 / (2 sigma^2)) at distance d.
 
-    After the Gaussian footprints of Westover ("Footprint evaluation for volume rendering",
-    SIGGRAPH 1990); no paper on touch is known to us that uses them so.
+    After the Gaussian footprints of Westover ("Footprint evaluation for volume rendering", SIGGRAPH
+    1990).
 
     Parameters
     ----------
     positions : (A, D) float64
         Metres.
     sigma_m : float
-        Standard deviation, > 0. Cut smoothly to nothing at four of them.
+        Standard deviation, > 0. Gains reach 0 smoothly at four standard deviations.
     """
 
     def __init__(self, positions: F64, sigma_m: float) -> None:
@@ -56,7 +56,7 @@ class GaussianSplatting:
         self._sigma_m = sigma_m
 
     def gains(self, points: F64) -> F64:
-        """Gains of the actuators, (n, A), for places (n, D) in metres."""
+        """Gains (n, A) of the actuators for places (n, D), metres."""
         ratio = _distances(np.asarray(points, np.float64), self._positions) / self._sigma_m
         floor = np.exp(-0.5 * _SPREAD**2)
         with np.errstate(over="ignore"):
@@ -65,7 +65,7 @@ class GaussianSplatting:
 
 
 def _distances(points: F64, positions: F64) -> F64:
-    """Distances (n, A); not a number where a point is not finite."""
+    """Distances (n, A); NaN for a point that is not finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         distances: F64 = np.sqrt(
             sum(

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Barycentric rendering on the body's surface: neighbours are found along the skin.
+"""Barycentric rendering on the body's surface, between neighbours along the skin.
 
-Schneider et al. (UIST 2015) triangulate a flat pad. On a body the dual of the actuators'
-geodesic Voronoi cells takes the place of the Delaunay triangulation, so that nothing is joined
-through the air: not two fingers, not an arm and the chest.
+Schneider et al. (UIST 2015) triangulate a flat pad. On a body the dual of the actuators' geodesic
+Voronoi cells replaces the Delaunay triangulation, so that no edge crosses air between two fingers,
+or an arm and the chest.
 """
 
 from __future__ import annotations
@@ -23,19 +23,16 @@ from .complex import ActuatorComplex, gain, merged_places
 from .neighbours import MAX_SPAN_M, along_edges_m, limbs_of, parted
 
 _ROUND_ABOUT: Final = 1.7
-"""Largest ratio of the path along the skin to the straight one (half round a limb: 1.57)."""
+"""Largest ratio of the path along the skin to the straight path (half around a limb: 1.57)."""
 
-_HOLLOW: Final = 0.1
+_HOLLOW: Final = 0.1  # largest height of a path above skin, share of its length
 
 _BLEND: Final = 0.2
-"""Relative distance up to which another triangle of actuators still takes part in a place."""
+"""Relative distance up to which further triangles take part in a place."""
 
 
 class SurfaceNeighbours:
-    """Pairs of P places on the skin that may be joined, and the length of the path between them.
-
-    Pairs are measured when somebody asks for them.
-    """
+    """Path lengths between P places on the skin; measured on demand and cached."""
 
     def __init__(self, model: PerceptualModel, graph: Any, anchors: I64) -> None:
         self._model = model
@@ -45,34 +42,37 @@ class SurfaceNeighbours:
         self._known: dict[tuple[int, int], float] = {}
 
     def lengths_m(self, pairs: I64) -> F64:
-        """Lengths along the skin (k,) of the paths between pairs (k, 2); infinite if not joined."""
-        asked = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
-        new = [pair for pair in dict.fromkeys(asked) if pair not in self._known]
+        """Lengths (k,) along the skin between pairs (k, 2); infinity if not to be joined."""
+        ordered = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
+        new = [pair for pair in dict.fromkeys(ordered) if pair not in self._known]
         if new:
             self._known.update(zip(new, self._measured(np.array(new)).tolist(), strict=True))
-        return np.array([self._known[pair] for pair in asked], np.float64)
+        return np.array([self._known[pair] for pair in ordered], np.float64)
 
     def _measured(self, pairs: I64) -> F64:
+        """Lengths (k,) of unmeasured pairs (k, 2)."""
         places = self._model.vertices[self._anchors].astype(np.float64)
-        one, other = pairs.T
-        straight_m = np.linalg.norm(places[one] - places[other], axis=1)
-        found = np.full(len(pairs), np.inf)
-        near = np.flatnonzero((self._limb[one] == self._limb[other]) & (straight_m <= MAX_SPAN_M))
+        first, second = pairs.T
+        straight_m = np.linalg.norm(places[first] - places[second], axis=1)
+        lengths_m = np.full(len(pairs), np.inf)
+        near = np.flatnonzero(
+            (self._limb[first] == self._limb[second]) & (straight_m <= MAX_SPAN_M)
+        )
         if len(near):
             allowed_m = np.minimum(MAX_SPAN_M, _ROUND_ABOUT * straight_m[near])
-            found[near] = along_edges_m(self._graph, self._anchors[pairs[near]], allowed_m)
-            near = near[np.isfinite(found[near])]
-            found[near[_through_the_air(self._model, places, pairs[near])]] = np.inf
-        return found
+            lengths_m[near] = along_edges_m(self._graph, self._anchors[pairs[near]], allowed_m)
+            near = near[np.isfinite(lengths_m[near])]
+            lengths_m[near[_through_the_air(self._model, places, pairs[near])]] = np.inf
+        return lengths_m
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGains:
-    """Gain of each of A actuators for each vertex that the device reaches."""
+    """Gains of A actuators for each vertex that they reach."""
 
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
-    simplices: I64  # (S, 3) neighbouring actuators; an edge or a point repeats its last corner
+    simplices: I64  # (S, 3) neighbours; edges and points repeat their last corner
     fade: F64  # (n,) included in the gains
     at: Callable[[F64], F64]  # places (m, 3) to gains (m, A), without the fade beyond the layout
 
@@ -80,15 +80,14 @@ class SurfaceGains:
 def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> SurfaceGains:
     """Panning between actuators on the skin.
 
-    Within the triangles of neighbours a vertex has the barycentric shares of the nearest place
-    of its triangle. Beyond them the nearest place is shown, fading out between one and two
-    spacings from the nearest actuator; where several are about as near, it goes over from one to
-    the other.
+    Within a triangle of neighbours a vertex has the barycentric shares of the nearest point. Beyond
+    all triangles the nearest point counts, faded out between one and two spacings from the nearest
+    actuator, with a crossfade between triangles that are about equally near.
 
     Parameters
     ----------
     anchors : (A,) int64
-        The vertex of ``model`` under each actuator; several may share one.
+        Vertex of ``model`` under each actuator; may repeat.
     law : {"linear", "log", "power"}
     """
     points = model.vertices.astype(np.float64)
@@ -108,8 +107,8 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     complex_ = ActuatorComplex(places, same[simplices], same[place_of.ravel()])
     place_of = place_of.ravel()
 
-    def are_joined(one: I64, other: I64) -> npt.NDArray[np.bool_]:
-        ends = np.column_stack((place_of[one], place_of[other]))
+    def are_joined(firsts: I64, seconds: I64) -> npt.NDArray[np.bool_]:
+        ends = np.column_stack((place_of[firsts], place_of[seconds]))
         return np.isfinite(neighbours.lengths_m(ends)) | (ends[:, 0] == ends[:, 1])
 
     def at(where: F64) -> F64:
@@ -125,7 +124,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
 
 
 def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
-    """Nearest anchor of each vertex along the edges (-1: none within reach), and its distance."""
+    """Nearest anchor of each vertex along edges (-1: out of reach), and its distance."""
     from scipy.sparse.csgraph import dijkstra
 
     distance, _, source = dijkstra(
@@ -136,21 +135,20 @@ def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
         min_only=True,
         return_predecessors=True,
     )
-    found = np.searchsorted(anchors, np.maximum(source, 0))
-    return np.where(np.isfinite(distance), found, -1).astype(np.int64), distance
+    index = np.searchsorted(anchors, np.maximum(source, 0))
+    return np.where(np.isfinite(distance), index, -1).astype(np.int64), distance
 
 
 def _meeting(triangles: I64, nearest: I64) -> I64:
-    """Cells that meet in a triangle of skin, (n, 3), ascending in each row."""
+    """Triples of cells that meet in a triangle of skin, (n, 3), ascending in each row."""
     cells = nearest[triangles]
     return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
 
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
-    """Test pairs of places, (k,), for free sight of each other from outside, as two fingertips
-    have.
+    """Test pairs of places, (k,), for a straight path outside the body, as between two fingertips.
 
-    The way straight on may leave the body by a tenth of its length: skin is hollow in places.
+    Skin is hollow in places, so the path may be above the skin by a tenth of its length.
     """
     from scipy.spatial import cKDTree
 
@@ -168,33 +166,33 @@ def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDA
 
 
 def _dual(cells: I64, pairs: I64, count: int) -> I64:
-    """Neighbours by the cells that meet: triangles, then edges and points that are in none.
+    """Simplices (S, 3) of meeting cells: triangles, then edges and points outside all triangles.
 
     Parameters
     ----------
     cells : (n, 3) int64
-        That meet, ascending in each row.
+        Meeting cells, ascending in each row.
     pairs : (k, 2) int64
-        Those that are joined, the smaller first.
+        Joined cells, the smaller first.
     count : int
-        Of all cells.
+        Number of cells.
     """
     i, j, k = cells.T
     joined = pairs @ [count, 1]
     is_triangle = (i != j) & (j != k)
     for a, b in ((i, j), (j, k), (i, k)):
         is_triangle &= np.isin(a * count + b, joined)
-    found = [cells[is_triangle]]
-    sides = found[0][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
+    simplices = [cells[is_triangle]]
+    sides = simplices[0][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
     edges = pairs[~np.isin(joined, sides @ [count, 1])]
-    found.append(edges[:, [0, 1, 1]])
-    alone = np.setdiff1d(np.arange(count), np.concatenate([each.ravel() for each in found]))
-    found.append(np.repeat(alone[:, None], 3, axis=1))
-    return np.concatenate(found).astype(np.int64)
+    simplices.append(edges[:, [0, 1, 1]])
+    alone = np.setdiff1d(np.arange(count), np.concatenate([part.ravel() for part in simplices]))
+    simplices.append(np.repeat(alone[:, None], 3, axis=1))
+    return np.concatenate(simplices).astype(np.int64)
 
 
 def _spacing(pairs: I64, length_m: F64, count: int) -> F64:
-    """Distance of each anchor to the farthest of its neighbours; a lone one: a quarter span."""
+    """Distance of each anchor to its farthest neighbour; a quarter span for a lone anchor."""
     longest = np.zeros(count)
     for end in pairs.T:
         np.maximum.at(longest, end, length_m)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vector-base amplitude panning over two or three neighbours (Pulkki 1997).
 
-Politis, Pugliese, Takala pan their sound so over any layout of loudspeakers, and propose it
-for touch: a direction is a sum of the unit vectors of its neighbours; the coefficients,
+Politis, Pugliese, Takala pan sound over any layout of loudspeakers in this way and propose it for
+touch: a direction is a linear combination of its neighbours' unit vectors; the coefficients,
 normalised to constant power, are the gains.
 """
 
@@ -19,18 +19,23 @@ from .ring import RingPanning
 _ROUNDING: Final = 1e-9
 
 _PAIRS_AT_ONCE: Final = 1 << 17
-"""Directions times bases that are tried together."""
+"""Pairs of a direction and a base that are solved at a time."""
 
 
 class VectorBasePanning:
-    """Directions over a layout of A sources round a listener or a limb.
+    """Panning of directions over A sources around a listener or a limb.
 
     Parameters
     ----------
     directions : (A, 2) or (A, 3) float64
-        Towards the sources, of any length but 0. In space at least three that do not lie in
-        one plane with the centre; otherwise give the layout in the plane. Between two
-        neighbours that are half a circle or more apart the power goes over by the angle.
+        Towards the sources, of any length but 0. In space at least three, not coplanar with the
+        centre; pass a flat layout as (A, 2). Neighbours in the plane that are half a circle or more
+        apart share power by the angle.
+
+    Raises
+    ------
+    ValueError
+        The directions are unusable.
     """
 
     def __init__(self, directions: F64) -> None:
@@ -39,7 +44,7 @@ class VectorBasePanning:
         if not (np.isfinite(directions).all() and (lengths > 0.0).all()):
             raise ValueError("directions: expected finite vectors that are not 0")
         self._units, self._place_of = merged_places(directions / lengths)
-        self._crowd = np.sqrt(np.bincount(self._place_of))  # sharing power, not amplitude
+        self._crowd = np.sqrt(np.bincount(self._place_of))  # sources at one place share power
         self._is_flat = directions.shape[1] == 2
         if self._is_flat:
             self._bases = _pairs(self._units)
@@ -49,9 +54,9 @@ class VectorBasePanning:
         self._inverses = np.linalg.inv(self._units[self._bases])  # (S, D, D)
 
     def gains(self, points: F64) -> F64:
-        """Gains of the sources, (n, A), for directions (n, D) of any length.
+        """Gains (n, A) of the sources for directions (n, D) of any length.
 
-        The sum of their squares is 1; all 0 for no direction at all.
+        The squares sum to 1; all 0 for a zero or non-finite direction.
         """
         points = np.asarray(points, np.float64)
         lengths = np.linalg.norm(points, axis=1)
@@ -59,15 +64,16 @@ class VectorBasePanning:
         gains = np.zeros((len(points), len(self._units)))
         step = max(1, _PAIRS_AT_ONCE // max(len(self._bases), 1))
         for first in range(0, len(rows), step):
-            some = rows[first : first + step]
-            gains[some] = self._of_units(points[some] / lengths[some, None])
+            batch = rows[first : first + step]
+            gains[batch] = self._of_units(points[batch] / lengths[batch, None])
         return np.asarray((gains / self._crowd)[:, self._place_of])
 
     def _of_units(self, units: F64) -> F64:
+        """Gains (n, P) of places for unit vectors (n, D)."""
         gains = np.zeros((len(units), len(self._units)))
         is_known = np.zeros(len(units), np.bool_)
         if len(self._bases):
-            # p = sum of g_i l_i, solved for every base; the right one has no negative factor.
+            # Solve p = sum of g_i l_i for every base; only a base around p has no negative factor.
             factors = np.einsum("nd,sde->nse", units, self._inverses)
             best = np.argmax(factors.min(axis=2), axis=1)
             rows = np.arange(len(units))
@@ -81,14 +87,14 @@ class VectorBasePanning:
         return np.divide(gains, norms, out=np.zeros_like(gains), where=norms > 0.0)
 
     def _beyond(self, units: F64) -> F64:
-        """Directions that no base surrounds."""
+        """Gains for unit vectors that no base surrounds."""
         if self._is_flat:
             return self._arcs.gains(np.arctan2(units[:, 1], units[:, 0])[:, None])
         return _on_rim(units, self._units, self._rim)
 
 
 def _pairs(units: F64) -> I64:
-    """Neighbours in the plane that are less than half a circle apart, (S, 2)."""
+    """Pairs of neighbours in the plane less than half a circle apart, (S, 2)."""
     if len(units) == 1:
         return np.zeros((0, 2), np.int64)
     angles = np.arctan2(units[:, 1], units[:, 0])
@@ -100,7 +106,7 @@ def _pairs(units: F64) -> I64:
 
 
 def _triplets(units: F64) -> tuple[I64, I64]:
-    """Triangles of the convex hull that face away from the centre (S, 3), and their rim (E, 2)."""
+    """Hull triangles that face away from the centre, (S, 3), and edges of their rim, (E, 2)."""
     triangles = _hull(units)
     corners = units[triangles]
     volumes = np.linalg.det(corners)
@@ -120,6 +126,7 @@ def _triplets(units: F64) -> tuple[I64, I64]:
 
 
 def _hull(units: F64) -> I64:
+    """Triangles (S, 3) of the convex hull, or of the own plane of flat sources."""
     if len(units) == 3:
         return np.array([[0, 1, 2]], np.int64)
     from scipy.spatial import ConvexHull, QhullError
@@ -127,7 +134,7 @@ def _hull(units: F64) -> I64:
     try:
         triangles: I64 = ConvexHull(units).simplices.astype(np.int64)
     except (QhullError, ValueError):
-        # On a plane: a ring that is seen from outside of it, as a fan over its own plane.
+        # Coplanar sources: a ring seen from outside its plane, triangulated in this plane.
         from .planar import simplices_of
 
         centred = units - units.mean(axis=0)
@@ -137,8 +144,8 @@ def _hull(units: F64) -> I64:
 
 
 def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
-    """Gains at the nearest direction on the rim's arcs."""
-    # Where nothing is open (only rounding led here), and until an arc is nearer: one source.
+    """Gains (n, P) at the nearest direction on the rim's arcs."""
+    # Start from the nearest source; also the result without a rim, where only rounding led here.
     gains = np.eye(len(sources))[np.argmax(units @ sources.T, axis=1)]
     best = np.full(len(units), -np.inf)
     for i, j in rim:
@@ -147,9 +154,9 @@ def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
         along = factors @ base
         lengths = np.linalg.norm(along, axis=1)
         # A direction behind both ends of the arc goes to the nearer end.
-        lost = lengths <= _ROUNDING
+        is_behind = lengths <= _ROUNDING
         nearer = np.argmax(units @ base.T, axis=1)
-        factors[lost] = np.eye(2)[nearer[lost]]
+        factors[is_behind] = np.eye(2)[nearer[is_behind]]
         along = factors @ base
         cosines = np.einsum("nd,nd->n", units, along) / np.linalg.norm(along, axis=1)
         better = cosines > best

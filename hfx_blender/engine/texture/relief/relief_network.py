@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small convolutional network in numpy that estimates relief from the colours of a picture.
+"""Convolutional network in numpy for relief from the colours of a picture.
 
-U-shaped (Ronneberger, Fischer and Brox 2015, "U-Net"), 280,000 weights of 8 bits, trained
-by ``hfx texture train-relief`` on pictures made by arithmetic.
+U-shaped (Ronneberger, Fischer and Brox 2015, "U-Net"), 280,000 weights of 8 bits, trained by ``hfx
+texture train-relief`` on synthetic pictures.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from ...arrays import F32
 from .linear_light import luminance, srgb_to_linear
 
 STRIDE: Final = 32
-"""Edges of a picture are multiples of it; those of its half are multiples of 16."""
+"""Divisor of a picture's edges; the edges of its half are multiples of 16."""
 
 WEIGHTS: Final = Path(__file__).with_suffix(".npz")
 
-_DARK: Final = 0.02  # light that is added before logarithms are taken
+_DARK: Final = 0.02  # light added before logarithms
 _FLAT: Final = 0.03
-"""Slope below which most texels are flat: the network, whose slopes are above 0, says no less."""
+"""Slope below which most texels are flat; the network's slopes are always above 0."""
 
 _STEP: Final = ".step"
-_LEAST_STEP: Final = np.float32(1e-30)  # of an output whose weights are all 0
+_LEAST_STEP: Final = np.float32(1e-30)  # for outputs with zero weights only
 
-_ROWS: Final = 64  # of a convolution done together
+_ROWS: Final = 64  # rows of a convolution at a time
 
 Weights = dict[str, F32]
 
 
 class Estimate(NamedTuple):
-    """Estimate of relief, each (H, W), bottom row first as the picture.
+    """Estimate of relief, (H, W) each, bottom row first.
 
-    heights are in texels; slope, metres per metre, is the Sobel magnitude of the true heights
-    after a blur of one texel; roughness is 0 glossy to 1 dull.
+    Heights are in texels. Slope, metres per metre, is the Sobel magnitude of the true heights after
+    a blur of one texel. Roughness is 0 glossy to 1 dull.
     """
 
     heights: F32
@@ -47,9 +47,9 @@ class Estimate(NamedTuple):
 
 
 def prepared(srgb: npt.ArrayLike) -> F32:
-    """Inputs (3, H, W) of colours (H, W, 3), sRGB 0..1: log luminance, and two ratios of colours.
+    """Inputs (3, H, W) of colours (H, W, 3), sRGB 0..1: log luminance and two log colour ratios.
 
-    What multiplies light, a colour or a shadow, is added there, and exposure is gone.
+    Logarithms turn factors of light (colour, shadow) into sums; the mean luminance is subtracted.
     """
     light = srgb_to_linear(srgb)
     grey = np.log(luminance(light) + _DARK)
@@ -59,14 +59,13 @@ def prepared(srgb: npt.ArrayLike) -> F32:
 
 @cache
 def stored_weights() -> Weights:
-    """Weights that come with the package."""
+    """Weights that the package contains; cached."""
     with np.load(WEIGHTS) as file:
         return unpacked(dict(file))
 
 
 def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
-    """Weights as they are stored: those of each output of a layer as whole numbers from -127 to
-    127 and the size of a step, and biases as they are."""
+    """Weights in storage form: int8 in -127..127 and a step for each output; biases as is."""
     stored: dict[str, npt.NDArray[np.generic]] = {}
     for name, value in weights.items():
         if value.ndim == 1:
@@ -79,7 +78,7 @@ def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def unpacked(stored: dict[str, npt.NDArray[Any]]) -> Weights:
-    """Inverse of :func:`packed`, but for the rounding."""
+    """Inverse of :func:`packed`, apart from rounding."""
     return {
         name: (value * stored.get(name + _STEP, 1)).astype(np.float32)
         for name, value in stored.items()
@@ -88,49 +87,42 @@ def unpacked(stored: dict[str, npt.NDArray[Any]]) -> Weights:
 
 
 def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = None) -> Estimate:
-    """Relief of a picture.
+    """Estimate the relief of a picture (H, W, 3), sRGB 0..1, with H and W multiples of 32.
 
-    Slopes have no scale: the picture at half its resolution tells their mean a second time, and
-    the geometric mean of both is taken.
-
-    Parameters
-    ----------
-    srgb : (H, W, 3)
-        sRGB 0..1; H and W multiples of 32.
-    tiles : bool
-        Whether it goes on at its opposite edge.
+    Slopes have no scale; the picture at half its resolution gives a second estimate of their mean,
+    and the geometric mean of both is used. ``tiles`` continues the picture at its opposite edge.
     """
     weights = stored_weights() if weights is None else weights
     colours = np.asarray(srgb, np.float32)
-    found = of_all_turns(colours, weights, tiles)
+    full = of_all_turns(colours, weights, tiles)
     half = _pooled_by_two(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
-    ratio = of_all_turns(half, weights, tiles).slope.mean() / found.slope.mean()
-    return found._replace(slope=found.slope * np.sqrt(ratio))
+    ratio = of_all_turns(half, weights, tiles).slope.mean() / full.slope.mean()
+    return full._replace(slope=full.slope * np.sqrt(ratio))
 
 
 def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
-    """Mean of the estimates of the four turns of a picture by 90 degrees."""
+    """Mean of the estimates for the four rotations of a picture by 90 degrees."""
     inputs = prepared(srgb)
     total = np.zeros_like(inputs)
     for turns in range(4):
-        found = forward(np.ascontiguousarray(np.rot90(inputs, turns, (1, 2))), weights, tiles)
-        total += np.rot90(found, -turns, (1, 2))
+        outputs = forward(np.ascontiguousarray(np.rot90(inputs, turns, (1, 2))), weights, tiles)
+        total += np.rot90(outputs, -turns, (1, 2))
     heights, slope, roughness = total * np.float32(0.25)
-    # Gently, so that the faint pattern of a smooth surface is kept.
+    # A soft threshold preserves the faint pattern of a smooth surface.
     return Estimate(heights, slope * (slope / (slope + np.float32(_FLAT))), roughness)
 
 
 def forward(x: F32, weights: Weights, tiles: bool) -> F32:
-    """Outputs (3, H, W) of inputs (3, H, W): heights, slope, roughness."""
+    """Outputs (3, H, W), heights, slope and roughness, of inputs (3, H, W)."""
 
     def layer(x: F32, name: str, *, activated: bool = True) -> F32:
-        made = convolved(x, weights[f"{name}.weight"], weights[f"{name}.bias"], tiles)
-        return _leaky_relu(made) if activated else made
+        out = convolved(x, weights[f"{name}.weight"], weights[f"{name}.bias"], tiles)
+        return _leaky_relu(out) if activated else out
 
     def up(x: F32, name: str) -> F32:
         matrix = weights[f"{name}.weight"][:, :, 0, 0]
-        made = np.tensordot(matrix, x, 1) + weights[f"{name}.bias"][:, None, None]
-        return made.repeat(2, axis=1).repeat(2, axis=2)
+        out = np.tensordot(matrix, x, 1) + weights[f"{name}.bias"][:, None, None]
+        return out.repeat(2, axis=1).repeat(2, axis=2)
 
     def deeper(x: F32, name: str) -> F32:
         x = layer(x, f"{name}1")
@@ -177,16 +169,15 @@ def _shuffled(x: F32) -> F32:
 
 
 def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
-    """3 x 3 convolution (O, H, W) of (C, H, W): a product of matrices for each row of the kernel.
+    """Convolution (O, H, W) of (C, H, W) with a 3 x 3 kernel, by a matrix product per kernel row.
 
-    The three shifts along columns lie above one another, so that those along rows are parts of
-    the same array.
+    The three column shifts are stacked, so that row shifts are slices of the same array.
     """
     channels, rows, columns = x.shape
     outputs = len(kernel)
     padded = np.pad(x, ((0, 0), (1, 1), (1, 1)), "wrap" if tiles else "edge")
     matrices = [kernel[:, :, k].transpose(0, 2, 1).reshape(outputs, -1) for k in range(3)]
-    made = np.zeros((outputs, rows * columns), np.float32)
+    result = np.zeros((outputs, rows * columns), np.float32)
     for first in range(0, rows, _ROWS):
         count = min(_ROWS, rows - first)
         part = padded[:, first : first + count + 2]
@@ -197,5 +188,5 @@ def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
         for k in (1, 2):
             total += matrices[k] @ shifts[:, k * columns : (k + count) * columns]
         total += bias[:, None]
-        made[:, place] = total
-    return made.reshape(outputs, rows, columns)
+        result[:, place] = total
+    return result.reshape(outputs, rows, columns)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Process that estimates the relief of one picture, so that Blender goes on meanwhile.
+"""Process that estimates the relief of a picture while Blender stays usable.
 
-``python -m hfx_blender.engine.texture.relief.relief_worker INPUT.npz OUTPUT.npz``; the input holds
+``python -m hfx_blender.engine.texture.relief.relief_worker INPUT.npz OUTPUT.npz``: the input holds
 the arguments of :func:`.relief_estimate.estimate`, the output heights in metres, slope and
 roughness.
 """
@@ -20,21 +20,21 @@ from .relief_estimate import estimate
 
 
 def main(source: str, target: str) -> None:
-    """Estimate; for a picture that cannot be used, tell the owner why."""
+    """Estimate the relief; sends the error of an unusable picture to the owner."""
     owner = Owner()
     with np.load(source) as file:
         srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])
     try:
-        found = estimate(srgb, (float(size_m[0]), float(size_m[1])), tiles=tiles)
+        relief = estimate(srgb, (float(size_m[0]), float(size_m[1])), tiles=tiles)
     except HfxError as error:
         owner.send(json_message({"error": str(error)}))
         return
     with Path(target).open("wb") as stream:
         np.savez(
             stream,
-            heights_m=found.field.heights_m,
-            slope=found.slope,
-            roughness=found.roughness,
+            heights_m=relief.field.heights_m,
+            slope=relief.slope,
+            roughness=relief.roughness,
         )
 
 
